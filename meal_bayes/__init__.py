@@ -1,0 +1,1 @@
+"""MEAL, the Bayesian way."""

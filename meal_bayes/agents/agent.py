@@ -1,0 +1,58 @@
+"""An agent: how it turns what is known into a decision problem, and how it solves that."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.domain import Domain, Query
+from meal_bayes.momdp import MOMDP, build_momdp
+from meal_bayes.planners import Policy, Solver
+
+
+@dataclass(frozen=True, slots=True)
+class Agent:
+    """A recipe. The two wings meet here: two arrays go from the posterior to the planner."""
+
+    name: str
+    solver: Callable[[Domain, Query], Solver]
+    object_level: bool = False  # objects differ (finite precision), or Eq. 8
+    base_rates: bool = False  # prior belief from the training objects, or uniform
+    levels: int = 2  # K of its percepts
+    abstain: bool = False  # may its planner end a trial by an illegal behavior?
+
+    def prepare(
+        self,
+        query: Query,
+        knowledge: Knowledge,
+        rng: np.random.Generator,
+        *,
+        limit: float = np.inf,
+        reward: float | None = None,
+    ) -> tuple[MOMDP, Policy]:
+        """Build the query's MOMDP and solve it (Alg. 1, l. 1-5).
+
+        Parameters
+        ----------
+        query : what is asked.
+        knowledge : learned without the object at hand.
+        rng : for the solver.
+        limit : recordings of a behavior that one trial can perceive.
+        reward : r+ = -r-, the domain's by default.
+        """
+        domain = knowledge.domain
+        columns = [domain.attribute_index(name) for name in query.attributes]
+        confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
+        momdp = build_momdp(
+            domain,
+            query,
+            confusion,
+            precision,
+            prior=knowledge.base_rates[columns] if self.base_rates else 0.5,
+            correct=reward,
+            incorrect=None if reward is None else -reward,
+            limit=limit,
+            abstain=self.abstain,
+        )
+        return momdp, self.solver(domain, query).solve(momdp, rng)

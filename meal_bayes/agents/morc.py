@@ -1,0 +1,106 @@
+"""Algorithm 1, MORC: from a query to a report, for an object left out of everything learned."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.knowledge import Knowledge, knowledge_without
+from meal_bayes.agents.trial import Step, Streams, Task, Trial, run_trial
+from meal_bayes.arrays import freeze
+from meal_bayes.datasets import PerceptTable
+from meal_bayes.domain import unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
+from meal_bayes.planners import Policy
+from meal_bayes.robots import RecordedRobot
+from meal_bayes.seeds import stream
+
+_PERCEPTS = ("recorded", "model")
+
+
+@dataclass(slots=True)
+class Morc:
+    """Runs trials of one agent on a percept table; keeps policies and posteriors it made.
+
+    With ``percepts="recorded"`` a percept is a held-out classifier's output on a real recording,
+    none used twice in a trial. With ``"model"`` it is drawn from the learned confusion matrices,
+    as in the authors' published simulator: then accuracy is the model's opinion of itself.
+    """
+
+    table: PerceptTable
+    agent: Agent
+    seed: int
+    percepts: str = "recorded"
+    reward: float | None = None  # r+ = -r-, the domain's by default
+    _knowledge: dict[int, Knowledge] = field(default_factory=dict)
+    _policies: dict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
+        default_factory=dict
+    )
+
+    def __post_init__(self) -> None:
+        if self.percepts not in _PERCEPTS:
+            raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
+
+    def run(self, task: Task, *, on_step: Callable[[Step], None] | None = None) -> Trial:
+        """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
+        momdp, policy = self.prepare(task)
+        streams = Streams.of(self.seed, task, self.agent.name)
+        return run_trial(
+            task,
+            momdp,
+            policy,
+            self._robot(task),
+            self._perceiver(task),
+            streams,
+            truth=self._truth(task),
+            agent=self.agent.name,
+            on_step=on_step,
+        )
+
+    def prepare(self, task: Task) -> tuple[MOMDP, Policy]:
+        """Build and solve the query's MOMDP from what is known without the object."""
+        key = (task.object_index, task.query.attributes)
+        if key not in self._policies:
+            limit = float(self.table.recordings) if self.percepts == "recorded" else np.inf
+            rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
+            self._policies[key] = self.agent.prepare(
+                task.query, self.knowledge(task.object_index), rng, limit=limit, reward=self.reward
+            )
+        return self._policies[key]
+
+    def knowledge(self, held_out: int) -> Knowledge:
+        """What is known without an object."""
+        if held_out not in self._knowledge:
+            self._knowledge[held_out] = knowledge_without(
+                self.table,
+                held_out,
+                levels=self.agent.levels,
+                object_level=self.agent.object_level,
+            )
+        return self._knowledge[held_out]
+
+    def _robot(self, task: Task) -> RecordedRobot:
+        order = stream(self.seed, "recordings", *task.key)
+        repeats = self.percepts == "model"
+        return RecordedRobot(self.table.domain, self.table.recordings, order, repeats=repeats)
+
+    def _perceiver(self, task: Task) -> Perceiver:
+        if self.percepts == "recorded":
+            return RecordedPercepts(self.table, self.agent.levels)
+        every = range(len(self.table.domain.attributes))
+        confusion, _ = self.knowledge(task.object_index).posterior.select(every, exact=True)
+        return ConfusionSampler(self.table.domain, self.table.labels, confusion)
+
+    def _truth(self, task: Task) -> NDArray[np.bool_]:
+        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
+        labels = self.table.labels[task.object_index, columns]
+        if (labels < 0).any():
+            bad = np.array(task.query.attributes)[labels < 0].tolist()
+            raise SettingsError(
+                f"Nobody has labelled {task.object_name!r} for {bad}; ask what the labels hold."
+            )
+        return freeze(labels == 1, np.bool_)

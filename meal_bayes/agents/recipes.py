@@ -1,0 +1,53 @@
+"""The named agents: the paper's strategies (Sect. 7) and ours. A table, no logic."""
+
+from meal_bayes.agents.agent import Agent
+from meal_bayes.domain import Domain, Query, unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.planners import POMCP, Greedy, Predefined, Random, RandomLegal, Solver
+
+
+def _random(domain: Domain, query: Query) -> Solver:
+    return Random()
+
+
+def _random_legal(domain: Domain, query: Query) -> Solver:
+    return RandomLegal(domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1])
+
+
+def _predefined(domain: Domain, query: Query) -> Solver:
+    return Predefined(domain.predefined)
+
+
+def _predefined_plus(domain: Domain, query: Query) -> Solver:
+    return Predefined(domain.predefined, persistent=True)
+
+
+def _greedy(domain: Domain, query: Query) -> Solver:
+    return Greedy()
+
+
+def _pomcp(domain: Domain, query: Query) -> Solver:
+    return POMCP()
+
+
+AGENTS = {
+    agent.name: agent
+    for agent in (
+        Agent("random", _random),
+        Agent("random_legal", _random_legal),
+        Agent("predefined", _predefined),
+        Agent("predefined_plus", _predefined_plus),
+        Agent("greedy", _greedy),
+        # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
+        Agent("morc", _pomcp, abstain=True),
+        # Ours: objects differ from each other, prior from the training objects.
+        Agent("bayes", _pomcp, object_level=True, base_rates=True, abstain=True),
+    )
+}
+
+
+def load_agent(name: str) -> Agent:
+    """Look an agent up; `SettingsError` with the nearest names where there is none."""
+    if name not in AGENTS:
+        raise SettingsError(unknown("agent", name, AGENTS))
+    return AGENTS[name]

@@ -1,0 +1,88 @@
+"""One's own data: a folder of CSV files that any program can write."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.datasets.feature_file import (
+    bad_line,
+    join_features,
+    read_features,
+    read_text,
+    split_line,
+)
+from meal_bayes.domain import Domain, unknown
+
+log = logging.getLogger("meal_bayes.datasets")
+
+_VALUES = {"1": 1, "0": 0, "": -1}
+
+
+def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
+    """Read `labels.csv` and one `<behavior>_<modality>.csv` for each context of the domain.
+
+    `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
+    empty unknown. A feature file has the header ``object,recording,<feature>,...`` and a row a
+    recording; rows are joined by (object, recording), and all files hold the same recordings.
+
+    Raises
+    ------
+    DataError : the first line that is wrong, with its file, number, and how to mend it.
+    """
+    objects, labels = _read_labels(folder / "labels.csv", domain)
+    features, recordings = {}, tuple[str, ...]()
+    for behavior in domain.behaviors:
+        for modality in behavior.modalities:
+            path = folder / f"{behavior.name}_{modality}.csv"
+            rows = read_features(path, ("object", "recording"), header=True)
+            keys = [(name, recording) for name, recording in rows.keys]
+            recordings = recordings or _order({recording for _, recording in keys})
+            features[behavior.name, modality] = join_features(rows, keys, objects, recordings)
+    log.info("%s: read %d objects, %d recordings each", folder, len(objects), len(recordings))
+    return Dataset(domain, objects, features, labels)
+
+
+def _order(recordings: set[str]) -> tuple[str, ...]:
+    return tuple(sorted(recordings, key=lambda name: (len(name), name)))  # 2 before 10
+
+
+def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
+    header, rows = list[str](), dict[str, list[int]]()
+    for number, raw in enumerate(read_text(path).split("\n"), start=1):
+        cells = [cell.strip() for cell in split_line(raw.strip())]
+        if cells == [""]:
+            continue
+        if not header:
+            header = cells
+            _check_header(path, number, header, domain)
+            continue
+        if len(cells) != len(header):
+            found, expected = f"{len(cells)} columns", f"{len(header)} as in the header"
+            raise bad_line(path, number, found, expected, "leave unknown values empty: a,1,,0")
+        if cells[0] in rows:
+            found = f"object {cells[0]!r} again"
+            raise bad_line(path, number, found, "each object once", "remove one of the rows")
+        for column, cell in enumerate(cells[1:], start=2):
+            if cell not in _VALUES:
+                found = f"{cell!r} in column {column} ({header[column - 1]})"
+                raise bad_line(path, number, found, "1, 0 or nothing", "write one of them")
+        rows[cells[0]] = [_VALUES[cell] for cell in cells[1:]]
+    if not rows:
+        raise bad_line(path, 1, "no rows under the header", "a row an object", "add the rows")
+    columns = [header.index(attribute) - 1 for attribute in domain.attributes]
+    return tuple(rows), np.array(list(rows.values()), dtype=np.int8)[:, columns]
+
+
+def _check_header(path: Path, line: int, header: list[str], domain: Domain) -> None:
+    expected = f"object,{','.join(domain.attributes[:3])},..."
+    if header[0] != "object":
+        mend = "write it so (commas, not semicolons)"
+        raise bad_line(path, line, f"the header {header[0][:40]!r}", expected, mend)
+    for attribute in domain.attributes:
+        if header.count(attribute) != 1:
+            found = f"{header.count(attribute)} columns {attribute!r}"
+            hint = unknown("column", attribute, header[1:]).removesuffix(".")
+            raise bad_line(path, line, found, "one", f"add or rename one ({hint})")

@@ -1,0 +1,131 @@
+"""CY101: 100 household objects (the 101st, `no_object`, is left out), 5 recordings a behavior."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.datasets.feature_file import (
+    FeatureRows,
+    bad_line,
+    join_features,
+    read_features,
+    read_text,
+    split_line,
+)
+from meal_bayes.domain import Domain, unknown
+from meal_bayes.errors import DataError
+
+log = logging.getLogger("meal_bayes.datasets")
+
+RECORDINGS = ("1", "2", "3", "4", "5")
+NO_OBJECT = "no_object"
+OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
+
+
+def load_cy101(domain: Domain, folder: Path) -> Dataset:
+    """Read `objects.txt`, `cy101_labels.csv` and `normalized_data_without_noobject/`.
+
+    What is done to the files, each told to the log:
+
+    * Rows come in another order in each file; they are joined by their key `<object>_t<k>`.
+    * `no_object` has labels but no recordings and is left out.
+    * One look_color count (`smallstuffedanimal_moose_t2`) has its 32-bit sign bit set
+      (-2147483519); 2^31 is added, which gives 129.
+    * Kept: recordings that are copies of another, of the same object (`basket_cylinder_t5` of
+      nearly all behaviors, `ball_blue` look, `noodle_1` tap, `smallstuffedanimal_otter` hold) or of
+      another object (crush_vibro: `cannedfood_tomato_paste_t1` equals `ball_base_t1`).
+    * An absent word counts as false; repeated words count once; spaces around a word are cut.
+    * The last row of crush_flow has no newline and is read nevertheless.
+    """
+    objects = tuple(name for name in _read_objects(folder / "objects.txt") if name != NO_OBJECT)
+    labels = _read_labels(folder / "cy101_labels.csv", objects, domain)
+    features, unended = {}, list[str]()
+    copies: dict[tuple[str, str], list[str]] = {}  # (copy, original) -> contexts
+    for behavior in domain.behaviors:
+        for modality in behavior.modalities:
+            name = f"{behavior.name}_{modality}"
+            rows = read_features(
+                folder / "normalized_data_without_noobject" / f"{name}.txt", ("object_t<k>",)
+            )
+            unended += [] if rows.ends_with_newline else [name]
+            if modality == "color":
+                rows = _mend_overflow(rows)
+            values = join_features(rows, _split_keys(rows), objects, RECORDINGS)
+            for pair in _find_copies(values, objects):
+                copies.setdefault(pair, []).append(name)
+            features[behavior.name, modality] = values
+    for (copy, original), contexts in copies.items():
+        log.info("cy101: kept %s, a copy of %s, in %s", copy, original, ", ".join(contexts))
+    if unended:
+        log.info("cy101: read the last row, which no newline ends, of %s", ", ".join(unended))
+    return Dataset(domain, objects, features, labels)
+
+
+def _read_objects(path: Path) -> list[str]:
+    return [line.strip() for line in read_text(path).split("\n") if line.strip()]
+
+
+def _split_keys(rows: FeatureRows) -> list[tuple[str, str]]:
+    keys = []
+    for line, (key,) in zip(rows.lines, rows.keys, strict=True):
+        name, mark, recording = key.rpartition("_t")
+        if not mark:
+            raise bad_line(rows.path, line, f"key {key!r}", "<object>_t<1..5>", "restore the key")
+        keys.append((name, recording))
+    return keys
+
+
+def _mend_overflow(rows: FeatureRows) -> FeatureRows:
+    """Add 2^31 where a count has its sign bit set (in double precision: single would round it)."""
+    low = rows.values < -OVERFLOW / 2
+    for row, column in np.argwhere(low):
+        where = f"{rows.path.name}, line {rows.lines[row]}, feature {column + 1}"
+        log.info("cy101: added 2^31 to the count of %s in %s", rows.keys[row][0], where)
+    return replace(rows, values=np.where(low, rows.values + OVERFLOW, rows.values))
+
+
+def _find_copies(
+    values: NDArray[np.float32], objects: tuple[str, ...]
+) -> Iterator[tuple[str, str]]:
+    """Find recordings equal to an earlier one; rows of zeros (flow without motion) do not count."""
+    first: dict[bytes, str] = {}
+    for o, r in np.ndindex(values.shape[:2]):
+        if values[o, r].any():
+            key = f"{objects[o]}_t{r + 1}"
+            original = first.setdefault(values[o, r].tobytes(), key)
+            if original != key:
+                yield key, original
+
+
+def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArray[np.int8]:
+    words: dict[str, set[str]] = {}
+    repeated, padded = [], []
+    for number, raw in enumerate(read_text(path).split("\n"), start=1):
+        cells = split_line(raw.strip())
+        if cells in ([""], ["object", "words"]):
+            continue
+        if len(cells) != 2:  # noqa: PLR2004  object, words
+            expected = 'object,"word, word, ..."'
+            raise bad_line(path, number, f"{len(cells)} columns", expected, "quote the words")
+        name, listed = cells[0].strip(), cells[1].split(", ")
+        if name in words:
+            raise bad_line(path, number, f"{name!r} again", "each object once", "remove one")
+        words[name] = {word.strip() for word in listed} - {""}
+        repeated += [name] * (len(words[name]) < len([word for word in listed if word]))
+        padded += [name] * (listed != [word.strip() for word in listed])
+    for name in objects:
+        if name not in words:
+            raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
+    log.info("cy101: counted once the words that these objects repeat: %s", ", ".join(repeated))
+    log.info("cy101: cut a leading space in a label of %s", ", ".join(padded))
+    known = set().union(*words.values())
+    for attribute in domain.attributes:
+        if attribute not in known:
+            raise DataError(f"CY101 has no labels of it. {unknown('word', attribute, known)}")
+    rows = [[word in words[name] for word in domain.attributes] for name in objects]
+    return np.array(rows, dtype=np.int8)

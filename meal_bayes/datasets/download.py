@@ -1,0 +1,119 @@
+"""Fetch the public recordings once: pinned commits, checksums, a cache, a mirror, offline.
+
+Environment: ``MEAL_BAYES_DATA_DIR`` names the cache folder, ``MEAL_BAYES_DATA_URL`` a mirror (an
+http address or a folder) to read from, ``MEAL_BAYES_OFFLINE=1`` forbids the network.
+
+``SHA256SUMS`` beside this file lists every file that the shipped domains need, below the mirror
+base. It was made in a folder mirror of the two repositories at their pinned commits, by
+``sha256sum <files> | sort -k 2 > SHA256SUMS``; ``sha256sum --check SHA256SUMS`` there repeats it.
+"""
+
+import functools
+import hashlib
+import logging
+import os
+import shutil
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from meal_bayes.datasets.sources import source
+from meal_bayes.errors import DownloadError
+
+if TYPE_CHECKING:
+    import pooch
+
+log = logging.getLogger("meal_bayes.datasets")
+
+PUBLIC_BASE = "https://raw.githubusercontent.com/"
+_WITHOUT = "the embedded percepts (`load_percepts`) need no download"
+
+
+def cache_folder() -> Path:
+    """Where fetched files lie: ``MEAL_BAYES_DATA_DIR``, or the system's cache folder."""
+    import pooch  # noqa: PLC0415  loaded when needed, so that the room loads NumPy only
+
+    return Path(os.environ.get("MEAL_BAYES_DATA_DIR") or pooch.os_cache("meal_bayes"))
+
+
+def registry(data: str) -> dict[str, str]:
+    """SHA-256 digests of a data set's files, by their path below the mirror base."""
+    folder = f"{source(data).path}/"
+    listed = resources.files(__package__).joinpath("SHA256SUMS").read_text(encoding="ascii")
+    rows = [line.split("  ", 1) for line in listed.splitlines()]
+    return {path: digest for digest, path in rows if path.startswith(folder)}
+
+
+def verify(data: str) -> list[tuple[Path, str]]:
+    """Compare the cached files with the registry; each is "ok", "missing" or "changed"."""
+    states = []
+    for name, digest in registry(data).items():
+        path = cache_folder() / name
+        same = path.is_file() and _digest(path) == digest
+        states.append((path, "ok" if same else "changed" if path.is_file() else "missing"))
+    return states
+
+
+def fetch(data: str) -> Path:
+    """Bring a data set's files into the cache, and return the cache folder.
+
+    A file whose bytes differ from the registry is fetched anew.
+
+    Raises
+    ------
+    DownloadError : a file that cannot be had, or whose bytes differ from the pinned ones.
+    """
+    import pooch  # noqa: PLC0415  as above
+
+    known, folder = registry(data), cache_folder()
+    base = os.environ.get("MEAL_BAYES_DATA_URL") or PUBLIC_BASE
+    base = base.removeprefix("file://").rstrip("/") + "/"
+    if os.environ.get("MEAL_BAYES_OFFLINE", "0") not in ("", "0"):
+        _check_offline(data)
+        return folder
+    pooch.get_logger().setLevel("WARNING")  # it would tell of every file on the terminal
+    keeper = pooch.create(path=folder, base_url=base, registry=known)
+    bring = functools.partial(_bring, pooch.HTTPDownloader())
+    for name in known:
+        try:
+            keeper.fetch(name, downloader=bring)
+        except OSError as error:
+            raise DownloadError(
+                f"Cannot get {base}{name} into {folder} ({' '.join(str(error).split())[:200]}); "
+                "set MEAL_BAYES_DATA_URL to a mirror (an http address or a folder), or "
+                f"MEAL_BAYES_DATA_DIR to a folder that can be written; {_WITHOUT}."
+            ) from error
+    return folder
+
+
+def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "pooch.Pooch") -> None:
+    """Download or copy one file to a temporary name, and check its bytes."""
+    if url.startswith(("http://", "https://")):
+        download(url, target, keeper)
+    else:
+        shutil.copyfile(url, target)
+    expected = keeper.registry[url.removeprefix(keeper.base_url)]
+    found = _digest(Path(target))
+    if found != expected:
+        raise DownloadError(
+            f"{url}: found SHA-256 {found[:12]}..., expected {expected[:12]}...; the file was not "
+            "kept: try again, or set MEAL_BAYES_DATA_URL to a mirror that holds the pinned "
+            f"commit's files; {_WITHOUT}."
+        )
+    log.info("fetched %s", url)
+
+
+def _check_offline(data: str) -> None:
+    bad = [(path, state) for path, state in verify(data) if state != "ok"]
+    if bad:
+        path, state = bad[0]
+        raise DownloadError(
+            f"{path} is {state} ({len(bad)} files of {data} in all), and MEAL_BAYES_OFFLINE "
+            "forbids the network; unset it, or set MEAL_BAYES_DATA_DIR to a folder that holds "
+            f"them; {_WITHOUT}."
+        )
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

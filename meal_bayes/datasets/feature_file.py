@@ -1,0 +1,185 @@
+"""Feature files: keys and numbers separated by commas, read quickly and strictly."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.domain import unknown
+from meal_bayes.errors import DataError
+
+LARGEST = float(np.finfo(np.float32).max)
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureRows:
+    """The rows of one file, in file order."""
+
+    path: Path
+    lines: tuple[int, ...]  # (n,) line numbers, from 1
+    keys: tuple[tuple[str, ...], ...]  # (n,) the leading columns
+    values: NDArray[np.float64]  # (n,D) finite, also in single precision
+    ends_with_newline: bool
+
+
+def bad_line(path: Path, line: int, found: str, expected: str, mend: str) -> DataError:
+    """Make the error of one line: where it is, what was found, what was expected, how to mend."""
+    return DataError(f"{path}, line {line}: found {found}; expected {expected}; {mend}.")
+
+
+def read_text(path: Path) -> str:
+    """Read a UTF-8 file; `DataError` where it is absent, empty, or holds other bytes."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise DataError(
+            f"{path}: found no such file; expected it beside the others of its data set; "
+            "put it there, or check the folder's name and the domain's modalities."
+        ) from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); mend its rights.") from error
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        found = f"the byte 0x{data[error.start]:02x}, which is not UTF-8"
+        raise bad_line(path, line, found, "UTF-8 text", "save the file as UTF-8") from None
+    if not text.strip():
+        raise bad_line(path, 1, "an empty file", "rows of comma-separated values", "restore it")
+    return text
+
+
+def split_line(line: str) -> list[str]:
+    """Cut one line at its commas; quoted cells may hold commas."""
+    if '"' not in line:
+        return line.split(",")
+    try:
+        return next(csv.reader([line]))
+    except csv.Error:  # such as a cell of 200,000 signs: one cell, which the caller refuses
+        return [line]
+
+
+def read_features(path: Path, key_columns: Sequence[str], *, header: bool = False) -> FeatureRows:
+    """Read `key, ..., number, ...` rows; every row must be as long as the first.
+
+    Raises
+    ------
+    DataError : a row too short or too long, a cell that is no finite number, a header that does
+        not begin with the key columns, no rows, bytes that are not UTF-8.
+    """
+    text, count = read_text(path), len(key_columns)
+    lines, keys, values, width = list[int](), list[tuple[str, ...]](), list[list[float]](), 0
+    for number, raw in enumerate(text.split("\n"), start=1):
+        line = raw.strip()
+        if not line:
+            continue
+        cells = split_line(line)
+        if header and not width:
+            _check_header(path, number, cells, key_columns)
+            width = len(cells)
+            continue
+        width = width or len(cells)
+        if len(cells) != width or width <= count:
+            raise _wrong_length(path, number, cells, width, key_columns)
+        try:
+            values.append(list(map(float, cells[count:])))
+        except ValueError:
+            raise _not_a_number(path, number, cells, count) from None
+        lines.append(number)
+        keys.append(tuple(cell.strip() for cell in cells[:count]))
+    if not values:
+        raise bad_line(path, 1, "no rows under the header", "a row a recording", "add the rows")
+    array = np.array(values)
+    finite = np.abs(array) <= LARGEST  # NaN compares as false
+    if not finite.all():
+        row = int(np.flatnonzero(~finite.all(axis=1))[0])
+        raise _not_finite(path, lines[row], values[row], count)
+    return FeatureRows(path, tuple(lines), tuple(keys), array, text.endswith("\n"))
+
+
+def join_features(
+    rows: FeatureRows,
+    keys: Sequence[tuple[str, str]],
+    objects: Sequence[str],
+    recordings: Sequence[str],
+) -> NDArray[np.float32]:
+    """Sort rows by their keys (object, recording) into (O,R,D).
+
+    Raises
+    ------
+    DataError : an unknown object or recording, one that comes twice, one that is missing.
+    """
+    place_of_object = {name: i for i, name in enumerate(objects)}
+    place_of_recording = {name: i for i, name in enumerate(recordings)}
+    first_line: dict[tuple[str, str], int] = {}
+    order = np.empty((len(objects), len(recordings)), dtype=np.intp)
+    for row, (line, key) in enumerate(zip(rows.lines, keys, strict=True)):
+        name, recording = key
+        if name not in place_of_object:
+            found = f"object {name!r}"
+            hint = unknown("object", name, objects).removesuffix(".")
+            raise bad_line(rows.path, line, found, "an object of the list", f"mend it ({hint})")
+        if recording not in place_of_recording:
+            expected = f"one of {', '.join(recordings)}"
+            found = f"recording {recording!r} of {name}"
+            raise bad_line(rows.path, line, found, expected, "mend the number or remove the row")
+        if key in first_line:
+            found = f"recording {recording} of {name} again, after line {first_line[key]}"
+            raise bad_line(rows.path, line, found, "each recording once", "remove one of the rows")
+        first_line[key] = line
+        order[place_of_object[name], place_of_recording[recording]] = row
+    for name in objects:
+        for recording in recordings:
+            if (name, recording) not in first_line:
+                raise DataError(
+                    f"{rows.path}, line {rows.lines[-1]} (its last): found no row of recording "
+                    f"{recording} of {name}; expected {len(recordings)} recordings of each of "
+                    f"{len(objects)} objects; add the row, or remove the object everywhere."
+                )
+    return rows.values[order].astype(np.float32)
+
+
+def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
+    names = [cell.strip() for cell in cells]
+    if names[: len(key_columns)] != list(key_columns) or len(names) <= len(key_columns):
+        shape = ",".join(key_columns)
+        found = f"the header {','.join(names)[:60]!r}"
+        mend = "write it so (commas, not semicolons)"
+        raise bad_line(path, line, found, f"{shape},<feature>,...", mend)
+
+
+def _wrong_length(
+    path: Path, line: int, cells: list[str], width: int, key_columns: Sequence[str]
+) -> DataError:
+    columns = f"{', '.join(key_columns)} and the features"
+    found = f"a row of {len(cells)} columns"
+    if width <= len(key_columns):
+        expected = f"{columns}, separated by commas"
+        return bad_line(path, line, found, expected, "write the row so")
+    side = "short" if len(cells) < width else "long"
+    expected = f"{width} ({columns}) as in the rows before"
+    return bad_line(path, line, f"{found} (too {side})", expected, "restore or remove the row")
+
+
+def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataError:
+    column = next(i for i, cell in enumerate(cells) if i >= count and not _is_number(cell))
+    found = f"{cells[column][:40]!r} in column {column + 1}"
+    return bad_line(path, line, found, "a number", "write one, with a point for decimals")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _not_finite(path: Path, line: int, values: list[float], count: int) -> DataError:
+    column = next(i for i, value in enumerate(values) if not abs(value) <= LARGEST)
+    found = f"{values[column]} in column {column + count + 1}"
+    mend = "measure again, or remove the recording of all objects"
+    return bad_line(path, line, found, "a finite number (single precision)", mend)

@@ -1,0 +1,110 @@
+"""The paper's D: which recordings the robot has, and which labels people gave them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.errors import DataError
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingSet:
+    """Labeled instances, a set: sorted by (object, behavior, recording), none twice.
+
+    Rows that come twice become one, which has the labels of both; so neither the order nor the
+    number of additions matters.
+
+    Raises
+    ------
+    DataError : lengths that do not agree, labels other than 1, 0 and -1, or two rows of one
+        instance that contradict each other.
+    """
+
+    object: NDArray[np.int32]  # (n,)
+    behavior: NDArray[np.int32]  # (n,) index in the domain
+    recording: NDArray[np.int32]  # (n,) from 0
+    labels: NDArray[np.int8]  # (n,P) 1 true, 0 false, -1 not labeled
+
+    def __post_init__(self) -> None:
+        columns = [self.object, self.behavior, self.recording]
+        keys = np.array(columns, dtype=np.int32).reshape(3, -1).T  # (n,3)
+        labels = np.asarray(self.labels, dtype=np.int8)
+        if labels.ndim != 2 or len(labels) != len(keys):  # noqa: PLR2004  (n,P)
+            raise DataError(
+                f"Labels have shape {labels.shape}; expected ({len(keys)}, attributes), "
+                "a row for each instance."
+            )
+        if not np.isin(labels, (-1, 0, 1)).all():
+            raise DataError("Labels must be 1 (true), 0 (false) or -1 (not labeled).")
+        unique, place = np.unique(keys, axis=0, return_inverse=True)
+        merged = _merge(labels, place.reshape(-1), len(unique))
+        set_frozen(
+            self,
+            object=freeze(unique[:, 0], np.int32),
+            behavior=freeze(unique[:, 1], np.int32),
+            recording=freeze(unique[:, 2], np.int32),
+            labels=freeze(merged, np.int8),
+        )
+
+    @classmethod
+    def empty(cls, attributes: int) -> "TrainingSet":
+        """Make a D without instances, for `attributes` attributes."""
+        nothing = np.empty(0, dtype=np.int32)
+        return cls(nothing, nothing, nothing, np.empty((0, attributes), dtype=np.int8))
+
+    @classmethod
+    def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
+        """Take all recordings of some objects (of all by default), with all known labels."""
+        chosen = range(len(dataset.objects)) if objects is None else sorted(set(objects))
+        behaviors = dataset.domain.behaviors
+        sensing = [e for e, behavior in enumerate(behaviors) if behavior.modalities]
+        axes = np.meshgrid(list(chosen), sensing, np.arange(dataset.recordings), indexing="ij")
+        keys = np.stack(axes).reshape(3, -1).astype(np.int32)
+        return cls(keys[0], keys[1], keys[2], dataset.labels[keys[0]])
+
+    def __len__(self) -> int:
+        """Count the instances, n."""
+        return len(self.object)
+
+    def without(self, *object_indices: int) -> "TrainingSet":
+        """Leave out all instances of one object, or of several."""
+        keep = ~np.isin(self.object, object_indices)
+        return TrainingSet(
+            self.object[keep], self.behavior[keep], self.recording[keep], self.labels[keep]
+        )
+
+    def extend(
+        self,
+        object: ArrayLike,
+        behavior: ArrayLike,
+        recording: ArrayLike,
+        labels: ArrayLike,
+    ) -> "TrainingSet":
+        """Add instances, (n,) each with labels (n,P), or one instance with labels (P,)."""
+        return TrainingSet(
+            np.append(self.object, object),
+            np.append(self.behavior, behavior),
+            np.append(self.recording, recording),
+            np.concatenate([self.labels, np.atleast_2d(np.asarray(labels, dtype=np.int8))]),
+        )
+
+
+def _merge(labels: NDArray[np.int8], place: NDArray[np.intp], size: int) -> NDArray[np.int8]:
+    """Join the labels of rows of the same instance; what one row leaves open, another may say."""
+    highest = np.full((size, labels.shape[1]), -1, dtype=np.int8)
+    np.maximum.at(highest, place, labels)
+    lowest = np.full_like(highest, 2)
+    np.minimum.at(lowest, place, np.where(labels < 0, np.int8(2), labels))
+    clash = np.argwhere((highest == 1) & (lowest == 0))
+    if len(clash):
+        row, attribute = clash[0]
+        where = np.flatnonzero(place == row)
+        raise DataError(
+            f"Instance rows {where.tolist()} are the same recording, yet attribute {attribute} is "
+            "both true and false; an object's attribute has one value."
+        )
+    return highest

@@ -1,0 +1,23 @@
+"""The vocabulary: attributes, behaviors, transition diagrams, queries.
+
+In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Query`.
+"""
+
+from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionArrays, TransitionDiagram
+from meal_bayes.domain.domain import Behavior, Domain, unknown
+from meal_bayes.domain.query import Query, read_query
+from meal_bayes.domain.tables import domain_names, load_domain
+
+__all__ = [
+    "TERMINAL",
+    "Behavior",
+    "Domain",
+    "Effect",
+    "Query",
+    "TransitionArrays",
+    "TransitionDiagram",
+    "domain_names",
+    "load_domain",
+    "read_query",
+    "unknown",
+]

@@ -1,0 +1,140 @@
+"""The transition diagram of the fully observable states x (the paper's Fig. 5)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import freeze
+from meal_bayes.errors import DomainError
+
+TERMINAL = "term"
+ANY_STATE = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One arrow of a diagram; what its probability leaves over keeps x and shows nothing."""
+
+    source: str  # a state, or "*": every state but term
+    behavior: str
+    target: str  # a state, or "*": the source itself
+    probability: float = 1.0
+    senses: bool = True  # does this arrow give a percept (if the behavior has modalities)?
+
+
+class TransitionArrays(NamedTuple):
+    """A diagram compiled for a list of behaviors."""
+
+    transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior); illegal rows as `illegal` says
+    informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x'); a loop that
+    # may fail has less than 1 on its diagonal, as x' alone does not tell success from failure
+    legal: NDArray[np.bool_]  # (X,E)
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionDiagram:
+    """States x, where a trial starts, and what behaviors do; `term` is always the last state.
+
+    Raises
+    ------
+    DomainError : an arrow between unknown states, probabilities outside (0, 1] or adding to more
+        than one, the same arrow twice, or a state that no behavior ever reaches.
+    """
+
+    states: tuple[str, ...]  # (X,) names, the last is "term"
+    start: str
+    effects: tuple[Effect, ...]
+    illegal: str = "terminate"  # or "stay": what an illegal behavior does
+
+    def __post_init__(self) -> None:
+        self._check_states()
+        outgoing: dict[tuple[str, str], float] = {}
+        arrows: set[tuple[str, str, str]] = set()
+        for effect in self.effects:
+            _check_effect(effect, self.states)
+            for source, target in self._expand(effect):
+                if (source, effect.behavior, target) in arrows:
+                    found = f"{source} --{effect.behavior}--> {target}"
+                    raise DomainError(f"The arrow {found} is listed twice; keep one.")
+                arrows.add((source, effect.behavior, target))
+                total = outgoing.get((source, effect.behavior), 0.0) + effect.probability
+                outgoing[source, effect.behavior] = total
+        for (source, behavior), total in outgoing.items():
+            if total > 1 + 1e-9:
+                raise DomainError(
+                    f"{behavior!r} in {source!r} has outcomes of total probability {total:g}; "
+                    "lower them so that they add to at most 1."
+                )
+        self._check_reachable(arrows)
+
+    def _check_states(self) -> None:
+        if self.illegal not in ("terminate", "stay"):
+            raise DomainError(f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'.")
+        if len(set(self.states)) != len(self.states) or self.states[-1:] != (TERMINAL,):
+            raise DomainError(
+                f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
+            )
+        if self.start not in self.states[:-1]:
+            raise DomainError(
+                f"start = {self.start!r} is none of the states {list(self.states[:-1])}."
+            )
+
+    def _check_reachable(self, arrows: set[tuple[str, str, str]]) -> None:
+        reached, frontier = {self.start}, [self.start]
+        while frontier:
+            here = frontier.pop()
+            for source, _, target in arrows:
+                if source == here and target not in reached:
+                    reached.add(target)
+                    frontier.append(target)
+        lost = [state for state in self.states[:-1] if state not in reached]
+        if lost:
+            raise DomainError(
+                f"No behavior ever leads from {self.start!r} to {', '.join(map(repr, lost))}; "
+                "add an effect that does, or remove the state."
+            )
+
+    def _expand(self, effect: Effect) -> list[tuple[str, str]]:
+        sources = self.states[:-1] if effect.source == ANY_STATE else (effect.source,)
+        return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
+
+    def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
+        """Compile to arrays over the named behaviors, in their order."""
+        size, index = len(self.states), {name: i for i, name in enumerate(self.states)}
+        row = {name: e for e, name in enumerate(behaviors)}
+        transition = np.zeros((len(behaviors), size, size))
+        sensed = np.zeros((len(behaviors), size, size))
+        legal = np.zeros((size, len(behaviors)), dtype=bool)
+        for effect in self.effects:
+            for source, target in self._expand(effect):
+                e, x, next_x = row[effect.behavior], index[source], index[target]
+                transition[e, x, next_x] += effect.probability
+                sensed[e, x, next_x] += effect.probability * effect.senses
+                legal[x, e] = True
+        end = size - 1
+        # (E,X) failure: x stays, nothing is perceived; rounding must not make it negative
+        rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
+        ends = ~legal.T if self.illegal == "terminate" else np.zeros_like(legal.T)
+        ends[:, end] = True
+        stays = np.arange(size)
+        transition[:, stays, stays] += np.where(ends, 0.0, rest)
+        transition[:, :, end] += np.where(ends, rest, 0.0)
+        informative = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
+        return TransitionArrays(freeze(transition), freeze(informative), freeze(legal, np.bool_))
+
+
+def _check_effect(effect: Effect, states: tuple[str, ...]) -> None:
+    for role, name in (("from", effect.source), ("to", effect.target)):
+        if name not in (*states[:-1], ANY_STATE):
+            raise DomainError(
+                f"An effect of {effect.behavior!r} goes {role} {name!r}; "
+                f"expected one of {list(states[:-1])}."
+            )
+    if not 0.0 < effect.probability <= 1.0:
+        raise DomainError(
+            f"{effect.behavior!r} in {effect.source!r} has probability {effect.probability:g}; "
+            "expected a number above 0 and at most 1."
+        )

@@ -1,0 +1,132 @@
+"""What a robot can do and be asked about: attributes, behaviors with costs, the diagram."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
+from meal_bayes.errors import DomainError, QueryError
+
+_SHOWN = 40  # names that a message lists at most
+
+
+@dataclass(frozen=True, slots=True)
+class Behavior:
+    """An exploratory behavior a; one without modalities (reinit) only changes x."""
+
+    name: str
+    cost: float  # s
+    modalities: tuple[str, ...] = ()  # Gamma(a), Eq. 1
+    answer_accuracy: float | None = None  # `ask`: Pr(a person's whole answer is right)
+
+    @property
+    def senses(self) -> bool:
+        """Whether a successful execution can give a percept."""
+        return bool(self.modalities) or self.answer_accuracy is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Domain:
+    """Everything that is known of robot and vocabulary before any data.
+
+    Raises
+    ------
+    DomainError : repeated names, costs that are no time, effects of behaviors that do not exist,
+        behaviors that are nowhere legal, words for attributes that do not exist.
+    """
+
+    name: str
+    attributes: tuple[str, ...]  # (P,)
+    behaviors: tuple[Behavior, ...]  # (E,)
+    diagram: TransitionDiagram
+    data: str = ""  # the data set whose recordings fit this domain (itself by default)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # exclusive attributes
+    synonyms: Mapping[str, str] = field(default_factory=dict)  # other word -> attribute
+    predefined: tuple[str, ...] = ()  # the behavior sequence of the Predefined baselines
+    report_reward: float = 500.0  # r+ = -r- in Eq. 4
+    legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)  # s, Random Legal's, by len(query)
+    asked_minimum: int = 0  # experiments ask attributes with more than this many objects each way
+
+    def __post_init__(self) -> None:
+        if not self.data:
+            object.__setattr__(self, "data", self.name)
+        _check_unique("attribute", tuple(name.lower() for name in self.attributes))
+        _check_unique("behavior", self.behavior_names)
+        for behavior in self.behaviors:
+            _check_behavior(behavior)
+        self._check_uses()
+        self._check_words()
+
+    def _check_uses(self) -> None:
+        used = {effect.behavior for effect in self.diagram.effects}
+        for name in sorted(used - set(self.behavior_names)):
+            raise DomainError(
+                f"The diagram uses behavior {name!r}, which has no entry (with its cost) "
+                f"among the behaviors {list(self.behavior_names)}."
+            )
+        for name in sorted(set(self.behavior_names) - used):
+            raise DomainError(
+                f"Behavior {name!r} is legal in no state; add an effect or remove it."
+            )
+        for name in sorted(set(self.predefined) - set(self.behavior_names)):
+            raise DomainError(f"The predefined sequence names {name!r}, which is no behavior.")
+
+    def _check_words(self) -> None:
+        for name in sorted({*self.synonyms.values(), *sum(self.groups.values(), ())}):
+            if name not in self.attributes:
+                raise DomainError(f"Groups or synonyms name {name!r}, which is no attribute.")
+        for word in sorted(set(self.synonyms) & set(self.attributes)):
+            raise DomainError(f"The synonym {word!r} is an attribute of its own; remove one.")
+
+    @property
+    def behavior_names(self) -> tuple[str, ...]:
+        """Names of the behaviors, (E,)."""
+        return tuple(behavior.name for behavior in self.behaviors)
+
+    def behavior_index(self, name: str) -> int:
+        """Position of a behavior; `DomainError` with the nearest names where there is none."""
+        if name not in self.behavior_names:
+            raise DomainError(unknown("behavior", name, self.behavior_names))
+        return self.behavior_names.index(name)
+
+    def attribute_index(self, name: str) -> int:
+        """Position of an attribute; `QueryError` with the nearest names where there is none."""
+        if name not in self.attributes:
+            raise QueryError(unknown("attribute", name, self.attributes))
+        return self.attributes.index(name)
+
+    def transitions(self) -> TransitionArrays:
+        """Compile the diagram over this domain's behaviors."""
+        return self.diagram.compile(self.behavior_names)
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Say that a name is not known, and which known names are nearest to it."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+    more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
+    shown = ", ".join(names[:_SHOWN]) + more
+    return f"Unknown {kind} {name!r}: {hint}expected one of: {shown}."
+
+
+def _check_behavior(behavior: Behavior) -> None:
+    if not (behavior.cost >= 0 and math.isfinite(behavior.cost)):
+        raise DomainError(
+            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 or more."
+        )
+    accuracy = behavior.answer_accuracy
+    if accuracy is not None and not 0 < accuracy <= 1:
+        raise DomainError(
+            f"Behavior {behavior.name!r} has answer_accuracy {accuracy}; "
+            "expected a number above 0 and at most 1."
+        )
+
+
+def _check_unique(kind: str, names: tuple[str, ...]) -> None:
+    if not names:
+        raise DomainError(f"A domain needs at least one {kind}.")
+    for name in names:
+        if names.count(name) > 1:
+            raise DomainError(f"The {kind} {name!r} is listed twice; names must be unique.")

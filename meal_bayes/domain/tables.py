@@ -1,0 +1,144 @@
+"""Domains from TOML: the shipped tables by name, or a file of one's own."""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
+from meal_bayes.domain.domain import Behavior, Domain, unknown
+from meal_bayes.errors import DomainError, SettingsError
+
+_TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
+_DOMAIN_KEYS = {
+    "name": _TEXT, "extends": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST,
+    "groups": _TABLE, "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER,
+    "legal_budget": "a list of numbers", "asked_minimum": _NUMBER, "behaviors": _ROWS,
+    "diagram": _TABLE,
+}  # fmt: skip
+_DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
+_BEHAVIOR_KEYS = {
+    "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
+}  # fmt: skip
+_EFFECT_KEYS = {
+    "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": "true or false",
+}  # fmt: skip
+
+
+def domain_names() -> tuple[str, ...]:
+    """Names of the shipped domain tables."""
+    folder = resources.files(__package__) / "tables"
+    return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
+
+
+def load_domain(name: str | Path) -> Domain:
+    """Load a shipped domain by name, or one's own from the path of a TOML file.
+
+    A table may extend another (``extends = "roc36"``): its keys replace the other's.
+
+    Raises
+    ------
+    SettingsError : no shipped table and no file of that name.
+    DomainError : a table that is not well formed.
+    """
+    table, source, seen = _read(name), str(name), {str(name)}
+    while "extends" in table:
+        _check_keys("the domain", table, _DOMAIN_KEYS, ())
+        parent = table.pop("extends")
+        if parent.endswith(".toml") and source.endswith(".toml"):
+            parent = str(Path(source).parent / parent)
+        if parent in seen:
+            raise DomainError(f"Domain {name} extends itself through {parent!r}.")
+        seen.add(parent)
+        table, source = {**_read(parent), **table}, parent
+    try:
+        return _build(table)
+    except DomainError as error:
+        raise DomainError(f"Domain {name}: {error}") from error
+
+
+def _read(name: str | Path) -> dict[str, Any]:
+    if str(name).endswith(".toml"):
+        path = Path(name)
+        if not path.is_file():
+            raise SettingsError(f"No file {path}; give the path of a domain table (TOML).")
+        content = path.read_bytes()
+    else:
+        if name not in domain_names():
+            message = unknown("domain", str(name), domain_names())
+            raise SettingsError(f"{message} A path that ends in .toml loads your own.")
+        content = (resources.files(__package__) / "tables" / f"{name}.toml").read_bytes()
+    try:
+        return tomllib.loads(content.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DomainError(f"{name} is not valid TOML: {error}") from error
+
+
+def _build(table: dict[str, Any]) -> Domain:
+    _check_keys("the domain", table, _DOMAIN_KEYS, ("name", "attributes", "behaviors", "diagram"))
+    _check_keys("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
+    for part, kind in (("groups", _LIST), ("synonyms", _TEXT)):
+        entries = table.get(part, {})
+        _check_keys(f"[{part}]", entries, dict.fromkeys(entries, kind), ())
+    optional: dict[str, Any] = {
+        key: kind(table[key])
+        for key, kind in (("report_reward", float), ("asked_minimum", int), ("data", str))
+        if key in table
+    }
+    if "legal_budget" in table:
+        optional["legal_budget"] = tuple(map(float, table["legal_budget"]))
+    return Domain(
+        name=table["name"],
+        attributes=tuple(table["attributes"]),
+        behaviors=tuple(_behavior(row) for row in table["behaviors"]),
+        diagram=_diagram(table["diagram"]),
+        groups={key: tuple(names) for key, names in table.get("groups", {}).items()},
+        synonyms=table.get("synonyms", {}),
+        predefined=tuple(table.get("predefined", ())),
+        **optional,
+    )
+
+
+def _diagram(table: dict[str, Any]) -> TransitionDiagram:
+    return TransitionDiagram(
+        states=(*table["states"], TERMINAL),
+        start=table["start"],
+        effects=tuple(_effect(row) for row in table["effects"]),
+        illegal=table.get("illegal", "terminate"),
+    )
+
+
+def _behavior(row: dict[str, Any]) -> Behavior:
+    where = f"behavior {row.get('name', row)!r}"
+    _check_keys(where, row, _BEHAVIOR_KEYS, ("name", "cost"))
+    accuracy = row.get("answer_accuracy")
+    return Behavior(row["name"], float(row["cost"]), tuple(row.get("modalities", ())), accuracy)
+
+
+def _effect(row: dict[str, Any]) -> Effect:
+    _check_keys(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
+    probability = float(row.get("probability", 1.0))
+    return Effect(row["from"], row["do"], row["to"], probability, row.get("senses", True))
+
+
+def _check_keys(
+    where: str, row: dict[str, Any], kinds: dict[str, str], required: tuple[str, ...]
+) -> None:
+    for key in required:
+        if key not in row:
+            raise DomainError(f"{where} has no {key!r}; add it.")
+    for key, value in row.items():
+        if key not in kinds:
+            raise DomainError(f"In {where}: {unknown('key', key, sorted(kinds))}")
+        if not _is(kinds[key], value):
+            raise DomainError(f"In {where}: {key} = {value!r}; expected {kinds[key]}.")
+
+
+def _is(kind: str, value: object) -> bool:
+    """Whether a TOML value is of the kind that a message names."""
+    if kind == _NUMBER:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if kind in (_LIST, "a list of numbers", _ROWS):
+        inner = {_LIST: _TEXT, _ROWS: _TABLE}.get(kind, _NUMBER)
+        return isinstance(value, list) and all(_is(inner, entry) for entry in value)
+    return isinstance(value, {_TEXT: str, _TABLE: dict}.get(kind, bool))

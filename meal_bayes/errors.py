@@ -1,0 +1,41 @@
+"""The one family of errors a user meets; every message says what was found, expected, and how to mend it."""
+
+
+class MealBayesError(Exception):
+    """Root of the family; the command line prints it in one line and exits with 2."""
+
+
+class SettingsError(MealBayesError):
+    """An unknown name (data set, object, agent, ...) or a setting out of its range."""
+
+
+class DomainError(MealBayesError):
+    """A domain table (TOML) or transition diagram that is not well formed."""
+
+
+class QueryError(MealBayesError):
+    """A question that names no attribute, an unknown one, or the same one twice."""
+
+
+class DataError(MealBayesError):
+    """A recording, label or percept file that does not hold what its layout promises."""
+
+
+class DownloadError(MealBayesError):
+    """A file that cannot be had: no network and no cache, or a checksum that differs."""
+
+
+class LogError(MealBayesError):
+    """A trial log that cannot be used."""
+
+
+class LogCorruptError(LogError):
+    """A trial log with bytes that are torn or changed."""
+
+
+class LogVersionError(LogError):
+    """A trial log written in another format version."""
+
+
+class ImpossibleObservation(MealBayesError):  # noqa: N818  the field's word for it
+    """A percept that has probability zero under every attribute value still believed in."""

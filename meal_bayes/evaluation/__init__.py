@@ -1,0 +1,29 @@
+"""Numbers of many trials.
+
+In: trials. Out: rows of measures (accuracy, cost, reward, calibration), with errors that know that
+trials of one object are not independent, and paired comparisons.
+"""
+
+from meal_bayes.evaluation.statistics import (
+    Interval,
+    bootstrap_interval,
+    calibration_error,
+    clustered_se,
+    expected_calibration_error,
+    paired_difference,
+    wilson_interval,
+)
+from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
+
+__all__ = [
+    "Interval",
+    "SummaryRow",
+    "bootstrap_interval",
+    "calibration_error",
+    "clustered_se",
+    "compare",
+    "expected_calibration_error",
+    "paired_difference",
+    "summarize",
+    "wilson_interval",
+]

@@ -1,0 +1,123 @@
+"""Errors and intervals that respect clusters: trials of one object share what is odd about it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri, stdtrit
+
+from meal_bayes.errors import SettingsError
+
+Array = NDArray[np.float64]
+
+
+class Interval(NamedTuple):
+    """An estimate with its standard error and interval; nan where the data cannot say."""
+
+    estimate: float
+    se: float
+    low: float
+    high: float
+
+
+def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:
+    """Give the standard error of the mean, whole clusters drawn; nan for a single cluster.
+
+    With every value its own cluster it is the usual one.
+
+    >>> round(clustered_se([1, 0, 1, 1], [0, 1, 2, 3]), 3)
+    0.25
+    """
+    x, index = _clusters(values, clusters)
+    sums = np.bincount(index, x - x.mean())
+    if len(sums) < 2:  # noqa: PLR2004
+        return float("nan")
+    return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(x))
+
+
+def paired_difference(
+    first: ArrayLike, second: ArrayLike, clusters: ArrayLike, *, mass: float = 0.95
+) -> Interval:
+    """Estimate the mean of first - second over pairs, with Student's interval over clusters."""
+    difference = np.asarray(first, float) - np.asarray(second, float)
+    mean, se = float(difference.mean()), clustered_se(difference, clusters)
+    reach = se * stdtrit(max(len(np.unique(clusters)) - 1, 1), 0.5 + mass / 2)
+    return Interval(mean, se, mean - float(reach), mean + float(reach))
+
+
+def bootstrap_interval(
+    values: ArrayLike,
+    clusters: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    statistic: Callable[[Array], float] = np.mean,
+    draws: int = 2000,
+    mass: float = 0.95,
+) -> Interval:
+    """Give the percentile interval of any statistic of (n, ...) values, whole clusters redrawn."""
+    x = np.asarray(values, float)
+    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    if len(index) != len(x) or len(x) == 0:
+        raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
+    members = [np.flatnonzero(index == c) for c in range(index.max() + 1)]
+    drawn = np.empty(draws)
+    for i in range(draws):
+        picked = rng.integers(len(members), size=len(members))
+        drawn[i] = statistic(x[np.concatenate([members[c] for c in picked])])
+    low, high = np.quantile(drawn, [0.5 - mass / 2, 0.5 + mass / 2])
+    return Interval(float(statistic(x)), float(drawn.std(ddof=1)), float(low), float(high))
+
+
+def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
+    """Give Wilson's interval of a share of independent cases.
+
+    >>> [round(v, 3) for v in wilson_interval(0, 10)[2:]]
+    [0.0, 0.278]
+    """
+    if not 0 <= hits <= n or n == 0:
+        raise SettingsError(f"{hits} hits of {n}; expected 0 <= hits <= n and n > 0.")
+    z, share = float(ndtri(0.5 + mass / 2)), hits / n
+    center = (share + z**2 / (2 * n)) / (1 + z**2 / n)
+    reach = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    low = min(max(center - reach, 0.0), share)  # rounding must not pass 0, 1, or the share
+    high = max(min(center + reach, 1.0), share)
+    return Interval(share, float(np.sqrt(share * (1 - share) / n)), float(low), float(high))
+
+
+def calibration_error(positive: ArrayLike, truth: ArrayLike, *, bins: int = 10) -> float:
+    """Give the ECE: |mean belief - share true| of equal bins of the belief, weighted by their size.
+
+    >>> calibration_error([0.9, 0.9, 0.1, 0.1], [True, True, False, True])
+    0.25
+    """
+    b = np.asarray(positive, float)
+    gap = b - np.asarray(truth, float)
+    return float(np.abs(np.bincount(_bin(b, bins), gap)).sum() / len(b))
+
+
+def expected_calibration_error(
+    positive: ArrayLike, rng: np.random.Generator, *, bins: int = 10, draws: int = 200
+) -> float:
+    """Give the mean ECE that a calibrated belief of these values would show, by simulation.
+
+    The ECE is never 0 with few cases: only what exceeds this figure is miscalibration.
+    """
+    b = np.asarray(positive, float)
+    member = np.eye(bins)[_bin(b, bins)]  # (n,bins)
+    gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
+    return float(np.abs(gaps).sum(axis=1).mean() / len(b))
+
+
+def _bin(b: Array, bins: int) -> NDArray[np.intp]:
+    return np.minimum((b * bins).astype(np.intp), bins - 1)
+
+
+def _clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
+    x = np.asarray(values, float)
+    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    if x.shape != index.shape or x.ndim != 1 or len(x) == 0:
+        raise SettingsError(
+            f"{x.shape} values and {index.shape} cluster names; give one name for each value."
+        )
+    return x, index

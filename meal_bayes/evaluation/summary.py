@@ -1,0 +1,128 @@
+"""Trials to rows of measures, one row an agent."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation.statistics import (
+    Interval,
+    calibration_error,
+    clustered_se,
+    expected_calibration_error,
+    paired_difference,
+)
+from meal_bayes.seeds import stream
+
+_CLIP = 1e-6  # of beliefs, in the logarithm
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class SummaryRow:
+    """Measures of one agent; nan where undefined. Standard errors are clustered by object.
+
+    NLL, Brier and ECE are of the final belief, over trials x queried attributes.
+    """
+
+    agent: str
+    trials: int
+    accuracy: float  # share of all trials whose report was right in every attribute (Eq. 5)
+    accuracy_se: float
+    cost_s: float  # mean of Eq. 6
+    cost_sd: float  # standard deviation over trials
+    reward: float  # mean, unshaped, undiscounted
+    reward_se: float
+    nll: float  # nats
+    brier: float
+    ece: float
+    ece_calibrated: float  # what a calibrated belief of the same values would show
+    abstained: float  # share of trials that ended without a report; they count as not right
+    answered_accuracy: float  # accuracy among the others
+    seconds: float  # of computing
+
+    def as_dict(self) -> dict[str, str | int | float | None]:
+        """Give the measures by name, None for nan, as JSON wants it."""
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in dataclasses.asdict(self).items()
+        }
+
+
+def summarize(
+    trials: Iterable[Trial], *, seconds: Mapping[str, float] | None = None
+) -> list[SummaryRow]:
+    """Summarize trials, one row an agent in the order of their first trials.
+
+    Parameters
+    ----------
+    trials : of one data set, as object indices name the clusters.
+    seconds : computing time by agent; trials do not hold wall-clock times.
+    """
+    by_agent: dict[str, list[Trial]] = {}
+    for trial in trials:
+        by_agent.setdefault(trial.agent, []).append(trial)
+    times = seconds or {}
+    return [_row(agent, own, times.get(agent, math.nan)) for agent, own in by_agent.items()]
+
+
+def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:
+    clusters = [trial.task.object_index for trial in trials]
+    success = np.array([trial.success for trial in trials], dtype=float)
+    answered = np.array([trial.report is not None for trial in trials])
+    cost = np.array([trial.cost for trial in trials])
+    reward = np.array([trial.reward for trial in trials])
+    positive = np.concatenate([trial.last_belief.positive for trial in trials])
+    truth = np.concatenate([trial.truth for trial in trials])
+    believed = np.clip(np.where(truth, positive, 1 - positive), _CLIP, 1 - _CLIP)
+    return SummaryRow(
+        agent=agent,
+        trials=len(trials),
+        accuracy=float(success.mean()),
+        accuracy_se=clustered_se(success, clusters),
+        cost_s=float(cost.mean()),
+        cost_sd=float(cost.std(ddof=1)) if len(trials) > 1 else math.nan,
+        reward=float(reward.mean()),
+        reward_se=clustered_se(reward, clusters),
+        nll=float(-np.log(believed).mean()),
+        brier=float(((positive - truth) ** 2).mean()),
+        ece=calibration_error(positive, truth),
+        ece_calibrated=expected_calibration_error(positive, stream(0, "calibrated belief")),
+        abstained=float(1 - answered.mean()),
+        answered_accuracy=float(success[answered].mean()) if answered.any() else math.nan,
+        seconds=seconds,
+    )
+
+
+def compare(
+    trials: Iterable[Trial], first: str, second: str, *, measure: str = "reward"
+) -> Interval:
+    """Compare two agents on the tasks they share: mean of first - second, clustered by object.
+
+    Parameters
+    ----------
+    trials : of both agents, paired by the keys of their tasks.
+    first, second : the agents' names.
+    measure : "reward", "cost" or "success".
+    """
+    if measure not in ("reward", "cost", "success"):
+        raise SettingsError(f"Unknown measure {measure!r}; expected reward, cost or success.")
+    values: dict[str, dict[tuple[Any, ...], float]] = {first: {}, second: {}}
+    clusters: dict[tuple[Any, ...], int] = {}
+    for trial in trials:
+        if trial.agent in values:
+            values[trial.agent][trial.task.key] = float(getattr(trial, measure))
+            clusters[trial.task.key] = trial.task.object_index
+    keys = [key for key in values[first] if key in values[second]]
+    if not keys:
+        raise SettingsError(
+            f"Agents {first!r} and {second!r} share no task; run both under the same seed."
+        )
+    return paired_difference(
+        [values[first][key] for key in keys],
+        [values[second][key] for key in keys],
+        [clusters[key] for key in keys],
+    )

@@ -1,0 +1,16 @@
+"""Many trials: task lists, stores, processes.
+
+In: a config. Out: logs under logs/, which `evaluation` reads.
+"""
+
+from meal_bayes.experiments.offline import DEFAULT_AGENTS, OfflineConfig, OfflineRun, run_offline
+from meal_bayes.experiments.tasks import askable, offline_tasks
+
+__all__ = [
+    "DEFAULT_AGENTS",
+    "OfflineConfig",
+    "OfflineRun",
+    "askable",
+    "offline_tasks",
+    "run_offline",
+]

@@ -1,0 +1,48 @@
+"""Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is whole."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+UNIT = 100  # trials of one agent in a file
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """The folder of one experiment, named by its settings and the code that ran it.
+
+    The name changes with either, so a run that is called again finds its own units, whole, and
+    nobody else's.
+    """
+
+    folder: Path
+
+    @classmethod
+    def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
+        """Name the folder of a configuration under `root`."""
+        text = json.dumps({**config, "code": code_digest()}, sort_keys=True)
+        return cls(Path(root) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}")
+
+    def unit(self, agent: str, index: int) -> Path:
+        """File of one unit."""
+        return self.folder / agent / f"unit-{index:04d}.mcap"
+
+    def clear(self) -> None:
+        """Remove what an earlier run of the same settings left."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=1)
+def code_digest() -> str:
+    """Digest of the package's own code and tables."""
+    package = Path(__file__).resolve().parents[1]
+    files = (p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz"))
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.relative_to(package).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,109 @@
+"""The task lists of the offline protocol: which object, which query; the same for every agent."""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Task
+from meal_bayes.datasets import PerceptTable
+from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.seeds import stream
+
+_LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffled
+
+_Pair = tuple[int, tuple[str, ...]]
+
+
+def askable(table: PerceptTable) -> tuple[str, ...]:
+    """Attributes with more than the domain's minimum of positive and of negative objects."""
+    positive, negative = (table.labels == 1).sum(axis=0), (table.labels == 0).sum(axis=0)
+    enough = np.minimum(positive, negative) > table.domain.asked_minimum
+    return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
+
+
+def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int) -> list[Task]:
+    """Draw the tasks of an offline run.
+
+    Objects are uniform; attributes are distinct and uniform among the askable ones. Where the
+    domain has groups (ROC36), a query takes one attribute of each of N groups, and in half of the
+    trials the values named are the object's own. Each (object, attribute set) comes once, in
+    seeded order, before any comes twice.
+
+    Raises
+    ------
+    SettingsError : more attributes than can be asked, or no trials.
+    """
+    names = askable(table)
+    if not 1 <= n_attributes <= len(names):
+        raise SettingsError(
+            f"{n_attributes} attributes asked; {table.domain.name} has {len(names)} to ask, "
+            f"give a number from 1 to {len(names)}."
+        )
+    if trials < 1:
+        raise SettingsError(f"{trials} trials asked; give at least 1.")
+    rng = stream(seed, "tasks", table.domain.data, n_attributes)
+    groups = list(table.domain.groups.values())
+    if groups and n_attributes <= len(groups):
+        pairs = _grouped(table, groups, n_attributes, rng)
+    else:
+        pairs = _uniform(table, names, n_attributes, rng)
+    return [
+        _task(table, index, pair) for index, pair in enumerate(itertools.islice(pairs, trials))
+    ]
+
+
+def _task(table: PerceptTable, index: int, pair: _Pair) -> Task:
+    held_out, attributes = pair
+    name = table.objects[held_out]
+    key = (table.domain.data, index, name, *attributes)
+    return Task(f"{index:05d} {name}", Query(attributes), held_out, name, key)
+
+
+def _uniform(
+    table: PerceptTable, names: tuple[str, ...], n: int, rng: np.random.Generator
+) -> Iterator[_Pair]:
+    objects = range(len(table.objects))
+    known = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
+    if len(objects) * math.comb(len(names), n) > _LISTED:  # too many for one ever to come twice
+        return _labelled(_draws(len(objects), names, n, rng), known)
+    listed = list(itertools.product(objects, itertools.combinations(names, n)))
+    return _labelled(_rounds(listed, rng), known)
+
+
+def _draws(
+    n_objects: int, names: tuple[str, ...], n: int, rng: np.random.Generator
+) -> Iterator[_Pair]:
+    while True:
+        chosen = sorted(rng.choice(len(names), size=n, replace=False))
+        yield int(rng.integers(n_objects)), tuple(names[i] for i in chosen)
+
+
+def _labelled(pairs: Iterator[_Pair], known: dict[str, NDArray[np.bool_]]) -> Iterator[_Pair]:
+    return (pair for pair in pairs if all(known[name][pair[0]] for name in pair[1]))
+
+
+def _grouped(
+    table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
+) -> Iterator[_Pair]:
+    """ROC36: alternate between queries that describe the object and queries that do not."""
+    own: list[_Pair] = []
+    other: list[_Pair] = []
+    value = dict(zip(table.domain.attributes, (table.labels == 1).T, strict=True))
+    for held_out in range(len(table.objects)):
+        for chosen in itertools.combinations(groups, n):
+            for attributes in itertools.product(*chosen):
+                fits = all(value[name][held_out] for name in attributes)
+                (own if fits else other).append((held_out, attributes))
+    both = zip(_rounds(own, rng), _rounds(other, rng), strict=True)
+    return itertools.chain.from_iterable(both)
+
+
+def _rounds(pairs: list[_Pair], rng: np.random.Generator) -> Iterator[_Pair]:
+    """Every pair once in random order, then again in another."""
+    while True:
+        for i in rng.permutation(len(pairs)):
+            yield pairs[i]

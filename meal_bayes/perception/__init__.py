@@ -1,0 +1,29 @@
+"""ACAC: recordings to percepts, percepts to confusion counts (Sect. 4).
+
+In: `Dataset` and the training set D, or a `PerceptTable`. Out: a `Perceiver` (what a behavior
+says of the queried attributes) and `ConfusionCounts` (what such percepts were worth, by object).
+"""
+
+from meal_bayes.perception.confusion import ConfusionCounts, table_counts
+from meal_bayes.perception.cross_validation import cross_validate
+from meal_bayes.perception.ensemble import Perception, fit_and_validate, fit_perception
+from meal_bayes.perception.perceiver import ConfusionSampler, Perceiver, RecordedPercepts
+from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, named_settings
+from meal_bayes.perception.tables import build_percept_table
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "ConfusionCounts",
+    "ConfusionSampler",
+    "Perceiver",
+    "Perception",
+    "PerceptionSettings",
+    "RecordedPercepts",
+    "build_percept_table",
+    "cross_validate",
+    "fit_and_validate",
+    "fit_perception",
+    "named_settings",
+    "table_counts",
+]

@@ -1,0 +1,105 @@
+"""Leave-objects-out outputs of a behavior in closed form: no classifier is ever refitted.
+
+With C = gram + noise and targets y of +-1, the kernel-ridge classifier trained without the
+recordings G decides y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]. One inverse a modality
+serves every attribute, fold and nested fold.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.perception.settings import PerceptionSettings
+from meal_bayes.perception.stacking import stack_without
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class KernelProblem:
+    """Recordings of one behavior whose labels are known, object by object."""
+
+    objects: NDArray[np.int64]  # (k,) the objects, rising
+    starts: NDArray[np.int64]  # (k+1,) where each object's recordings start
+    targets: Floats  # (P,n) +-1
+    inverses: Floats  # (M,n,n) C^-1
+    duals: Floats  # (M,P,n) C^-1 y
+
+
+def kernel_problem(
+    grams: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64], noise: float
+) -> KernelProblem:
+    """Invert C of each modality: grams (M,n,n), truth (n,P), objects (n,) rising."""
+    names, starts = np.unique(objects, return_index=True)
+    targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
+    inverses = np.linalg.inv(grams + noise * np.eye(len(objects)))
+    inverses = (inverses + inverses.transpose(0, 2, 1)) / 2
+    return KernelProblem(
+        names, np.append(starts, len(objects)), targets, inverses, targets @ inverses
+    )
+
+
+def leave_out(
+    problem: KernelProblem,
+    sets: NDArray[np.int64],
+    settings: PerceptionSettings,
+    warm: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """Stackers that never saw the sets (S,s) of objects, and what they say of these objects.
+
+    Returns
+    -------
+    weights : (S,P,1+M) intercept and slopes of each stacker.
+    log_odds : (S,P,s,R) of the sets' recordings, R the most that an object has.
+    """
+    n_modalities, n_targets, _ = problem.duals.shape
+    most = int(np.diff(problem.starts).max())
+    weights = np.empty((len(sets), n_targets, 1 + n_modalities))
+    log_odds = np.empty((len(sets), n_targets, sets.shape[1], most))
+    stack_without(
+        np.ascontiguousarray(sets, dtype=np.int64),
+        problem.inverses,
+        problem.duals,
+        problem.targets,
+        problem.starts,
+        settings.ridge,
+        settings.nonnegative,
+        settings.balanced,
+        settings.nested,
+        np.zeros((n_targets, 1 + n_modalities)) if warm is None else warm,
+        weights,
+        log_odds,
+    )
+    return weights, log_odds
+
+
+def all_objects(problem: KernelProblem, settings: PerceptionSettings) -> Floats:
+    """Stackers of a robot that has seen every object, (P,1+M)."""
+    weights: Floats = leave_out(problem, np.empty((1, 0), np.int64), settings)[0][0]
+    return weights
+
+
+def each_object(
+    problem: KernelProblem, settings: PerceptionSettings, warm: Floats | None = None
+) -> Floats:
+    """Outputs on every recording by classifiers and stackers that never saw its object, (n,P)."""
+    sets = np.arange(len(problem.objects))[:, None]
+    log_odds = leave_out(problem, sets, settings, warm)[1][:, :, 0]  # (k,P,R)
+    present = np.arange(log_odds.shape[2]) < np.diff(problem.starts)[:, None]
+    outputs: Floats = log_odds.transpose(0, 2, 1)[present]
+    return outputs
+
+
+def known_patterns(
+    known: NDArray[np.bool_],
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64]]]:
+    """Group attributes by the rows whose label is known: (rows (n,), attributes) of `known` (n,P).
+
+    Attributes of one group share their inverses; where all labels are known there is one group.
+    """
+    patterns, group = np.unique(known, axis=1, return_inverse=True)
+    for index in range(patterns.shape[1]):
+        if patterns[:, index].any():
+            yield patterns[:, index], np.flatnonzero(group.ravel() == index)

@@ -1,0 +1,100 @@
+"""One modality of one behavior: features made comparable, and a closed-form kernel classifier."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+
+_FAR = 5.0  # standard deviations; features beyond are drawn in
+_CONSTANT = 1e-9  # relative spread below which a feature says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureSpace:
+    """Standardized recordings and the kernel between them; labels play no part.
+
+    Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
+    standardized and clipped at 5 standard deviations; constant ones are dropped.
+    """
+
+    kept: NDArray[np.int64]  # (d,) features that vary
+    center: NDArray[np.float64]  # (d,)
+    scale: NDArray[np.float64]  # (d,)
+    rows: NDArray[np.float64]  # (n,d) the recordings, standardized
+    kernel: str  # "rbf" or "polynomial"
+    width: float  # of the RBF: the median distance between two recordings
+
+    def __post_init__(self) -> None:
+        set_frozen(
+            self,
+            kept=freeze(self.kept, np.int64),
+            center=freeze(self.center),
+            scale=freeze(self.scale),
+            rows=freeze(self.rows),
+        )
+
+    def standardize(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Bring raw features (B,D) into this space, (B,d)."""
+        squashed = _squash(features)[:, self.kept]
+        return np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
+
+    def similarity(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Kernel between standardized rows (B,d) and this space's recordings, (B,n)."""
+        product = rows @ self.rows.T
+        if self.kernel == "polynomial":
+            return (1.0 + product / max(len(self.kept), 1)) ** 2
+        return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
+
+    def gram(self) -> NDArray[np.float64]:
+        """Kernel between the recordings themselves, (n,n)."""
+        return self.similarity(self.rows)
+
+
+def fit_space(features: NDArray[np.floating], kernel: str) -> FeatureSpace:
+    """Make the space of raw recordings (n,D), from their means, spreads and distances."""
+    squashed = _squash(features)
+    spread = squashed.std(axis=0)
+    kept = np.flatnonzero(spread > _CONSTANT * np.maximum(1.0, np.abs(squashed).max(axis=0)))
+    center, scale = squashed[:, kept].mean(axis=0), spread[kept]
+    rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
+    return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows))
+
+
+@dataclass(frozen=True, slots=True)
+class ModalityClassifier:
+    """Phi(f_a^m, p) for all attributes: a weighted sum of kernels."""
+
+    modality: str
+    space: FeatureSpace
+    dual: NDArray[np.float64]  # (P,n) weight of each recording
+    bias: NDArray[np.float64]  # (P,)
+
+    def __post_init__(self) -> None:
+        set_frozen(self, dual=freeze(self.dual), bias=freeze(self.bias))
+
+    def decisions(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Signed decisions on raw features (B,D), (B,P); not yet probabilities."""
+        similarity = self.space.similarity(self.space.standardize(features))
+        return similarity @ self.dual.T + self.bias
+
+
+def _squash(features: NDArray[np.floating]) -> NDArray[np.float64]:
+    values = np.asarray(features, dtype=np.float64)
+    return np.sign(values) * np.log1p(np.abs(values))
+
+
+def _squared_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None, :]
+    return np.maximum(squares - 2.0 * a @ b.T, 0.0)
+
+
+def _median_distance(rows: NDArray[np.float64]) -> float:
+    """Median distance of two recordings; their mean where most coincide, 1 where all do."""
+    upper = np.triu_indices(len(rows), 1)
+    distance = np.sqrt(_squared_distance(rows, rows)[upper])
+    for width in (np.median(distance), np.mean(distance)) if len(distance) else ():
+        if width > _CONSTANT:
+            return float(width)
+    return 1.0

@@ -1,0 +1,125 @@
+"""Who turns an execution into a percept: recorded outputs, fresh draws, or a person's answer."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.datasets import Instance
+from meal_bayes.datasets.percepts import PerceptTable, level_edges
+from meal_bayes.domain import Domain, Query
+from meal_bayes.errors import DataError, SettingsError
+
+
+class Perceiver(Protocol):
+    """Says what an executed behavior tells of the queried attributes."""
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Percept levels of the queried attributes, (N,): 0 is the surest no, K-1 the surest yes."""
+        ...
+
+
+def columns_of(domain: Domain, query: Query) -> list[int]:
+    """Positions of the queried attributes in the domain."""
+    return [domain.attribute_index(name) for name in query.attributes]
+
+
+def answer(
+    labels: NDArray[np.int8], accuracy: float, levels: int, rng: np.random.Generator
+) -> NDArray[np.int8]:
+    """Draw a person's answer on N attributes, the whole right with `accuracy`.
+
+    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. What
+    nobody knows (label -1) is answered by a coin.
+    """
+    right = rng.random(len(labels)) < accuracy ** (1.0 / len(labels))
+    coin = rng.random(len(labels)) < 0.5  # noqa: PLR2004
+    yes = np.where(labels < 0, coin, (labels == 1) == right)
+    return np.where(yes, levels - 1, 0).astype(np.int8)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedPercepts:
+    """Percepts of real recordings, made by classifiers that never saw the object."""
+
+    table: PerceptTable
+    levels: int = 2  # K
+
+    def __post_init__(self) -> None:
+        level_edges(self.table.edges, self.levels)
+
+    def log_odds(self, instance: Instance, query: Query) -> NDArray[np.float64]:
+        """Class-balanced log-odds, (N,); NaN where a person answers."""
+        behavior = self.table.domain.behavior_index(instance.behavior)
+        columns = columns_of(self.table.domain, query)
+        recorded = self.table.log_odds[instance.object_index, instance.recording, behavior, columns]
+        return freeze(recorded, np.float64)
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Levels of the recorded outputs, or a drawn answer.
+
+        Raises
+        ------
+        SettingsError : an attribute or object for which the table was not computed.
+        """
+        domain = self.table.domain
+        accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
+        if accuracy is not None:
+            labels = self.table.labels[instance.object_index, columns_of(domain, query)]
+            return answer(labels, accuracy, self.levels, rng)
+        recorded = self.log_odds(instance, query)
+        if np.isnan(recorded).any():
+            missing = np.array(query.attributes)[np.isnan(recorded)].tolist()
+            raise SettingsError(
+                f"The percept table holds nothing on {missing} of "
+                f"{self.table.objects[instance.object_index]!r} by {instance.behavior!r}; "
+                "build it with these attributes and objects."
+            )
+        return self.table.levels_of(recorded, self.levels)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfusionSampler:
+    """Percepts drawn from the confusion matrices themselves.
+
+    This is what the authors' published simulator does: accuracies obtained so are the model's
+    opinion of itself.
+    """
+
+    domain: Domain
+    labels: NDArray[np.int8]  # (O,P) 1 true, 0 false, -1 unknown
+    confusion: NDArray[np.float64]  # (P,E,2,K) rows = truth, sum to 1
+
+    def __post_init__(self) -> None:
+        set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
+        p, e = len(self.domain.attributes), len(self.domain.behaviors)
+        if self.confusion.ndim != 4 or self.confusion.shape[:3] != (p, e, 2):  # noqa: PLR2004
+            raise DataError(
+                f"Confusion matrices have shape {self.confusion.shape}; expected ({p},{e},2,K)."
+            )
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Draw each attribute's level from its row of the true value (a coin's, if unknown)."""
+        behavior = self.domain.behavior_index(instance.behavior)
+        columns = columns_of(self.domain, query)
+        labels = self.labels[instance.object_index, columns]
+        accuracy = self.domain.behaviors[behavior].answer_accuracy
+        if accuracy is not None:
+            return answer(labels, accuracy, self.confusion.shape[-1], rng)
+        truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
+        rows = self.confusion[columns, behavior, truth]  # (N,K)
+        return draw_levels(rows, rng)
+
+
+def draw_levels(rows: ArrayLike, rng: np.random.Generator) -> NDArray[np.int8]:
+    """Draw one level from each row of probabilities (N,K)."""
+    edges = np.cumsum(np.asarray(rows, dtype=np.float64), axis=-1)[:, :-1]
+    return (rng.random((len(edges), 1)) >= edges).sum(axis=-1).astype(np.int8)

@@ -1,0 +1,109 @@
+"""The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, best_report
+from meal_bayes.planners.solver import Decision, History, unvalued
+
+
+@dataclass(frozen=True, slots=True)
+class Random:
+    """Uniform over the 2^N reports and the legal behaviors of x."""
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomPolicy":
+        """Make the policy."""
+        return RandomPolicy(momdp)
+
+
+@dataclass(frozen=True, slots=True)
+class RandomPolicy:
+    """Policy of `Random`."""
+
+    momdp: MOMDP
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Draw a report or a legal behavior."""
+        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
+        n = len(self.momdp.query)
+        # Drawn bit by bit, as 2^81 reports fit in no machine integer.
+        if rng.random() * (2.0**n + len(legal)) < len(legal):
+            return unvalued(self.momdp, int(rng.choice(legal)))
+        values = rng.random(n) < 0.5  # noqa: PLR2004  a fair coin
+        return unvalued(self.momdp, self.momdp.n_behaviors + self.momdp.query.index_of(values))
+
+
+@dataclass(frozen=True, slots=True)
+class RandomLegal:
+    """Uniform over the legal behaviors while the cost is below a budget; then the best report."""
+
+    budget: float = 50.0  # s; the last behavior may overrun it
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomLegalPolicy":
+        """Make the policy."""
+        return RandomLegalPolicy(momdp, self.budget)
+
+
+@dataclass(frozen=True, slots=True)
+class RandomLegalPolicy:
+    """Policy of `RandomLegal`."""
+
+    momdp: MOMDP
+    budget: float
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Draw a legal behavior, or report once the budget is spent."""
+        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
+        if history.cost >= self.budget or not len(legal):
+            return unvalued(self.momdp, best_report(self.momdp, history.belief))
+        return unvalued(self.momdp, int(rng.choice(legal)))
+
+
+@dataclass(frozen=True, slots=True)
+class Predefined:
+    """A fixed sequence, each behavior once; ends before one that is not legal, then reports.
+
+    With `persistent` (Predefined Plus) a behavior is repeated until it succeeds.
+
+    Raises
+    ------
+    SettingsError : the sequence names a behavior that the MOMDP does not have.
+    """
+
+    sequence: tuple[str, ...]
+    persistent: bool = False
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "PredefinedPolicy":
+        """Make the policy."""
+        missing = [name for name in self.sequence if name not in momdp.behavior_names]
+        if missing or not self.sequence:
+            raise SettingsError(
+                f"The predefined sequence {list(self.sequence)} does not fit the behaviors "
+                f"{list(momdp.behavior_names)}; give `predefined` in the domain table."
+            )
+        indices = tuple(momdp.behavior_names.index(name) for name in self.sequence)
+        return PredefinedPolicy(momdp, indices, self.persistent)
+
+
+@dataclass(frozen=True, slots=True)
+class PredefinedPolicy:
+    """Policy of `Predefined`."""
+
+    momdp: MOMDP
+    sequence: tuple[int, ...]
+    persistent: bool
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Take the next behavior of the sequence, or report."""
+        position, before = 0, self.momdp.start
+        for perceived, after in zip(history.perceived, history.moved, strict=True):
+            failed = not perceived and after == before
+            position += not (failed and self.persistent)
+            before = after
+        if position < len(self.sequence):
+            behavior = self.sequence[position]
+            if self.momdp.legal[history.belief.x, behavior]:
+                return unvalued(self.momdp, behavior)
+        return unvalued(self.momdp, best_report(self.momdp, history.belief))

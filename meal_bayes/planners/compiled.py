@@ -1,0 +1,89 @@
+"""A MOMDP as the arrays that the search kernels read, with failures folded into each behavior."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP
+
+_INFORMATIVE = 1e-3  # rows that differ by less tell nothing worth computing
+
+
+class Compiled(NamedTuple):
+    """Folding: repeating a failed behavior until it succeeds is optimal, as failure changes nothing.
+
+    With cost c, discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
+    cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
+    """
+
+    start: int
+    legal: NDArray[np.bool_]  # (X,E)
+    cost: NDArray[np.float64]  # (X,E) s, folded
+    discount: NDArray[np.float64]  # (X,E) folded
+    bonus_scale: NDArray[np.float64]  # (X,E) expected discounted executions until success
+    branches: NDArray[np.int64]  # (X,E) how many outcomes
+    branch_p: NDArray[np.float64]  # (X,E,B) their probabilities given that something happens
+    branch_x: NDArray[np.int64]  # (X,E,B) next x
+    branch_sense: NDArray[np.bool_]  # (X,E,B) with a percept?
+    confusion: NDArray[np.float64]  # (N,E,2,K)
+    precision: NDArray[np.float64]  # (N,E,2)
+    informative: NDArray[np.bool_]  # (N,E) do the two rows differ?
+    bonus: NDArray[np.float64]  # (N,E,2)
+    shaped: bool
+    limit: NDArray[np.float64]  # (E,)
+    exact_rows: bool  # all precisions infinite
+    correct: float
+    incorrect: float
+    exit_value: NDArray[np.float64]  # (X,) of the cheapest illegal behavior, -inf where none
+
+
+def compile_momdp(momdp: MOMDP) -> Compiled:
+    """Compile a MOMDP for the kernels."""
+    size, n_behaviors = len(momdp.x_names), momdp.n_behaviors
+    states, behaviors = np.arange(size), np.arange(n_behaviors)
+    idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
+    moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
+    sensed = (momdp.transition * momdp.informative).transpose(1, 0, 2)
+    moved[states, :, states] -= idle
+    silent = np.clip(moved - sensed, 0.0, None)
+    folded = 1 - momdp.discount * idle
+    happens = np.where(1 - idle > 0, 1 - idle, 1.0)
+    branch_count = np.zeros((size, n_behaviors), dtype=np.int64)
+    width = max(1, int(((sensed > 0).sum(2) + (silent > 1e-12).sum(2)).max()))  # noqa: PLR2004
+    p = np.zeros((size, n_behaviors, width))
+    next_x = np.zeros((size, n_behaviors, width), dtype=np.int64)
+    sense = np.zeros((size, n_behaviors, width), dtype=bool)
+    legal = momdp.legal & (idle < 1)
+    for x in states:
+        for e in behaviors[legal[x]]:
+            for target in states:
+                for mass, senses in ((sensed[x, e, target], True), (silent[x, e, target], False)):
+                    if mass > 1e-12:  # noqa: PLR2004  rounding
+                        k = branch_count[x, e]
+                        p[x, e, k], next_x[x, e, k], sense[x, e, k] = mass, target, senses
+                        branch_count[x, e] += 1
+    ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
+    exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
+    difference = np.abs(momdp.confusion[:, :, 1] - momdp.confusion[:, :, 0]).max(axis=-1)
+    return Compiled(
+        start=momdp.start,
+        legal=legal,
+        cost=momdp.cost / folded,
+        discount=momdp.discount * (1 - idle) / folded,
+        bonus_scale=1 / folded,
+        branches=branch_count,
+        branch_p=p / happens[:, :, None],
+        branch_x=next_x,
+        branch_sense=sense,
+        confusion=momdp.confusion.copy(),
+        precision=momdp.precision.copy(),
+        informative=difference > _INFORMATIVE,
+        bonus=momdp.bonus.copy(),
+        shaped=bool(momdp.bonus.any()),
+        limit=momdp.limit.copy(),
+        exact_rows=bool(np.isinf(momdp.precision).all()),
+        correct=momdp.correct,
+        incorrect=momdp.incorrect,
+        exit_value=-exits if momdp.abstain else np.full(size, -np.inf),
+    )

@@ -1,0 +1,73 @@
+"""Greedy: the percept with the most expected information per second, one percept ahead."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
+from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.open_loop import Moves, moves_of
+from meal_bayes.planners.solver import Decision, History
+
+
+@dataclass(frozen=True, slots=True)
+class Greedy:
+    """Goes for the most bits per second; reports when a bit costs more than it is worth.
+
+    A behavior that is not legal at x is priced with the cheapest way to it. A bit is worth what
+    the present error is expected to cost, (r+ - r-) Pr(best report wrong), over the entropy.
+    """
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "GreedyPolicy":
+        """Make the policy."""
+        problem = compile_momdp(momdp)
+        return GreedyPolicy(momdp, problem, moves_of(problem))
+
+
+@dataclass(frozen=True, slots=True)
+class GreedyPolicy:
+    """Policy of `Greedy`."""
+
+    momdp: MOMDP
+    problem: Compiled
+    moves: Moves
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the first behavior on the way to the best bits per second; values are net worth."""
+        momdp, belief = self.momdp, history.belief
+        stop = report_value(momdp, belief)
+        values = np.full(momdp.n_behaviors + 1, np.nan)
+        values[-1] = stop
+        entropy = belief.entropy
+        worth = (momdp.correct - stop) / entropy if entropy > 0 else 0.0  # per bit
+        best_rate, action = 0.0, best_report(momdp, belief)
+        for e, gained in enumerate(information_gain(momdp, belief)):
+            first = int(self.moves.macros.first[belief.x, e])
+            price = float(self.moves.macros.cost[belief.x, e])
+            if first < 0 or gained <= 0:
+                continue
+            net = gained * worth - price
+            values[first] = np.fmax(values[first], stop + net)
+            rate = gained / max(price, 1e-9)
+            if net > 0 and rate > best_rate:
+                best_rate, action = rate, first
+        exact = np.where(np.isnan(values), np.nan, 0.0)
+        return Decision(action, values, exact, np.zeros(len(values)))
+
+
+def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
+    """Mutual information of the next percept of each behavior and the attributes, bits, (E,)."""
+    total = belief.seen.sum(axis=2)  # (N,E)
+    weight = total[..., None] / (momdp.precision + total[..., None])
+    share = belief.seen / np.maximum(total, 1)[..., None]
+    rows = momdp.confusion + weight[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,2,K)
+    truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
+    mixed = np.einsum("nv,nevk->nek", truth, rows)
+    gain = _entropy(mixed) - np.einsum("nv,nev->ne", truth, _entropy(rows))
+    left = momdp.limit - total[0] > 0
+    return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
+
+
+def _entropy(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    return -(rows * np.log2(np.clip(rows, 1e-300, None))).sum(axis=-1)

@@ -1,0 +1,440 @@
+"""The numba kernels, whole in one module: open-loop plan values, tree search, backup.
+
+Order of reading: `search` (one decision), `_descend`, `_expand`, `_back_up`, then the leaf
+`open_loop_values` and the exact Bayes error `_plan_error` under it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from meal_bayes.planners.compiled import Compiled
+
+OUTCOMES = 512  # joint outcomes that the exact error of a plan may enumerate for one attribute
+DEPTH = 60  # steps of one descent
+SPAN = 16.0  # log-odds covered by the error tables
+ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
+SAMPLED = 24  # children of an edge with more
+
+
+class Plans(NamedTuple):
+    """Open-loop plans, grouped by the x they start from."""
+
+    first: NDArray[np.int64]  # (X+1,) plans of x are first[x] : first[x+1]
+    action: NDArray[np.int64]  # (J,) first behavior
+    cost: NDArray[np.float64]  # (J,) discounted folded cost, s
+    discount: NDArray[np.float64]  # (J,) factor on the report's value
+    uses: NDArray[np.int64]  # (J,E) percepts gathered
+    weight: NDArray[np.float64]  # (J,E) discounted expected executions, for shaping
+    errors: NDArray[np.float64]  # (J,N,G) Bayes error by log-odds if rows are exact, else (0,0,0)
+
+
+class Macros(NamedTuple):
+    """Cheapest way from each x to a percept of each behavior, executed."""
+
+    first: NDArray[np.int64]  # (X,E) first behavior, -1 where there is no way
+    end: NDArray[np.int64]  # (X,E) x afterwards
+    cost: NDArray[np.float64]  # (X,E) discounted folded cost, s
+    uses: NDArray[np.int64]  # (X,E,E) percepts gathered on the way, the last included
+
+
+class Tree(NamedTuple):
+    """Search tree: struct of arrays; row 0 is the root, outcomes of an edge stand in a row."""
+
+    size: NDArray[np.int64]  # (1,) nodes in use
+    x: NDArray[np.int64]  # (S,)
+    log_odds: NDArray[np.float64]  # (S,N)
+    value: NDArray[np.float64]  # (S,) best of report, exit and edges
+    stop: NDArray[np.float64]  # (S,) value of the best report or exit, exact
+    visits: NDArray[np.int64]  # (S,)
+    edge_value: NDArray[np.float64]  # (S,E) lower bound on the value of each behavior
+    edge_visits: NDArray[np.int64]  # (S,E)
+    reward: NDArray[np.float64]  # (S,E) cost and bonus of an expanded edge
+    children: NDArray[np.int64]  # (S,E) first child of an expanded edge, -1 before
+    child_count: NDArray[np.int64]  # (S,E)
+    child_p: NDArray[np.float64]  # (S,) Pr(this node | parent, behavior)
+    levels: NDArray[np.int64]  # (S,N) percept that led here, -1 for "none"
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sigmoid(log_odds):
+    if log_odds >= 0:
+        return 1.0 / (1.0 + np.exp(-log_odds))
+    e = np.exp(log_odds)
+    return e / (1.0 + e)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stop_value(problem, x, beliefs, row):
+    """Value of ending now: the most probable report, or the exit where that is better."""
+    certainty = 1.0
+    for i in range(beliefs.shape[1]):
+        certainty *= _sigmoid(abs(beliefs[row, i]))
+    value = problem.incorrect + (problem.correct - problem.incorrect) * certainty
+    return max(value, problem.exit_value[x])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _yes_counts(problem, i, v, e, k, yes, total, out):
+    """Pr(j of the next k percepts say yes | v, percepts seen), j = 0..k: a Polya urn."""
+    levels = problem.confusion.shape[3]
+    p = 0.0
+    for z in range(levels // 2, levels):
+        p += problem.confusion[i, e, v, z]
+    s = problem.precision[i, e, v]
+    out[0] = 1.0
+    for t in range(k):
+        out[t + 1] = 0.0
+        for j in range(t, -1, -1):
+            if np.isinf(s):
+                q = p
+            else:
+                q = (s * p + yes + j) / (s + total + t)
+            w = out[j]
+            out[j + 1] += w * q
+            out[j] = w * (1.0 - q)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _plan_error(problem, uses, plan, i, log_odds, yes, total, scratch):
+    """Exact Bayes error E min(b, 1-b) of attribute i after a plan (percepts cut to yes/no).
+
+    Cutting levels, and dropping behaviors once OUTCOMES is full, can only raise the error: the
+    plan's value stays a lower bound.
+    """
+    w1, w0, c1, c0 = scratch[0], scratch[1], scratch[2], scratch[3]
+    b = _sigmoid(log_odds)
+    w1[0], w0[0], m = b, 1.0 - b, 1
+    for e in range(uses.shape[1]):
+        if uses[plan, e] == 0 or not problem.informative[i, e]:
+            continue
+        k = int(min(float(uses[plan, e]), problem.limit[e] - total[e]))
+        if k <= 0 or m * (k + 1) > OUTCOMES:
+            continue
+        _yes_counts(problem, i, 1, e, k, yes[i, e], total[e], c1)
+        _yes_counts(problem, i, 0, e, k, yes[i, e], total[e], c0)
+        for a in range(m - 1, -1, -1):
+            u1, u0 = w1[a], w0[a]
+            for j in range(k, -1, -1):
+                w1[a * (k + 1) + j] = u1 * c1[j]
+                w0[a * (k + 1) + j] = u0 * c0[j]
+        m *= k + 1
+    error = 0.0
+    for a in range(m):
+        error += min(w1[a], w0[a])
+    return error
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tabulate_errors(problem, plans, grid):
+    """Error of every plan and attribute over a grid of log-odds; for exact rows only, (J,N,G)."""
+    n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
+    out = np.empty((plans.action.shape[0], n, grid.shape[0]))
+    yes, total = np.zeros((n, n_behaviors)), np.zeros(n_behaviors)
+    scratch = np.empty((4, OUTCOMES))
+    for plan in range(out.shape[0]):
+        for i in range(n):
+            for g in range(grid.shape[0]):
+                out[plan, i, g] = _plan_error(
+                    problem, plans.uses, plan, i, grid[g], yes, total, scratch
+                )
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _table_error(errors, plan, i, log_odds):
+    size = errors.shape[2]
+    if abs(log_odds) >= SPAN:
+        return min(_sigmoid(log_odds), _sigmoid(-log_odds))
+    position = (log_odds + SPAN) * (size - 1) / (2 * SPAN)
+    g = int(position)
+    f = position - g
+    return (1.0 - f) * errors[plan, i, g] + f * errors[plan, i, g + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, floor):
+    """-sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)].
+
+    Gives up, with a value of at most `floor`, as soon as `floor` cannot be beaten.
+    """
+    gap, g = problem.correct - problem.incorrect, plans.discount[plan]
+    base = -plans.cost[plan] + g * problem.incorrect
+    tabled = plans.errors.shape[0] > 0
+    for e in range(plans.uses.shape[1]):
+        uses, left = plans.uses[plan, e], problem.limit[e] - total[e]
+        tabled = tabled and uses <= left
+        if problem.shaped and uses > 0:
+            share = min(1.0, max(0.0, left) / uses)
+            for i in range(beliefs.shape[1]):
+                b = _sigmoid(beliefs[row, i])
+                mean = b * problem.bonus[i, e, 1] + (1.0 - b) * problem.bonus[i, e, 0]
+                base += share * plans.weight[plan, e] * mean
+    right = 1.0
+    for i in range(beliefs.shape[1]):
+        if base + g * gap * right <= floor:
+            break
+        if tabled:
+            right *= 1.0 - _table_error(plans.errors, plan, i, beliefs[row, i])
+        else:
+            right *= 1.0 - _plan_error(
+                problem, plans.uses, plan, i, beliefs[row, i], yes, total, scratch
+            )
+    return base + g * gap * right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def open_loop_values(problem, plans, x, beliefs, row, yes, total, scratch, out):
+    """Best value of the plans from x by first behavior -> out[row] (E,), -inf where none."""
+    for a in range(out.shape[1]):
+        out[row, a] = -np.inf
+    for plan in range(plans.first[x], plans.first[x + 1]):
+        a = plans.action[plan]
+        floor = out[row, a]
+        value = _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, floor)
+        out[row, a] = max(floor, value)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def plan_values(problem, plans, x, beliefs, out):
+    """Value of each plan from x at fresh beliefs (B,N) -> out (B,J)."""
+    n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
+    yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
+    for row in range(beliefs.shape[0]):
+        best = stop_value(problem, x, beliefs, row)
+        for plan in range(plans.first[x], plans.first[x + 1]):
+            value = _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, best)
+            out[row, plan] = value
+            best = max(best, value)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _all_right(problem, uses, beliefs, row, yes, total, scratch):
+    right = 1.0
+    for i in range(beliefs.shape[1]):
+        right *= 1.0 - _plan_error(problem, uses, 0, i, beliefs[row, i], yes, total, scratch)
+    return right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def grow_plans(problem, macros, x, beliefs, length):
+    """Grow a plan from x greedily for each belief (B,N) -> its macros (B,L) padded by -1.
+
+    Each step goes to the percept (or two or three of it, where it repeats) that adds most log
+    probability of an all-right report per second.
+    """
+    n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
+    yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
+    uses, trial = np.zeros((1, n_behaviors), np.int64), np.zeros((1, n_behaviors), np.int64)
+    out = np.full((beliefs.shape[0], 3 * length), -1, np.int64)
+    for row in range(beliefs.shape[0]):
+        here, filled = x, 0
+        for e in range(n_behaviors):
+            uses[0, e] = 0
+        right = _all_right(problem, uses, beliefs, row, yes, total, scratch)
+        for _ in range(length):
+            best, best_e, best_k = 1e-12, -1, 0
+            for e in range(n_behaviors):
+                if macros.first[here, e] < 0:
+                    continue
+                end = macros.end[here, e]
+                repeats = 3 if macros.end[end, e] == end and macros.first[end, e] == e else 1
+                for k in range(1, repeats + 1):
+                    for other in range(n_behaviors):
+                        trial[0, other] = uses[0, other] + macros.uses[here, e, other]
+                    trial[0, e] += k - 1
+                    if trial[0, e] > problem.limit[e]:
+                        break
+                    price = macros.cost[here, e] + (k - 1) * problem.cost[end, e]
+                    gained = _all_right(problem, trial, beliefs, row, yes, total, scratch)
+                    rate = np.log(gained / right) / (price + 1e-6)
+                    if rate > best:
+                        best, best_e, best_k = rate, e, k
+            if best_e < 0:
+                break
+            for _ in range(best_k):
+                out[row, filled] = best_e
+                filled += 1
+                for other in range(n_behaviors):
+                    uses[0, other] += macros.uses[here, best_e, other]
+                here = macros.end[here, best_e]
+            right = _all_right(problem, uses, beliefs, row, yes, total, scratch)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _factor(problem, i, e, v, z, seen, total):
+    c, s = problem.confusion[i, e, v, z], problem.precision[i, e, v]
+    return c if np.isinf(s) else (s * c + seen[i, e, z]) / (s + total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _new_node(problem, plans, tree, x, log_odds, yes, total, p, scratch):
+    """Append a node: exact stop value, open-loop lower bounds for its behaviors."""
+    node = tree.size[0]
+    tree.size[0] += 1
+    tree.x[node], tree.child_p[node], tree.visits[node] = x, p, 0
+    for i in range(log_odds.shape[0]):
+        tree.log_odds[node, i], tree.levels[node, i] = log_odds[i], -1
+    tree.stop[node] = stop_value(problem, x, tree.log_odds, node)
+    tree.value[node] = tree.stop[node]
+    open_loop_values(problem, plans, x, tree.log_odds, node, yes, total, scratch, tree.edge_value)
+    for a in range(tree.edge_value.shape[1]):
+        tree.edge_visits[node, a] = 0
+        tree.children[node, a] = -1
+        tree.child_count[node, a] = 0
+        tree.value[node] = max(tree.value[node], tree.edge_value[node, a])
+    return node
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rng):
+    """Make the children of an edge: every outcome, or a sample where there are too many."""
+    n, k_levels = seen.shape[0], seen.shape[2]
+    x = tree.x[node]
+    log_odds = np.empty(n)
+    joint = float(k_levels) ** n
+    perceives = total[a] < problem.limit[a]
+    tree.children[node, a] = tree.size[0]
+    tree.reward[node, a] = _step_reward(problem, tree, node, a, total)
+    for k in range(problem.branches[x, a]):
+        mass, next_x = problem.branch_p[x, a, k], problem.branch_x[x, a, k]
+        if not (problem.branch_sense[x, a, k] and perceives):
+            for i in range(n):
+                log_odds[i] = tree.log_odds[node, i]
+            _new_node(problem, plans, tree, next_x, log_odds, yes, total, mass, scratch)
+            continue
+        sampled = joint > ENUMERATE
+        for outcome in range(SAMPLED if sampled else int(joint)):
+            p, rest = mass / SAMPLED if sampled else mass, outcome
+            for i in range(n):
+                b = _sigmoid(tree.log_odds[node, i])
+                if sampled:
+                    z = _draw_level(problem, i, a, b, seen, total[a], rng)
+                else:
+                    z, rest = rest % k_levels, rest // k_levels
+                f1 = _factor(problem, i, a, 1, z, seen, total[a])
+                f0 = _factor(problem, i, a, 0, z, seen, total[a])
+                if not sampled:
+                    p *= b * f1 + (1.0 - b) * f0
+                log_odds[i] = tree.log_odds[node, i] + np.log(f1) - np.log(f0)
+                levels[i] = z
+            if p <= 0.0:
+                continue
+            for i in range(n):
+                yes[i, a] += levels[i] >= k_levels // 2
+            total[a] += 1.0
+            child = _new_node(problem, plans, tree, next_x, log_odds, yes, total, p, scratch)
+            for i in range(n):
+                tree.levels[child, i] = levels[i]
+            total[a] -= 1.0
+            for i in range(n):
+                yes[i, a] -= levels[i] >= k_levels // 2
+    tree.child_count[node, a] = tree.size[0] - tree.children[node, a]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _draw_level(problem, i, a, b, seen, total, rng):
+    v = 1 if rng.random() < b else 0
+    u, levels = rng.random(), seen.shape[2]
+    for z in range(levels):
+        u -= _factor(problem, i, a, v, z, seen, total)
+        if u < 0.0:
+            return z
+    return levels - 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _back_up(problem, tree, node, a):
+    """Edge value = cost, bonus and the exact expectation over its children; node value = best."""
+    x, value = tree.x[node], 0.0
+    first = tree.children[node, a]
+    for child in range(first, first + tree.child_count[node, a]):
+        value += tree.child_p[child] * tree.value[child]
+    tree.edge_value[node, a] = tree.reward[node, a] + problem.discount[x, a] * value
+    best = tree.stop[node]
+    for other in range(tree.edge_value.shape[1]):
+        best = max(best, tree.edge_value[node, other])
+    tree.value[node] = best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_reward(problem, tree, node, a, total):
+    x = tree.x[node]
+    reward = -problem.cost[x, a]
+    if problem.shaped and total[a] < problem.limit[a]:
+        for i in range(tree.log_odds.shape[1]):
+            b = _sigmoid(tree.log_odds[node, i])
+            mean = b * problem.bonus[i, a, 1] + (1.0 - b) * problem.bonus[i, a, 0]
+            reward += problem.bonus_scale[x, a] * mean
+    return reward
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _select(problem, tree, node, exploration):
+    """UCB1 over the behaviors; ending has no variance and so gets no bonus. -1 = end."""
+    x, best, best_score = tree.x[node], -1, tree.stop[node]
+    spread = np.log(tree.visits[node] + 1.0)
+    for a in range(tree.edge_value.shape[1]):
+        if problem.legal[x, a]:
+            score = tree.edge_value[node, a] + exploration * np.sqrt(
+                spread / (tree.edge_visits[node, a] + 1.0)
+            )
+            if score > best_score:
+                best, best_score = a, score
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def search(problem, plans, tree, x, log_odds, seen, total, simulations, exploration, rng):
+    """Grow the tree from a belief; return how many simulations were made."""
+    n, n_behaviors, k_levels = seen.shape
+    scratch = np.empty((4, OUTCOMES))
+    path, taken = np.empty(DEPTH, np.int64), np.empty(DEPTH, np.int64)
+    levels = np.zeros(n, np.int64)
+    here, yes = np.empty((n, n_behaviors, k_levels)), np.empty((n, n_behaviors))
+    count = np.empty(n_behaviors)
+    width = 2 * min(float(k_levels) ** n, ENUMERATE) + 2  # room that one expansion may need
+    tree.size[0] = 0
+    for done in range(simulations + 1):
+        for e in range(n_behaviors):
+            count[e] = total[e]
+            for i in range(n):
+                yes[i, e] = 0.0
+                for z in range(k_levels):
+                    here[i, e, z] = seen[i, e, z]
+                    yes[i, e] += seen[i, e, z] if z >= k_levels // 2 else 0.0
+        if done == 0:
+            _new_node(problem, plans, tree, x, log_odds, yes, count, 1.0, scratch)
+            continue
+        node, depth = 0, 0
+        while depth < DEPTH:
+            tree.visits[node] += 1
+            a = _select(problem, tree, node, exploration)
+            if a < 0 or (tree.children[node, a] < 0 and tree.size[0] + width > tree.x.shape[0]):
+                break
+            tree.edge_visits[node, a] += 1
+            path[depth], taken[depth] = node, a
+            depth += 1
+            if tree.children[node, a] < 0:
+                _expand(problem, plans, tree, node, a, here, yes, count, levels, scratch, rng)
+                break
+            child, u = tree.children[node, a], rng.random()
+            last = child + tree.child_count[node, a] - 1
+            while child < last and u >= tree.child_p[child]:
+                u -= tree.child_p[child]
+                child += 1
+            if tree.levels[child, 0] >= 0:
+                for i in range(n):
+                    z = tree.levels[child, i]
+                    here[i, a, z] += 1
+                    yes[i, a] += z >= k_levels // 2
+                count[a] += 1
+            node = child
+        for t in range(depth - 1, -1, -1):
+            _back_up(problem, tree, path[t], taken[t])
+        if tree.size[0] + width > tree.x.shape[0]:
+            return done
+    return simulations

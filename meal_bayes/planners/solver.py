@@ -1,0 +1,74 @@
+"""The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.momdp import MOMDP, Belief
+
+
+class TreeEdge(NamedTuple):
+    """One edge of the first two levels of a search tree."""
+
+    level: int  # 1 or 2
+    parent: int  # position of the parent edge in the list, -1 for the root
+    action: int  # behavior index, E for the best report
+    observation: tuple[int, ...]  # percept levels on the way to the parent's node, () for none
+    visits: int
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A chosen action with its evidence."""
+
+    action: int  # < E a behavior, E + y the report of value vector y
+    values: NDArray[np.float64]  # (E+1,) per behavior, then the best report; nan = not valued
+    value_se: NDArray[np.float64]  # (E+1,) standard errors, 0 where exact, nan = unknown
+    visits: NDArray[np.int64]  # (E+1,)
+    tree: tuple[TreeEdge, ...] = ()
+    simulations: int = 0
+
+    def __post_init__(self) -> None:
+        set_frozen(
+            self,
+            values=freeze(self.values),
+            value_se=freeze(self.value_se),
+            visits=freeze(self.visits, np.int64),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """What a policy may look at: the steps so far, summed up."""
+
+    belief: Belief
+    actions: tuple[int, ...] = ()
+    perceived: tuple[bool, ...] = ()  # did a percept come?
+    moved: tuple[int, ...] = ()  # the x after each action
+    cost: float = 0.0  # s
+
+
+class Policy(Protocol):
+    """A plan of action for one MOMDP; online search happens in `decide`."""
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the next action."""
+        ...
+
+
+class Solver(Protocol):
+    """The paper's Sol."""
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
+        """Make a policy for a MOMDP."""
+        ...
+
+
+def unvalued(momdp: MOMDP, action: int) -> Decision:
+    """Make the decision of a policy that compares nothing."""
+    nothing = np.full(momdp.n_behaviors + 1, np.nan)
+    return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1))

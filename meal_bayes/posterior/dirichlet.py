@@ -1,0 +1,216 @@
+"""The posterior of the confusion matrices Theta: one Dirichlet a row, conjugate and closed-form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import betaincinv
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.errors import SettingsError
+from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion, youden
+
+_DIMENSIONS = 4  # (P,E,2,K)
+
+
+class _HoldsCounts(Protocol):
+    """What carries counts object by object, as perception's `ConfusionCounts`."""
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(O,P,E,2,K)."""
+        ...
+
+
+def row_precision(dispersion: ArrayLike, evidence: ArrayLike) -> NDArray[np.float64]:
+    """Precision s A / (s + A + 1) of a new object's row: the Dirichlet weight of equal variance.
+
+    Two doubts in one number: objects differ (dispersion s), and the mean is known from A percepts
+    only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
+
+    >>> float(row_precision(2.0, 20.0).round(3)), float(row_precision(np.inf, 20.0))
+    (1.739, 20.0)
+    """
+    s, a = np.broadcast_arrays(np.asarray(dispersion, float), np.asarray(evidence, float))
+    finite = np.isfinite(s) & np.isfinite(a)
+    x, y = np.where(finite, s, 1.0), np.where(finite, a, 1.0)
+    return np.asarray(np.where(finite, x * y / (x + y + 1), np.minimum(s, a)))
+
+
+@dataclass(frozen=True, slots=True)
+class ConfusionPosterior:
+    """Rows of Theta (attribute, behavior, truth), each with a Dirichlet over its mean.
+
+    `from_counts` takes all percepts of a row as independent (the paper's reading); `from_objects`
+    lets each object have its own row, so that repeats of one object are worth less.
+
+    >>> ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]]).mean[0, 0].round(3).tolist()
+    [[0.75, 0.25], [0.167, 0.833]]
+    """
+
+    prior: NDArray[np.float64]  # (P,E,2,K) Dirichlet parameters before any percept
+    counts: NDArray[np.float64]  # (P,E,2,K) percepts of labelled instances, as they were counted
+    concentration: NDArray[np.float64]  # (P,E,2,K) Dirichlet parameters of the mean row, A x mean
+    dispersion: NDArray[np.float64]  # (P,E,2) s of the objects' rows, inf = all objects alike
+
+    def __post_init__(self) -> None:
+        for name in ("prior", "counts", "concentration", "dispersion"):
+            set_frozen(self, **{name: freeze(getattr(self, name))})
+        shape = self.counts.shape
+        if len(shape) != _DIMENSIONS or shape[2] != 2:  # noqa: PLR2004
+            raise SettingsError(
+                f"Confusion counts have shape {shape}; expected (attributes, behaviors, 2, levels)."
+            )
+        found = (self.prior.shape, self.concentration.shape, self.dispersion.shape)
+        if found != (shape, shape, shape[:3]):
+            raise SettingsError(
+                f"prior, concentration, dispersion have shapes {found}; "
+                f"expected {shape}, {shape}, {shape[:3]}, as the counts have."
+            )
+        if not (self.counts >= 0).all():
+            raise SettingsError("Confusion counts must be numbers >= 0.")
+        for name in ("prior", "concentration", "dispersion"):
+            if not (getattr(self, name) > 0).all():
+                raise SettingsError(f"ConfusionPosterior.{name} must be above 0 everywhere.")
+
+    @classmethod
+    def from_counts(
+        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike = PRIOR_WEIGHT
+    ) -> Self:
+        """Make the paper's posterior: percepts are independent given the truth.
+
+        Parameters
+        ----------
+        counts : (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
+        prior : total weight of a row's flat prior, or Dirichlet parameters (P,E,2,K).
+        """
+        array = _array(counts)
+        total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
+        before = _prior(prior, total.shape)
+        return cls(before, total, before + total, np.full(total.shape[:3], np.inf))
+
+    @classmethod
+    def from_objects(
+        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike | None = None
+    ) -> Self:
+        """Make the object-level posterior.
+
+        Parameters
+        ----------
+        counts : object by object, (O,P,E,2,K).
+        prior : as in `from_counts`; by default one for each behavior and truth, learned from what
+            its attributes have in common.
+        """
+        return cls.from_folds(_array(counts)[None], prior=prior)[0]
+
+    @classmethod
+    def from_folds(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> tuple[Self, ...]:
+        """Make the object-level posterior of every held-out fold, (F,O,P,E,2,K), in one go."""
+        array = np.asarray(counts)
+        if array.ndim != _DIMENSIONS + 2:
+            raise SettingsError(
+                f"Counts have shape {array.shape[1:]} a fold; "
+                "expected (objects, attributes, behaviors, 2, levels)."
+            )
+        total = array.sum(axis=1)
+        fit = fit_dispersion(array, None if prior is None else _prior(prior, total.shape[1:]))
+        concentration = fit.evidence[..., None] * fit.mean
+        folds = zip(fit.prior, total, concentration, fit.dispersion, strict=True)
+        return tuple(cls(*fold) for fold in folds)
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Posterior mean of Theta, (P,E,2,K)."""
+        return freeze(self.concentration / self.concentration.sum(axis=-1, keepdims=True))
+
+    @property
+    def precision(self) -> NDArray[np.float64]:
+        """Dirichlet weight of a new object's row, (P,E,2)."""
+        return freeze(row_precision(self.dispersion, self.concentration.sum(axis=-1)))
+
+    @property
+    def evidence(self) -> NDArray[np.float64]:
+        """Labelled percepts counted, (P,E): delta x IE of Eq. 10."""
+        return freeze(self.counts.sum(axis=(-1, -2)))
+
+    @property
+    def informative(self) -> NDArray[np.bool_]:
+        """Whether TPR - FPR > 0, (P,E), in the percepts counted and in the mean.
+
+        Leaving an object out lowers its class's share, so a worthless classifier votes against
+        the held-out label: the negative difference is an artifact, not an inverted sensor.
+        """
+        return freeze((youden(self.counts) > 0) & (youden(self.mean) > 0), np.bool_)
+
+    def update(self, counts: ArrayLike) -> Self:
+        """Add the percepts (P,E,2,K) of one object; n of a row are worth n(s+1)/(n+s).
+
+        Order does not matter. Percepts of one object given in two updates count as two objects'.
+        """
+        new = np.asarray(counts, dtype=float)
+        if new.shape != self.counts.shape or not (new >= 0).all():
+            raise SettingsError(
+                f"An update needs counts >= 0 of shape {self.counts.shape}, found {new.shape}."
+            )
+        per_percept = 1 / self.dispersion[..., None]
+        worth = (1 + per_percept) / (1 + new.sum(axis=-1, keepdims=True) * per_percept)
+        concentration = self.concentration + worth * new
+        return type(self)(self.prior, self.counts + new, concentration, self.dispersion)
+
+    def forget(self, factor: float) -> Self:
+        """Keep this share of the evidence, as percepts age when their classifier changes."""
+        if not 0 <= factor <= 1:
+            raise SettingsError(f"forget({factor}): give the share to keep, from 0 to 1.")
+        aged = self.prior + factor * (self.concentration - self.prior)
+        return type(self)(self.prior, factor * self.counts, aged, self.dispersion)
+
+    def sample(self, rng: np.random.Generator, size: int) -> NDArray[np.float64]:
+        """Draw mean matrices from the posterior, (size,P,E,2,K)."""
+        gamma = rng.standard_gamma(self.concentration, (size, *self.concentration.shape))
+        gamma = np.maximum(gamma, np.finfo(float).tiny)  # parameters far below 1 underflow
+        return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))
+
+    def interval(self, mass: float = 0.95) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Equal-tailed credible interval of each entry's mean: lower and upper, (P,E,2,K) each."""
+        if not 0 < mass < 1:
+            raise SettingsError(f"interval({mass}): give a probability mass between 0 and 1.")
+        rest = self.concentration.sum(axis=-1, keepdims=True) - self.concentration
+        tail = (1 - mass) / 2
+        lower, upper = (betaincinv(self.concentration, rest, q) for q in (tail, 1 - tail))
+        return freeze(lower), freeze(upper)
+
+    def select(
+        self, columns: Sequence[int], *, exact: bool = False, believe_inverted: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Hand the queried attributes over to planning: confusion (N,E,2,K), precision (N,E,2).
+
+        Parameters
+        ----------
+        columns : the queried attributes' positions among the P.
+        exact : take the mean as known exactly (precision inf): the paper's Eq. 8.
+        believe_inverted : pass pairs that are not `informative` on as they are. By default both
+            of their rows become the pooled row, so that no percept of theirs moves a belief.
+        """
+        picked = np.asarray(columns, dtype=np.intp)
+        alpha, precision = self.concentration[picked], self.precision[picked]
+        if not believe_inverted:
+            informative = self.informative[picked]
+            pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
+            alpha = np.where(informative[..., None, None], alpha, pooled)
+            shared = precision.min(axis=2, keepdims=True)  # unequal ones would tell on repeats
+            precision = np.where(informative[..., None], precision, shared)
+        if exact:
+            precision = np.full_like(precision, np.inf)
+        return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)
+
+
+def _array(counts: ArrayLike | _HoldsCounts) -> NDArray[np.int64]:
+    return np.asarray(getattr(counts, "counts", counts))
+
+
+def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    given = np.asarray(prior, dtype=float)
+    rows = given / shape[-1] if given.ndim == 0 else given
+    return np.broadcast_to(rows, shape)

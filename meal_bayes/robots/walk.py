@@ -1,0 +1,83 @@
+"""A walk through the transition diagram, whose luck does not depend on who decides."""
+
+import bisect
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.domain import Domain, TransitionDiagram
+from meal_bayes.errors import SettingsError
+
+Rows = tuple[tuple[tuple[float, ...], ...], ...]  # (E,X,X)
+
+_BLOCK = 16  # executions of each behavior whose luck is drawn at once
+
+
+class Move(NamedTuple):
+    """One execution: the next x, whether it can be perceived, and a number for what is."""
+
+    next_x: int
+    perceivable: bool
+    luck: float  # in [0, 1), of this execution alone
+
+
+class DiagramWalk:
+    """The state x of one trial.
+
+    The k-th execution of a behavior has the same luck whatever else was executed before: agents
+    that are compared meet the same failures (common random numbers). To that end luck is drawn in
+    blocks for all behaviors at once, and the generator serves nothing else.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        self._names = domain.behavior_names
+        self._senses = [behavior.senses for behavior in domain.behaviors]
+        self._reach, self._shows = _compile(domain.diagram, domain.behavior_names)
+        self._start = domain.diagram.states.index(domain.diagram.start)
+        self._x: int | None = None
+        self._blocks: list[NDArray[np.float64]] = []  # each (E, _BLOCK, 3)
+        self._executed = [0] * len(self._names)
+
+    def start(self) -> int:
+        """Begin a trial and return x0."""
+        self._x, self._blocks = self._start, []
+        self._executed = [0] * len(self._names)
+        return self._start
+
+    def move(self, behavior: int, rng: np.random.Generator) -> Move:
+        """Execute a behavior and move on."""
+        if self._x is None:
+            raise SettingsError("The robot has no object yet; call start(object_index) first.")
+        if not 0 <= behavior < len(self._names):
+            raise SettingsError(
+                f"Behavior {behavior} does not exist; expected 0 to {len(self._names) - 1} "
+                "(reports are not executed)."
+            )
+        block, place = divmod(self._executed[behavior], _BLOCK)
+        while len(self._blocks) <= block:
+            self._blocks.append(rng.random((len(self._names), _BLOCK, 3)))
+        self._executed[behavior] += 1
+        outcome, shown, luck = self._blocks[block][behavior, place].tolist()
+        reach = self._reach[behavior][self._x]
+        next_x = bisect.bisect_right(reach, outcome)
+        perceivable = self._senses[behavior] and shown < self._shows[behavior][self._x][next_x]
+        self._x = next_x
+        return Move(next_x, perceivable, luck)
+
+
+@lru_cache(maxsize=16)
+def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> tuple[Rows, Rows]:
+    """Sum up Pr(x' | x, behavior) over x', and tell Pr(a percept comes), as plain tuples.
+
+    A single number is read ten times faster from them than from an array.
+    """
+    arrays = diagram.compile(behaviors)
+    reach = arrays.transition.cumsum(axis=2)
+    reach[reach > 1 - 1e-12] = 1.0  # rounding must not leave room for impossible states
+    return _tuples(reach), _tuples(arrays.informative)
+
+
+def _tuples(array: NDArray[np.float64]) -> Rows:
+    return tuple(tuple(tuple(row) for row in matrix) for matrix in array.tolist())

@@ -1,0 +1,146 @@
+"""What a log file holds: topics, message fields, format version, limits.
+
+To log one more thing, append a field here (never reorder: the place in the table is the field's
+number), fill it in `encode.py`, read it in `decode.py`, and raise `FORMAT_VERSION` when a reader of
+the old version would go wrong.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
+
+FORMAT_VERSION = 1
+PROFILE = "meal_bayes"  # the profile of the MCAP header
+SUFFIX = ".mcap"
+ACTIVE = ".active"  # ends the name of a file that is still being written
+END = "end"  # metadata record behind the last trial: counts and a digest of all trials
+
+RUN, MOMDPS, TRIAL, STEP, OUTCOME, LINES = "/run", "/momdp", "/trial", "/step", "/outcome", "/log"
+
+# Both sides keep to these limits, so that a damaged length can never ask for much memory.
+MESSAGE_LIMIT = 8 << 20  # bytes of one message
+RECORD_LIMIT = 16 << 20  # bytes of one MCAP record, packed or unpacked
+TRIAL_LIMIT = 64 << 20  # bytes of one trial
+NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
+MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs
+
+_SECOND = 1_000_000_000  # ns
+_TRIAL_SPAN = 1000  # s between the starts of two trials on the log's clock
+
+# A star marks a list; lists of more than one dimension are flat, in C order.
+_BELIEF = "belief_x:int64 log_odds:double* positive:double* seen:int64*"
+_TREE = (
+    "tree_level:int64* tree_parent:int64* tree_action:int64* tree_visits:int64* "
+    "tree_value:double* tree_observation_size:int64* tree_observation:int64*"
+)
+_FIELDS = {
+    "Run": "format_version:int64 header:string",
+    "Momdp": (
+        "id:int64 attributes:string* x_names:string* behavior_names:string* start:int64 "
+        "transition:double* informative:double* legal:bool* confusion:double* precision:double* "
+        "prior:double* cost:double* correct:double incorrect:double bonus:double* limit:double* "
+        "discount:double abstain:bool"
+    ),
+    "Trial": (
+        "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
+        f"object_name:string key:string truth:bool* {_BELIEF}"
+    ),
+    "Step": (
+        "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
+        "next_x:int64 observation:int64* cost:double reward:double values:double* "
+        f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF}"
+    ),
+    "Outcome": (
+        "trial:int64 steps:int64 report:bool* success:bool cost:double reward:double digest:bytes"
+    ),
+}
+_TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
+
+
+def _own_file() -> descriptor_pb2.FileDescriptorProto:
+    kinds = descriptor_pb2.FieldDescriptorProto
+    file = descriptor_pb2.FileDescriptorProto(
+        name="meal_bayes/trial_log.proto", package="meal_bayes", syntax="proto3"
+    )
+    for name, table in _FIELDS.items():
+        message = file.message_type.add(name=name)
+        for number, entry in enumerate(table.split(), start=1):
+            field, kind = entry.split(":")
+            message.field.add(
+                name=field,
+                number=number,
+                type=getattr(kinds, f"TYPE_{kind.rstrip('*').upper()}"),
+                label=kinds.LABEL_REPEATED if kind.endswith("*") else kinds.LABEL_OPTIONAL,
+            )
+    return file
+
+
+def _log_file() -> descriptor_pb2.FileDescriptorProto:
+    """Describe foxglove.Log, which viewers show as lines of text without being told how."""
+    kinds = descriptor_pb2.FieldDescriptorProto
+    file = descriptor_pb2.FileDescriptorProto(
+        name="foxglove/Log.proto",
+        package="foxglove",
+        syntax="proto3",
+        dependency=["google/protobuf/timestamp.proto"],
+    )
+    message = file.message_type.add(name="Log")
+    level = message.enum_type.add(name="Level")
+    for number, name in enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")):
+        level.value.add(name=name, number=number)
+    named = {
+        "timestamp": (kinds.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
+        "level": (kinds.TYPE_ENUM, ".foxglove.Log.Level"),
+        "message": (kinds.TYPE_STRING, None),
+        "name": (kinds.TYPE_STRING, None),
+        "file": (kinds.TYPE_STRING, None),
+        "line": (kinds.TYPE_FIXED32, None),
+    }
+    for number, (field, (kind, type_name)) in enumerate(named.items(), start=1):
+        message.field.add(
+            name=field, number=number, type=kind, type_name=type_name, label=kinds.LABEL_OPTIONAL
+        )
+    return file
+
+
+def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto()
+    file.ParseFromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
+    return file
+
+
+# A pool of our own: another library may have registered foxglove.Log in the common one.
+_POOL = descriptor_pool.DescriptorPool()
+for _file in (_timestamp_file(), _log_file(), _own_file()):
+    _POOL.Add(_file)
+
+
+def _message_class(full_name: str) -> Any:
+    return message_factory.GetMessageClass(_POOL.FindMessageTypeByName(full_name))
+
+
+RunMessage = _message_class("meal_bayes.Run")
+MomdpMessage = _message_class("meal_bayes.Momdp")
+TrialMessage = _message_class("meal_bayes.Trial")
+StepMessage = _message_class("meal_bayes.Step")
+OutcomeMessage = _message_class("meal_bayes.Outcome")
+LogMessage = _message_class("foxglove.Log")
+
+
+def channels() -> Iterator[tuple[str, str, bytes]]:
+    """Yield topic, schema name and schema data of every channel, in the order of their ids."""
+    own = descriptor_pb2.FileDescriptorSet(file=[_own_file()]).SerializeToString()
+    for topic, name in _TOPICS.items():
+        yield topic, f"meal_bayes.{name}", own
+    both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _log_file()])
+    yield LINES, "foxglove.Log", both.SerializeToString()
+
+
+def log_time(trial: int, step: int) -> int:
+    """Time on the log's clock, ns: it counts trials and steps, so that equal runs are equal files.
+
+    >>> log_time(2, 3)
+    2003000000000
+    """
+    return (trial * _TRIAL_SPAN + min(step, _TRIAL_SPAN - 1)) * _SECOND

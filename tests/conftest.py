@@ -1,0 +1,23 @@
+"""What all tests share: the recordings, where they are at hand."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+def missing(reason: str) -> None:
+    """Skip loudly, or fail where everything is required (CI)."""
+    if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
+        pytest.fail(f"required but missing: {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """Return the folder mirror of the public recordings."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "datasets"
+    folder = Path(os.environ.get("MEAL_BAYES_DATA_URL", beside))
+    if not folder.is_dir():
+        missing(f"no real recordings in {folder}; set MEAL_BAYES_DATA_URL to a folder mirror")
+    return folder

@@ -1,0 +1,181 @@
+"""One's own data: read as written, and every mistake told in one line."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from meal_bayes.datasets import load_dataset
+from meal_bayes.domain import read_query
+from meal_bayes.errors import DataError, SettingsError
+
+Change = Callable[[Path, str, str], None]
+
+
+def test_rows_are_joined_by_key(own: Path) -> None:
+    dataset = load_dataset(own / "own.toml", root=own)
+    assert dataset.objects == ("cup", "stone")
+    assert dataset.domain.attributes == ("red", "heavy")
+    np.testing.assert_array_equal(dataset.labels, [[1, 0], [-1, 1]])
+    np.testing.assert_array_equal(dataset.features["lift", "haptics"], [[[1], [2]], [[8], [9]]])
+    np.testing.assert_array_equal(
+        dataset.features["look", "color"], np.float32([[[0.5, 1], [0.25, 2]], [[3, 4], [-1e-3, 5]]])
+    )
+    assert dataset.features["look", "color"].dtype == np.float32
+    assert dataset.recordings == 2
+
+
+def test_order_of_rows_does_not_matter(own: Path) -> None:
+    before = load_dataset(own / "own.toml", root=own)
+    for name in ("look_color.csv", "lift_haptics.csv"):
+        header, *rows = (own / name).read_text().split()
+        (own / name).write_text("\n".join([header, *sorted(rows, reverse=True)]))
+    after = load_dataset(own / "own.toml", root=own)
+    for context, values in before.features.items():
+        np.testing.assert_array_equal(values, after.features[context])
+
+
+def test_spreadsheet_habits_are_understood(own: Path) -> None:
+    text = (own / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
+    (own / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_dataset(own / "own.toml", root=own).objects == ("cup", "stone")
+
+
+def test_unknown_label_cannot_be_a_truth(own: Path) -> None:
+    dataset = load_dataset(own / "own.toml", root=own)
+    query = read_query("red", dataset.domain)
+    assert dataset.truth(0, query).tolist() == [True]
+    with pytest.raises(DataError, match="Whether 'stone' is 'red' is unknown"):
+        dataset.truth(1, query)
+
+
+def test_own_data_needs_a_folder(own: Path) -> None:
+    with pytest.raises(SettingsError, match="give root="):
+        load_dataset(own / "own.toml")
+    with pytest.raises(SettingsError, match="make_synthetic"):
+        load_dataset("toy")
+
+
+BROKEN_FEATURES = [
+    ("short row", "cup,2,0.25,2", "cup,2,0.25", 3, "3 columns (too short)", "4"),
+    ("long row", "cup,2,0.25,2", "cup,2,0.25,2,", 3, "5 columns (too long)", "4"),
+    ("text", "stone,1,3,4", "stone,1,three,4", 4, "'three' in column 3", "a number"),
+    ("text at the end", "stone,1,3,4", "stone,1,3,x", 4, "'x' in column 4", "a number"),
+    ("decimal comma", "stone,1,3,4", 'stone,1,"3,5",4', 4, "'3,5' in column 3", "a number"),
+    ("empty cell", "stone,1,3,4", "stone,1,,4", 4, "'' in column 3", "a number"),
+    ("nan", "stone,1,3,4", "stone,1,3,nan", 4, "nan in column 4", "a finite number"),
+    ("infinity", "stone,1,3,4", "stone,1,-inf,4", 4, "-inf in column 3", "a finite number"),
+    ("too large", "stone,1,3,4", "stone,1,1e39,4", 4, "1e+39 in column 3", "a finite number"),
+    ("twice", "stone,1,3,4", "cup,2,3,4", 4, "recording 2 of cup again, after line 3", "once"),
+    ("missing", "stone,2,-1e-3,5\n", "", 4, "no row of recording 2 of stone", "2 recordings"),
+    ("unknown object", "stone,1", "stome,1", 4, "object 'stome'", "did you mean 'stone'?"),
+    ("semicolons", "object,recording,r,g", "object;recording;r;g", 1, "header", "not semicolons"),
+    ("no header", "object,recording,r,g\n", "", 1, "the header 'cup,1,0.5,1'", "object,recording"),
+    ("not UTF-8", "stone,1,3,4", "stone,1,3,\udcb54", 4, "the byte 0xb5", "UTF-8"),
+]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "found", "expected"),
+    [case[1:] for case in BROKEN_FEATURES],
+    ids=[case[0] for case in BROKEN_FEATURES],
+)
+def test_broken_feature_file(
+    own: Path, change: Change, old: str, new: str, line: int, found: str, expected: str
+) -> None:
+    change(own / "look_color.csv", old, new)
+    with pytest.raises(DataError) as caught:
+        load_dataset(own / "own.toml", root=own)
+    message = str(caught.value)
+    assert f"look_color.csv, line {line}" in message
+    assert found in message
+    assert expected in message.split(found, 1)[1]
+    assert "\n" not in message
+    assert len(message.split("; ")) >= 3  # found; expected; how to mend
+
+
+def test_recording_that_no_other_file_has(own: Path, change: Change) -> None:
+    change(own / "lift_haptics.csv", "cup,2,2", "cup,3,2")
+    with pytest.raises(DataError, match=r"lift_haptics.csv, line 5: found recording '3' of cup"):
+        load_dataset(own / "own.toml", root=own)
+
+
+@pytest.mark.parametrize("content", ["", "\n \n"])
+@pytest.mark.parametrize("name", ["labels.csv", "look_color.csv"])
+def test_empty_file(own: Path, name: str, content: str) -> None:
+    (own / name).write_text(content)
+    with pytest.raises(DataError, match=f"{name}, line 1: found an empty file; expected rows"):
+        load_dataset(own / "own.toml", root=own)
+
+
+@pytest.mark.parametrize("name", ["labels.csv", "look_color.csv"])
+def test_header_only(own: Path, name: str) -> None:
+    (own / name).write_text((own / name).read_text().split("\n")[0])
+    with pytest.raises(DataError, match=f"{name}, line 1: found no rows under the header"):
+        load_dataset(own / "own.toml", root=own)
+
+
+def test_absent_file(own: Path) -> None:
+    (own / "lift_haptics.csv").unlink()
+    with pytest.raises(DataError, match=r"lift_haptics.csv: found no such file; expected it"):
+        load_dataset(own / "own.toml", root=own)
+
+
+BROKEN_LABELS = [
+    ("value", "cup,0,1", "cup,yes,1", "line 2: found 'yes' in column 2 (heavy); expected 1, 0"),
+    ("width", "cup,0,1", "cup,0", "line 2: found 2 columns; expected 3 as in the header"),
+    ("twice", "stone,1,", "cup,1,", "line 3: found object 'cup' again; expected each object once"),
+    ("header", "object,heavy,red", "thing,heavy,red", "line 1: found the header 'thing'"),
+    ("column", "object,heavy,red", "object,heavy,rad", "line 1: found 0 columns 'red'"),
+    (
+        "two columns",
+        "object,heavy,red",
+        "object,red,red",
+        "line 1: found 2 columns 'red'; expected one",
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [case[1:] for case in BROKEN_LABELS],
+    ids=[case[0] for case in BROKEN_LABELS],
+)
+def test_broken_labels(own: Path, change: Change, old: str, new: str, expected: str) -> None:
+    change(own / "labels.csv", old, new)
+    with pytest.raises(DataError, match=re.escape(expected)) as caught:
+        load_dataset(own / "own.toml", root=own)
+    assert "\n" not in str(caught.value)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.sampled_from(["labels.csv", "look_color.csv"]),
+    st.integers(0, 80),
+    st.integers(0, 4),
+    st.one_of(st.binary(max_size=6), st.sampled_from([b'"', b"\n", b",", b"1e999", b"1", b"cup"])),
+)
+def test_any_damage_is_told_or_harmless(
+    own: Path, name: str, place: int, length: int, damage: bytes
+) -> None:
+    whole = (own / name).read_bytes()
+    (own / name).write_bytes(whole[:place] + damage + whole[place + length :])
+    message = ""
+    try:
+        load_dataset(own / "own.toml", root=own)
+    except DataError as error:
+        message = str(error)
+    finally:
+        (own / name).write_bytes(whole)
+    assert "\n" not in message
+
+
+def test_huge_quoted_cell(own: Path, change: Change) -> None:
+    change(own / "look_color.csv", "stone,1,3,4", f'stone,1,3,"{"4" * 200_000}"')
+    with pytest.raises(DataError, match="line 4: found a row of 1 columns") as caught:
+        load_dataset(own / "own.toml", root=own)
+    assert len(str(caught.value)) < 500

@@ -1,0 +1,82 @@
+"""A `Dataset` that is wrong cannot be made; one that is made cannot be changed."""
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import Dataset, object_index
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import DataError, SettingsError
+
+
+def fields(**changes: Any) -> dict[str, Any]:
+    features = {
+        ("look", "color"): np.arange(12.0).reshape(2, 3, 2),
+        ("lift", "haptics"): np.zeros((2, 3, 1)),
+    }
+    whole = {
+        "domain": load_domain("toy"),
+        "objects": ("cup", "stone"),
+        "features": features,
+        "labels": [[1, 0], [0, -1]],
+    }
+    return {**whole, **changes}
+
+
+def test_instance_has_the_features_of_its_behavior() -> None:
+    instance = Dataset(**fields()).instance(1, "look", 2)
+    assert instance.features is not None
+    assert set(instance.features) == {"color"}
+    assert instance.features["color"].tolist() == [10, 11]
+    assert (instance.object_index, instance.behavior, instance.recording) == (1, "look", 2)
+
+
+def test_arrays_are_read_only() -> None:
+    dataset = Dataset(**fields())
+    for array in (dataset.labels, *dataset.features.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"labels": [[1, 0]]}, r"expected \(objects, attributes\) = \(2, 2\)"),
+        ({"labels": [[1, 0], [0, 2]]}, "must be 1"),
+        ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
+        ({"features": {}}, "No features of"),
+        ({"features": {("look", "color"): np.zeros((2, 3))}}, "have shape"),
+        ({"features": {("look", "color"): np.full((2, 3, 1), np.nan)}}, "NaN or infinity"),
+        (
+            {
+                "features": {
+                    ("look", "color"): np.zeros((2, 3, 1)),
+                    ("lift", "haptics"): np.zeros((2, 2, 1)),
+                }
+            },
+            "same number of recordings",
+        ),
+    ],
+)
+def test_bad_parts_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        Dataset(**fields(**changes))
+
+
+def test_object_index() -> None:
+    assert object_index(("cup", "stone"), "stone") == 1
+    with pytest.raises(SettingsError, match="did you mean 'stone'"):
+        object_index(("cup", "stone"), "stome")
+
+
+def test_room_loads_numpy_only() -> None:
+    code = (
+        "import sys, meal_bayes.datasets, meal_bayes.robots\n"
+        "heavy = {'pooch', 'requests', 'scipy', 'sklearn', 'pandas', 'numba'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("[]\n", "")

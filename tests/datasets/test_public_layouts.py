@@ -1,0 +1,149 @@
+"""The published layouts in small: joins, repairs, and what each repair tells the log."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import load_dataset
+from meal_bayes.errors import DataError
+
+Change = Callable[[Path, str, str], None]
+
+
+def test_cy101_joins_and_repairs(cy101: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
+        dataset = load_dataset(cy101 / "own.toml", root=cy101)
+    assert dataset.objects == ("ball_t", "can", "bear")  # no_object is left out
+    np.testing.assert_array_equal(dataset.labels, [[1, 0, 0], [0, 1, 0], [1, 0, 1]])
+    color = dataset.features["look", "color"]
+    np.testing.assert_array_equal(color[:, :, 0], [[1, 2, 3, 129, 5], [11, 11, 13, 14, 15],
+                                                   [21, 22, 23, 24, 25]])  # fmt: skip
+    told = caplog.text
+    assert "added 2^31 to the count of ball_t_t4 in look_color.txt, line 12, feature 1" in told
+    assert "kept can_t2, a copy of can_t1, in look_color" in told
+    assert "tap_flow" not in told  # rows of zeros are no copies
+    assert "which no newline ends, of look_color" in told
+    assert "repeat: can" in told
+    assert "cut a leading space in a label of bear" in told
+
+
+def test_cy101_key_without_number(cy101: Path, change: Change) -> None:
+    change(cy101 / "normalized_data_without_noobject" / "tap_flow.txt", "bear_t3", "bear3")
+    with pytest.raises(DataError, match=r"tap_flow.txt, line 13: found key 'bear3'; expected"):
+        load_dataset(cy101 / "own.toml", root=cy101)
+
+
+def test_cy101_object_without_words(cy101: Path, change: Change) -> None:
+    change(cy101 / "cy101_labels.csv", "bear,", "beer,")
+    with pytest.raises(DataError, match="found no row of object 'bear'"):
+        load_dataset(cy101 / "own.toml", root=cy101)
+
+
+def test_ispy32_trial_number_is_no_feature(ispy32: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
+        dataset = load_dataset(ispy32 / "own.toml", root=ispy32)
+    expected = [[[o + 0.5, k] for k in range(1, 6)] for o in (1, 2)]
+    np.testing.assert_array_equal(dataset.features["look", "rgb"], expected)
+    np.testing.assert_array_equal(dataset.labels, [[1, 1], [0, 0]])  # light, heavy
+    assert "both heavy and light: tin" in caplog.text
+    assert "trial number" in caplog.text
+
+
+def test_ispy32_object_beyond_the_list(ispy32: Path, change: Change) -> None:
+    change(ispy32 / "corl_features" / "look_rgb.txt", "2,4,2.5,4", "3,4,2.5,4")
+    with pytest.raises(DataError, match=r"look_rgb.txt, line 7: found object '3'; expected 1 to 2"):
+        load_dataset(ispy32 / "own.toml", root=ispy32)
+
+
+def test_ispy32_words_and_labels_must_agree(ispy32: Path) -> None:
+    (ispy32 / "test_full.csv").write_text("heavy,light")
+    with pytest.raises(DataError, match="found another thing than 2 labels 0 or 1 in row 0"):
+        load_dataset(ispy32 / "own.toml", root=ispy32)
+
+
+def test_roc36_recordings_in_file_order(roc36: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
+        dataset = load_dataset(roc36 / "own.toml", root=roc36)
+    expected = [[[o, k] for k in range(10)] for o in (0, 1)]
+    np.testing.assert_array_equal(dataset.features["look", "patch"], expected)
+    np.testing.assert_array_equal(dataset.labels, [[1, 0, 1, 1, 0], [0, 1, 0, 0, 1]])
+    assert "in file order" in caplog.text
+
+
+def test_roc36_eleventh_row(roc36: Path, change: Change) -> None:
+    change(
+        roc36 / "sensorimotor_features" / "look-patch.txt",
+        "heavy_blue_beans,1,9",
+        "light_brown_rice,1,9",
+    )
+    with pytest.raises(DataError, match=r"line 20: found row 11 of light_brown_rice; expected 10"):
+        load_dataset(roc36 / "own.toml", root=roc36)
+
+
+def test_attribute_nobody_labeled(roc36: Path, change: Change) -> None:
+    change(roc36 / "own.toml", '"rice"', '"rise"')
+    with pytest.raises(DataError, match="did you mean 'rice'"):
+        load_dataset(roc36 / "own.toml", root=roc36)
+
+
+def test_folder_without_recordings(roc36: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match="expected shiqizhang6/perception_pomdp/"):
+        load_dataset(roc36 / "own.toml", root=tmp_path / "empty")
+
+
+def test_clone_of_the_repository_serves(roc36: Path) -> None:
+    clone = roc36 / "clone" / "data" / "icra2014"
+    clone.mkdir(parents=True)
+    for name in ("objects.txt", "sensorimotor_features"):
+        (roc36 / name).rename(clone / name)
+    assert load_dataset(roc36 / "own.toml", root=roc36 / "clone").recordings == 10
+
+
+BROKEN_LISTS = [
+    ("cy101", "cy101_labels.csv", "bear,", "ball_t,", "line 3: found 'ball_t' again"),
+    ("cy101", "cy101_labels.csv", '"soft, round"', "soft, round", "line 2: found 3 columns"),
+    ("cy101", "own.toml", '"can"', '"cane"', "did you mean 'can'"),
+    ("ispy32", "object_list.csv", "jar,2", "jar,3", "line 2: found 'jar,3'; expected name,2"),
+    ("ispy32", "own.toml", '"light"', '"lights"', "did you mean 'light'"),
+    ("roc36", "objects.txt", "heavy_blue_beans", "light_brown_rice", "line 2: found 'light_brown"),
+    ("roc36", "objects.txt", "heavy_blue_beans", "beans", "expected weight_color_content"),
+]
+
+
+@pytest.mark.parametrize(("data", "name", "old", "new", "expected"), BROKEN_LISTS)
+def test_broken_lists_of_objects_and_words(
+    request: pytest.FixtureRequest,
+    change: Change,
+    data: str,
+    name: str,
+    old: str,
+    new: str,
+    expected: str,
+) -> None:
+    folder = request.getfixturevalue(data)
+    change(folder / name, old, new)
+    with pytest.raises(DataError, match=expected) as caught:
+        load_dataset(folder / "own.toml", root=folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_ispy32_without_heavy_and_light(ispy32: Path, change: Change) -> None:
+    change(ispy32 / "own.toml", '"light", "heavy"', '"red"')
+    assert load_dataset(ispy32 / "own.toml", root=ispy32).labels.tolist() == [[0], [1]]
+
+
+def test_file_of_one_column(roc36: Path) -> None:
+    (roc36 / "sensorimotor_features" / "look-patch.txt").write_text("light_brown_rice 1 2\n")
+    with pytest.raises(DataError, match=r"line 1: .* expected object and the features, separated"):
+        load_dataset(roc36 / "own.toml", root=roc36)
+
+
+def test_folder_in_a_file_s_place(roc36: Path) -> None:
+    (roc36 / "objects.txt").unlink()
+    (roc36 / "objects.txt").mkdir()
+    with pytest.raises(DataError, match=r"objects.txt: cannot be read"):
+        load_dataset(roc36 / "own.toml", root=roc36)

@@ -1,0 +1,119 @@
+"""Made-up data have the structure that they promise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meal_bayes.datasets import make_synthetic, make_synthetic_model
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import SettingsError
+
+
+@given(st.integers(1, 50), st.integers(1, 4), st.integers(1, 9), st.integers(0, 2**32))
+def test_any_size_and_exclusive_groups(
+    objects: int, recordings: int, dimensions: int, seed: int
+) -> None:
+    domain = load_domain("roc36")
+    dataset = make_synthetic(
+        domain,
+        objects=objects,
+        recordings=recordings,
+        dimensions=dimensions,
+        rng=np.random.default_rng(seed),
+    )
+    assert dataset.features["look", "color"].shape == (objects, recordings, dimensions)
+    assert len(dataset.features) == 22
+    for members in domain.groups.values():
+        columns = [domain.attribute_index(name) for name in members]
+        assert (dataset.labels[:, columns].sum(axis=1) == 1).all()
+        counts = dataset.labels[:, columns].sum(axis=0)
+        assert counts.max() - counts.min() <= 1
+
+
+def test_free_attributes_are_balanced() -> None:
+    dataset = make_synthetic(
+        load_domain("toy"), objects=11, recordings=1, rng=np.random.default_rng(1)
+    )
+    assert dataset.labels.sum(axis=0).tolist() == [5, 5]
+
+
+def test_seed_repeats() -> None:
+    made = [
+        make_synthetic(load_domain("toy"), objects=5, recordings=2, rng=np.random.default_rng(4))
+        for _ in range(2)
+    ]
+    np.testing.assert_array_equal(made[0].labels, made[1].labels)
+    for context, values in made[0].features.items():
+        np.testing.assert_array_equal(values, made[1].features[context])
+
+
+@pytest.mark.statistical
+def test_object_effect_makes_repeats_dependent() -> None:
+    def between(effect: float) -> float:
+        """Variance of the objects' means, beyond what recordings of variance 1 / 50 explain."""
+        dataset = make_synthetic(
+            load_domain("toy"),
+            objects=300,
+            recordings=50,
+            signal=0.0,
+            object_effect=effect,
+            rng=np.random.default_rng(5),
+        )
+        return float(dataset.features["look", "color"].mean(axis=1).var() - 1 / 50)
+
+    # 300 objects x 8 dimensions: the relative standard error of a variance is sqrt(2 / 2400)
+    assert between(0.0) == pytest.approx(0.0, abs=5 * 0.03 / 50)
+    assert between(1.5) == pytest.approx(2.25, rel=5 * 0.03)
+
+
+@pytest.mark.statistical
+def test_signal_moves_the_classes_apart() -> None:
+    def distance(signal: float) -> float:
+        model = make_synthetic_model(
+            load_domain("toy"),
+            objects=400,
+            signal=signal,
+            object_effect=0.0,
+            rng=np.random.default_rng(6),
+        )
+        centers, red = model.centers["look", "color"], model.labels[:, 0] == 1
+        heavy = model.labels[:, 1] == 1
+        return float(np.linalg.norm(centers[red & heavy][0] - centers[~red & heavy][0]))
+
+    assert distance(0.0) == 0.0
+    assert 0.0 < distance(2.0) <= 2.0
+    assert distance(4.0) == pytest.approx(2 * distance(2.0))
+
+
+@pytest.mark.statistical
+def test_drawn_instances_scatter_around_the_center() -> None:
+    model = make_synthetic_model(load_domain("toy"), objects=3, rng=np.random.default_rng(7))
+    rng = np.random.default_rng(8)
+    drawn = [model.draw(1, "lift", rng).features for _ in range(2000)]
+    values = np.array([features["haptics"] for features in drawn if features is not None])
+    center = model.centers["lift", "haptics"][1]
+    np.testing.assert_allclose(values.mean(axis=0), center, atol=5 / np.sqrt(2000))
+    np.testing.assert_allclose(values.var(axis=0), 1.0, rtol=5 * np.sqrt(2 / 2000))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [{"objects": 0}, {"dimensions": 0}, {"signal": -1.0}, {"object_effect": float("nan")}],
+)
+def test_settings_out_of_range(setting: dict[str, float]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(setting))):
+        make_synthetic_model(
+            load_domain("toy"),
+            **{"objects": 3, "rng": np.random.default_rng(0), **setting},  # type: ignore[arg-type]
+        )
+    with pytest.raises(SettingsError, match="recordings = 0"):
+        make_synthetic(load_domain("toy"), objects=1, recordings=0, rng=np.random.default_rng(0))
+
+
+def test_groups_that_overlap_are_refused() -> None:
+    domain = replace(load_domain("toy"), groups={"a": ("red",), "b": ("heavy", "red")})
+    with pytest.raises(SettingsError, match="Group 'b' shares attributes"):
+        make_synthetic_model(domain, objects=3, rng=np.random.default_rng(0))

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Effect, TransitionDiagram, domain_names, load_domain
+from meal_bayes.errors import DomainError
+
+LOOP = Effect("a", "look", "a", 0.8)
+
+
+def diagram(*effects, states=("a", "b", "term"), start="a", illegal="terminate"):
+    return TransitionDiagram(states, start, effects, illegal)
+
+
+@pytest.mark.parametrize("name", domain_names())
+def test_shipped_rows_are_distributions(name):
+    arrays = load_domain(name).transitions()
+    assert (arrays.transition >= 0).all()
+    np.testing.assert_allclose(arrays.transition.sum(axis=2), 1.0)
+    assert ((arrays.informative >= 0) & (arrays.informative <= 1)).all()
+    assert not arrays.legal[-1].any()
+    np.testing.assert_array_equal(arrays.transition[:, -1, -1], 1.0)
+
+
+def test_failure_keeps_x_and_shows_nothing():
+    arrays = diagram(Effect("a", "grasp", "b", 0.9), LOOP).compile(["grasp", "look"])
+    np.testing.assert_allclose(arrays.transition[0, 0], [0.1, 0.9, 0.0])
+    assert arrays.informative[0, 0, 0] == 0.0
+    assert arrays.informative[0, 0, 1] == 1.0
+    # The loop's own failure looks the same as its success, so a percept comes only sometimes.
+    np.testing.assert_allclose(arrays.transition[1, 0], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(arrays.informative[1, 0, 0], 0.8)
+
+
+@pytest.mark.parametrize(("illegal", "target"), [("terminate", 2), ("stay", 1)])
+def test_illegal_behaviors_end_the_trial_or_stay(illegal, target):
+    arrays = diagram(Effect("a", "grasp", "b"), illegal=illegal).compile(["grasp"])
+    assert not arrays.legal[1, 0]
+    assert arrays.transition[0, 1, target] == 1.0
+    assert arrays.informative[0, 1].sum() == 0.0
+
+
+def test_senseless_arrows_give_no_percept():
+    effects = (Effect("a", "shake", "a", 0.95, senses=False), Effect("a", "shake", "b", 0.05))
+    arrays = diagram(*effects).compile(["shake"])
+    np.testing.assert_allclose(arrays.transition[0, 0], [0.95, 0.05, 0.0])
+    np.testing.assert_array_equal(arrays.informative[0, 0], [0.0, 1.0, 0.0])
+
+
+def test_stars_stand_for_every_state_and_for_staying():
+    arrays = diagram(Effect("*", "ask", "*"), Effect("a", "go", "b")).compile(["ask", "go"])
+    np.testing.assert_array_equal(arrays.legal[:, 0], [True, True, False])
+    np.testing.assert_array_equal(arrays.transition[0], np.eye(3))
+
+
+def test_probabilities_that_round_above_one_stay_distributions():
+    states = ("a", "b", "c", "d", "term")
+    shares = {"b": 0.7 + 1e-16, "c": 0.2, "d": 0.1 + 1e-10}
+    effects = [Effect("a", "go", target, share) for target, share in shares.items()]
+    arrays = diagram(*effects, states=states).compile(["go"])
+    assert (arrays.transition >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ([Effect("a", "grasp", "b", 1.5)], "probability 1.5; expected a number above 0"),
+        ([Effect("a", "grasp", "b", 0.0)], "probability 0; expected"),
+        ([Effect("a", "grasp", "b", float("nan"))], "probability nan; expected"),
+        ([LOOP, Effect("a", "look", "b", 0.3)], "total probability 1.1; lower them"),
+        ([LOOP], "No behavior ever leads from 'a' to 'b'; add an effect"),
+        ([Effect("a", "grasp", "c")], r"goes to 'c'; expected one of \['a', 'b'\]"),
+        ([Effect("c", "grasp", "b")], r"goes from 'c'; expected one of"),
+        ([Effect("a", "go", "b", 0.5)] * 2, "a --go--> b is listed twice; keep one"),
+    ],
+)
+def test_bad_effects_are_refused_in_one_line(effects, says):
+    with pytest.raises(DomainError, match=says) as caught:
+        diagram(*effects)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"states": ("a", "b")}, "must be distinct, with 'term' as the last"),
+        ({"states": ("a", "a", "term")}, "must be distinct"),
+        ({"states": ()}, "must be distinct"),
+        ({"start": "term"}, "start = 'term' is none of the states"),
+        ({"illegal": "explode"}, "expected 'terminate' or 'stay'"),
+    ],
+)
+def test_bad_states_are_refused(changes, says):
+    with pytest.raises(DomainError, match=says):
+        diagram(Effect("a", "grasp", "b"), **changes)

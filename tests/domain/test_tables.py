@@ -1,0 +1,131 @@
+import pytest
+
+from meal_bayes.domain import domain_names, load_domain
+from meal_bayes.errors import DomainError, SettingsError
+
+TABLE = """
+name = "mine"
+attributes = ["red", "heavy"]
+synonyms = { crimson = "red" }
+behaviors = [
+    { name = "look", cost = 1.0, modalities = ["color"] },
+    { name = "lift", cost = 5, modalities = ["haptics"] },
+]
+[diagram]
+states = ["x0", "x1"]
+start = "x0"
+effects = [
+    { from = "x0", do = "look", to = "x0" },
+    { from = "x0", do = "lift", to = "x1", probability = 0.9 },
+]
+"""
+
+
+def load(folder, text, name="mine.toml"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return load_domain(path)
+
+
+def test_own_table_loads(tmp_path):
+    domain = load(tmp_path, TABLE)
+    assert domain.behavior_names == ("look", "lift")
+    assert domain.data == "mine"
+    assert domain.diagram.states == ("x0", "x1", "term")
+
+
+@pytest.mark.parametrize("name", domain_names())
+def test_shipped_tables_load(name):
+    domain = load_domain(name)
+    assert domain.name == name
+    assert domain.data == name.removesuffix("_published")
+
+
+def test_costs_of_all_roc36_behaviors_are_table_3s():
+    domain = load_domain("roc36")
+    assert sum(b.cost for b in domain.behaviors if b.modalities) == pytest.approx(37.1)
+
+
+def test_costs_of_the_illustrative_cy101_trials():
+    domain = load_domain("cy101")
+    cost = {behavior.name: behavior.cost for behavior in domain.behaviors}
+    early = ("look", "grasp", "lift_slow", "hold", "hold")
+    assert sum(cost[name] for name in early) == pytest.approx(55.5)
+    assert cost["look"] + cost["crush"] == pytest.approx(22.5)
+
+
+def test_one_table_extends_another(tmp_path):
+    load(tmp_path, TABLE)
+    child = load(tmp_path, 'extends = "mine.toml"\nname = "child"\nreport_reward = 7', "child.toml")
+    assert (child.name, child.report_reward, child.attributes) == ("child", 7.0, ("red", "heavy"))
+    assert load(tmp_path, 'extends = "toy"\nname = "t"').behavior_names == (
+        "look",
+        "lift",
+        "reinit",
+    )
+
+
+def test_a_circle_of_tables_is_refused(tmp_path):
+    (tmp_path / "a.toml").write_text('extends = "b.toml"')
+    with pytest.raises(DomainError, match="extends itself"):
+        load(tmp_path, 'extends = "a.toml"', "b.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("probability = 0.9", "probability = 1.9", "probability 1.9; expected a number above 0"),
+        ("cost = 5, ", "", "behavior 'lift' has no 'cost'; add it"),
+        ("cost = 5", "cost = -5", "costs -5.0; give its seconds, 0 or more"),
+        ("cost = 5", "cost = inf", "costs inf; give its seconds"),
+        ("cost = 5", "cost = '5'", "cost = '5'; expected a number"),
+        ('["red", "heavy"]', '["red", "red"]', "'red' is listed twice"),
+        ('["red", "heavy"]', '["red", "Red"]', "'red' is listed twice"),
+        ('["red", "heavy"]', '"red"', "attributes = 'red'; expected a list of texts"),
+        ('["red", "heavy"]', "[]", "needs at least one attribute"),
+        ('to = "x1"', 'to = "x9"', "goes to 'x9'; expected one of"),
+        ('do = "lift"', 'do = "fly"', "uses behavior 'fly', which has no entry"),
+        ('name = "lift"', 'name = "look"', "behavior 'look' is listed twice"),
+        ('do = "lift", to = "x1"', 'do = "look", to = "x1"', "total probability 1.9"),
+        ('["x0", "x1"]', '["x0", "x1", "x2"]', "ever leads from 'x0' to 'x2'"),
+        ("cost = 5", "price = 5", "has no 'cost'"),
+        ("cost = 5", "cost = 5, coast = 1", "Unknown key 'coast': did you mean 'cost'"),
+        ("cost = 5", "cost = 5, answer_accuracy = 1.2", "answer_accuracy 1.2; expected"),
+        ('"red" }', '"rad" }', "name 'rad', which is no attribute"),
+        ("crimson =", "heavy =", "synonym 'heavy' is an attribute of its own"),
+        ('crimson = "red"', "crimson = 1", "crimson = 1; expected a text"),
+        ("[diagram]", "[diagrams]", "has no 'diagram'; add it"),
+        ('start = "x0"', 'start = "y"', "start = 'y' is none of the states"),
+        ("effects = [", "effects = [ 1,", r"expected rows"),
+        ('name = "mine"', 'name = "mine"\npredefined = ["poke"]', "'poke', which is no behavior"),
+        ('name = "mine"', 'name = "mine"\nextends = 3', "extends = 3; expected a text"),
+        ('name = "mine"', "name = ", "is not valid TOML"),
+    ],
+)
+def test_bad_tables_teach_in_one_line(tmp_path, old, new, says):
+    assert TABLE.count(old) >= 1
+    with pytest.raises(DomainError, match=says) as caught:
+        load(tmp_path, TABLE.replace(old, new, 1))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_behavior_that_is_nowhere_legal_is_refused(tmp_path):
+    extra = '    { name = "poke", cost = 1 },\n]\n[diagram]'
+    with pytest.raises(DomainError, match="'poke' is legal in no state; add an effect"):
+        load(tmp_path, TABLE.replace("]\n[diagram]", extra))
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "bytes.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DomainError, match="is not valid TOML"):
+        load_domain(path)
+
+
+def test_unknown_names_suggest_the_nearest(tmp_path):
+    with pytest.raises(SettingsError, match="did you mean 'roc36'"):
+        load_domain("rock36")
+    with pytest.raises(SettingsError, match=r"No file .*; give the path of a domain table"):
+        load_domain(tmp_path / "none.toml")
+    with pytest.raises(DomainError, match="did you mean 'grasp'"):
+        load_domain("roc36").behavior_index("grsp")

@@ -1,0 +1,125 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import (
+    bootstrap_interval,
+    calibration_error,
+    clustered_se,
+    expected_calibration_error,
+    paired_difference,
+    wilson_interval,
+)
+
+values = st.lists(st.floats(-100, 100), min_size=3, max_size=30)
+
+
+@given(values)
+def test_lone_values_give_the_usual_standard_error(x):
+    expected = np.std(x, ddof=1) / np.sqrt(len(x))
+    assert clustered_se(x, range(len(x))) == pytest.approx(expected, abs=1e-9)
+
+
+@given(values, st.integers(2, 5))
+def test_copies_within_a_cluster_are_no_new_cases(x, copies):
+    clusters = np.repeat(np.arange(len(x)), copies)
+    assert clustered_se(np.repeat(x, copies), clusters) == pytest.approx(
+        clustered_se(x, range(len(x))), abs=1e-9
+    )
+
+
+def test_a_single_cluster_says_nothing():
+    assert math.isnan(clustered_se([1, 2, 3], [7, 7, 7]))
+    assert math.isnan(paired_difference([1, 2], [0, 0], [7, 7]).low)
+
+
+def test_paired_difference_is_students():
+    found = paired_difference([3, 5, 4], [1, 4, 4], ["a", "b", "c"])
+    assert found.estimate == pytest.approx(1.0)
+    assert found.se == pytest.approx(1 / math.sqrt(3))
+    assert found.high - found.estimate == pytest.approx(4.302653 / math.sqrt(3), rel=1e-6)
+    assert found.estimate - found.low == pytest.approx(found.high - found.estimate)
+
+
+@pytest.mark.statistical
+def test_clustered_intervals_cover():
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(400):
+        shared = np.repeat(rng.normal(size=20), 8)
+        difference = shared + rng.normal(size=160)
+        interval = paired_difference(difference, np.zeros(160), np.repeat(np.arange(20), 8))
+        covered += interval.low < 0 < interval.high
+    assert abs(covered / 400 - 0.95) < 5 * math.sqrt(0.95 * 0.05 / 400)
+
+
+def test_bootstrap_of_a_mean_agrees_with_the_clustered_error():
+    rng = np.random.default_rng(1)
+    clusters = np.repeat(np.arange(40), 5)
+    x = np.repeat(rng.normal(size=40), 5) + rng.normal(size=200)
+    found = bootstrap_interval(x, clusters, rng)
+    assert found.estimate == pytest.approx(x.mean())
+    assert found.se == pytest.approx(clustered_se(x, clusters), rel=0.1)
+    assert found.low < found.estimate < found.high
+    median = bootstrap_interval(x, clusters, rng, statistic=np.median, draws=200)
+    assert median.estimate == np.median(x)
+
+
+@pytest.mark.parametrize(
+    ("hits", "n", "low", "high"), [(0, 10, 0.0, 0.2775), (81, 263, 0.2553, 0.3662)]
+)
+def test_wilson_known_answers(hits, n, low, high):
+    found = wilson_interval(hits, n)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 200), st.data())
+def test_wilson_holds_the_share(n, data):
+    hits = data.draw(st.integers(0, n))
+    found = wilson_interval(hits, n)
+    assert 0 <= found.low <= found.estimate <= found.high <= 1
+    mirrored = wilson_interval(n - hits, n)
+    assert mirrored.low == pytest.approx(1 - found.high, abs=1e-12)
+
+
+def test_calibration_error_by_hand():
+    # Bins: .05 and .15 apart; 1.0 belongs to the last.
+    positive, truth = [0.05, 0.15, 0.15, 1.0], [True, False, True, True]
+    assert calibration_error(positive, truth) == pytest.approx((0.95 + 0.70 + 0.0) / 4)
+    assert calibration_error([1.0, 0.0], [True, False]) == 0.0
+
+
+@pytest.mark.statistical
+def test_a_calibrated_belief_shows_its_expected_error():
+    rng = np.random.default_rng(2)
+    positive = rng.uniform(size=300)
+    expected = expected_calibration_error(positive, rng, draws=400)
+    shown = [calibration_error(positive, rng.random(300) < positive) for _ in range(400)]
+    assert np.mean(shown) == pytest.approx(expected, abs=5 * np.std(shown) / 20)
+    overconfident = np.where(positive > 0.5, 0.99, 0.01)
+    error = calibration_error(overconfident, rng.random(300) < positive)
+    assert error > 2 * expected_calibration_error(overconfident, rng)
+
+
+def test_certain_beliefs_are_expected_to_be_right():
+    rng = np.random.default_rng(0)
+    assert expected_calibration_error([0.0, 1.0, 1.0], rng) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: clustered_se([1, 2], [1]), "give one name for each value"),
+        (lambda: clustered_se([], []), "give one name for each value"),
+        (lambda: bootstrap_interval([], [], np.random.default_rng(0)), "give one for each"),
+        (lambda: wilson_interval(3, 2), "0 <= hits <= n"),
+        (lambda: wilson_interval(0, 0), "n > 0"),
+    ],
+)
+def test_wrong_input_teaches(call, says):
+    with pytest.raises(SettingsError, match=says):
+        call()

@@ -1,0 +1,107 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents.trial import Step, Task, Trial
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import compare, summarize
+from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.planners import unvalued
+
+DOMAIN = load_domain("toy")
+QUERY = Query(("red", "heavy"))
+MOMDP = build_momdp(DOMAIN, QUERY, np.full((2, 3, 2, 2), 0.5))
+
+
+def trial(agent, positive, truth, report, cost=5.0, object_index=0, key=0):
+    """A trial of one behavior, then the report (None: it abstained)."""
+    first = initial_belief(MOMDP)
+    belief = Belief(0, np.log(positive) - np.log1p(-np.array(positive)), first.seen)
+    steps = [Step(0, unvalued(MOMDP, 1), 0, None, cost, -cost, belief)]
+    if report is not None:
+        reward = 100.0 if list(report) == list(truth) else -100.0
+        action = MOMDP.n_behaviors + QUERY.index_of(report)
+        steps.append(Step(0, unvalued(MOMDP, action), 2, None, 0.0, reward, belief))
+    task = Task(f"task-{key}", QUERY, object_index, f"object {object_index}", ("toy", key))
+    return Trial(task, agent, MOMDP, first, tuple(steps), np.array(truth), report)
+
+
+TRIALS = [
+    trial("bayes", [0.9, 0.2], [True, False], [True, False], 5.0, 0, 0),
+    trial("morc", [0.6, 0.6], [True, False], [True, True], 7.0, 0, 0),
+    trial("bayes", [0.7, 0.4], [True, True], [True, False], 1.0, 1, 1),
+    trial("morc", [0.5, 0.5], [True, True], None, 9.0, 1, 1),
+]
+
+
+def test_measures_by_hand():
+    row, other = summarize(TRIALS, seconds={"bayes": 3.5})
+    assert (row.agent, other.agent) == ("bayes", "morc")
+    assert (row.trials, row.accuracy, row.answered_accuracy) == (2, 0.5, 0.5)
+    assert row.accuracy_se == pytest.approx(0.5)
+    assert (row.cost_s, row.cost_sd) == (3.0, pytest.approx(math.sqrt(8)))
+    assert row.reward == pytest.approx((95 - 101) / 2)
+    assert row.reward_se == pytest.approx(98.0)
+    assert row.nll == pytest.approx(-np.log([0.9, 0.8, 0.7, 0.4]).mean())
+    assert row.brier == pytest.approx(np.mean([0.01, 0.04, 0.09, 0.36]))
+    assert row.ece == pytest.approx((0.1 + 0.2 + 0.3 + 0.6) / 4)
+    assert 0 < row.ece_calibrated < 1
+    assert row.abstained == 0.0
+    assert row.seconds == 3.5
+
+
+def test_abstentions_are_not_right_and_stand_beside():
+    row = summarize(TRIALS)[1]
+    assert (row.accuracy, row.abstained, row.answered_accuracy) == (0.0, 0.5, 0.0)
+    assert row.reward == pytest.approx((-107 - 9) / 2)
+    alone = summarize(TRIALS[3:])[0]
+    assert math.isnan(alone.answered_accuracy)
+
+
+def test_certain_wrong_beliefs_cost_a_finite_nll():
+    sure = trial("a", [0.5, 0.5], [True, False], [True, True])
+    belief = Belief(0, np.array([-np.inf, np.inf]), sure.first_belief.seen)
+    steps = tuple(Step(s.x, s.decision, s.next_x, None, s.cost, s.reward, belief)
+                  for s in sure.steps)  # fmt: skip
+    wrong = Trial(sure.task, "a", MOMDP, sure.first_belief, steps, sure.truth, sure.report)
+    assert summarize([wrong])[0].nll == pytest.approx(-math.log(1e-6))
+
+
+def test_rows_are_json():
+    row = summarize(TRIALS[3:])[0].as_dict()
+    assert row["answered_accuracy"] is None
+    assert row["accuracy_se"] is None
+    assert row["seconds"] is None
+    assert json.loads(json.dumps(row, allow_nan=False)) == row
+    expected = (
+        "agent trials accuracy accuracy_se cost_s cost_sd reward reward_se nll brier ece "
+        "ece_calibrated abstained answered_accuracy seconds"
+    )
+    assert list(row) == expected.split()
+
+
+def test_summaries_repeat_exactly():
+    assert [r.as_dict() for r in summarize(TRIALS)] == [r.as_dict() for r in summarize(TRIALS)]
+
+
+def test_no_trials_no_rows():
+    assert summarize([]) == []
+
+
+def test_agents_are_compared_on_shared_tasks():
+    extra = trial("bayes", [0.9, 0.9], [True, True], [True, True], 3.0, 2, 2)  # morc has none
+    found = compare([*TRIALS, extra], "bayes", "morc")
+    assert found.estimate == pytest.approx(((95 + 107) + (-101 + 9)) / 2)
+    assert found.low < found.estimate < found.high
+    assert compare(TRIALS, "bayes", "morc", measure="cost").estimate == pytest.approx(-5.0)
+    assert compare(TRIALS, "bayes", "morc", measure="success").estimate == pytest.approx(0.5)
+
+
+def test_what_cannot_be_compared_is_refused():
+    with pytest.raises(SettingsError, match="share no task"):
+        compare(TRIALS, "bayes", "greedy")
+    with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
+        compare(TRIALS, "bayes", "morc", measure="speed")

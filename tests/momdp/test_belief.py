@@ -1,0 +1,228 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.stats import dirichlet_multinomial, multinomial
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import ImpossibleObservation
+from meal_bayes.momdp import (
+    Transition,
+    best_report,
+    build_momdp,
+    initial_belief,
+    report_value,
+    update_belief,
+)
+
+
+def two_level(rates):
+    """Rows of {behavior: (TPR, FPR)} for one attribute, (2,K) each."""
+    return {name: [[1 - fpr, fpr], [1 - tpr, tpr]] for name, (tpr, fpr) in rates.items()}
+
+
+def momdp_of(name, rates_by_attribute, precision=np.inf, **options):
+    domain, attributes = load_domain(name), tuple(rates_by_attribute)
+    confusion = np.full((len(attributes), len(domain.behaviors), 2, 2), 0.5)
+    for i, rates in enumerate(rates_by_attribute.values()):
+        for behavior, rows in two_level(rates).items():
+            confusion[i, domain.behavior_index(behavior)] = rows
+    return build_momdp(domain, Query(attributes), confusion, precision, **options)
+
+
+def follow(momdp, steps):
+    """Beliefs after each (behavior, percept levels or None)."""
+    belief, beliefs = initial_belief(momdp), []
+    for behavior, levels in steps:
+        observation = None if levels is None else np.array(levels, dtype=np.int8)
+        action = momdp.behavior_names.index(behavior)
+        belief = update_belief(belief, momdp, Transition(action, belief.x, observation))
+        beliefs.append(belief)
+    return beliefs
+
+
+def test_table_5_empty():
+    rates = {
+        "look": (0.65, 0.45),
+        "grasp": (0.70, 0.50),
+        "lift_slow": (0.58, 0.30),
+        "shake": (0.956, 0.168),
+    }
+    steps = [("look", [1]), ("grasp", [1]), ("lift_slow", [1])]
+    steps += [("shake", [0]), ("shake", [1]), ("shake", [0])]
+    beliefs = follow(momdp_of("cy101", {"empty": rates}), steps)
+    found = [round(float(belief.positive[0]), 3) for belief in beliefs]
+    assert found == [0.591, 0.669, 0.796, 0.171, 0.541, 0.059]
+
+
+def test_figure_7_yellow_and_metallic():
+    momdp = momdp_of(
+        "ispy32",
+        {
+            "yellow": {"look": (0.60, 0.132), "push": (0.50, 0.38)},
+            "metallic": {"look": (0.50, 0.265), "push": (0.70, 0.07)},
+        },
+    )
+    no = [0, 0]
+    steps = [("look", no), ("push", no), ("reinit", None), ("look", no), ("push", None)]
+    beliefs = follow(momdp, [*steps, ("push", no)])
+    np.testing.assert_allclose(beliefs[0].joint, [0.407, 0.277, 0.188, 0.128], atol=5e-4)
+    np.testing.assert_allclose(beliefs[1].joint, [0.598, 0.131, 0.222, 0.049], atol=5e-4)
+    np.testing.assert_allclose(beliefs[5].joint, [0.838, 0.040, 0.116, 0.006], atol=5e-4)
+    assert momdp.action_name(best_report(momdp, beliefs[5])) == "report not yellow, not metallic"
+
+
+def test_table_4_late_press():
+    rows = np.array([[0.82, 0.17], [0.20, 0.80]])
+    domain = load_domain("cy101")
+    confusion = np.tile(rows / rows.sum(axis=1, keepdims=True), (1, len(domain.behaviors), 1, 1))
+    momdp = build_momdp(domain, Query(("soft",)), confusion, prior=0.43)
+    (belief,) = follow(momdp, [("crush", [0])])
+    assert belief.positive[0] == pytest.approx(0.16, abs=0.01)
+
+
+@pytest.mark.parametrize(("scale", "expected"), [(1.0, 8 / 13), (np.inf, 0.7491)])
+def test_six_equal_percepts(scale, expected):
+    # Rows Dir(3,2) given true and Dir(2,2) given false, the first number for "positive".
+    domain = load_domain("toy")
+    confusion = np.tile([[0.5, 0.5], [0.4, 0.6]], (1, len(domain.behaviors), 1, 1))
+    precision = np.tile([4.0 * scale, 5.0 * scale], (1, len(domain.behaviors), 1))
+    momdp = build_momdp(domain, Query(("heavy",)), confusion, precision)
+    beliefs = follow(momdp, [("lift", [1])] * 6)
+    assert beliefs[-1].positive[0] == pytest.approx(expected, abs=5e-5)
+
+
+def rows_of(shape):
+    cells = hnp.arrays(float, shape, elements=st.floats(0.02, 1.0))
+    return cells.map(lambda a: a / a.sum(axis=-1, keepdims=True))
+
+
+@st.composite
+def problems(draw, levels=(2, 4)):
+    """A `toy` problem of two attributes with any rows and precisions, and a history in it."""
+    k = draw(st.sampled_from(levels))
+    finite = st.floats(0.1, 300.0)
+    precision = draw(hnp.arrays(float, (2, 3, 2), elements=finite | st.just(np.inf)))
+    momdp = build_momdp(
+        load_domain("toy"),
+        Query(("red", "heavy")),
+        draw(rows_of((2, 3, 2, k))),
+        precision,
+        prior=draw(hnp.arrays(float, 2, elements=st.floats(0.05, 0.95))),
+    )
+    percept = st.lists(st.integers(0, k - 1), min_size=2, max_size=2)
+    step = st.tuples(st.sampled_from(["look", "lift"]), percept)
+    return momdp, draw(st.lists(step, min_size=1, max_size=12))
+
+
+@given(problems(), st.randoms(use_true_random=False))
+def test_order_of_percepts_does_not_matter(problem, random):
+    momdp, steps = problem
+    shuffled = random.sample(steps, len(steps))
+    one, other = follow(momdp, steps)[-1], follow(momdp, shuffled)[-1]
+    np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
+    np.testing.assert_array_equal(one.seen, other.seen)
+
+
+@given(problems())
+def test_beliefs_stay_finite_and_count_percepts(problem):
+    momdp, steps = problem
+    for number, belief in enumerate(follow(momdp, steps), start=1):
+        assert np.isfinite(belief.log_odds).all()
+        assert ((belief.positive >= 0) & (belief.positive <= 1)).all()
+        assert belief.joint.sum() == pytest.approx(1.0)
+        assert belief.joint.max() == pytest.approx(belief.certainty)
+        np.testing.assert_array_equal(belief.seen.sum(axis=(1, 2)), number)
+
+
+@given(problems())
+def test_no_percept_leaves_the_belief(problem):
+    momdp, steps = problem
+    belief = follow(momdp, steps)[-1]
+    after = update_belief(belief, momdp, Transition(0, 1, None))
+    assert after.x == 1
+    np.testing.assert_array_equal(after.log_odds, belief.log_odds)
+    np.testing.assert_array_equal(after.seen, belief.seen)
+
+
+@given(problems())
+def test_the_filter_is_the_dirichlet_multinomial(problem):
+    momdp, steps = problem
+    belief = follow(momdp, steps)[-1]
+    expected = np.log(momdp.prior) - np.log1p(-momdp.prior)
+    for i, e, v in np.ndindex(2, 2, 2):
+        counts, row = belief.seen[i, e], momdp.confusion[i, e, v]
+        if counts.sum() == 0:
+            continue
+        if np.isinf(momdp.precision[i, e, v]):
+            score = multinomial.logpmf(counts, counts.sum(), row)
+        else:
+            weight = momdp.precision[i, e, v] * row
+            score = dirichlet_multinomial.logpmf(counts, weight, counts.sum())
+        expected[i] += (2 * v - 1) * score
+    np.testing.assert_allclose(belief.log_odds, expected, atol=1e-8)
+
+
+@given(problems())
+def test_swapping_attributes_swaps_the_belief(problem):
+    momdp, steps = problem
+    swapped = build_momdp(
+        load_domain("toy"),
+        Query(momdp.query.attributes[::-1]),
+        momdp.confusion[::-1],
+        momdp.precision[::-1],
+        prior=momdp.prior[::-1],
+    )
+    one = follow(momdp, steps)[-1]
+    other = follow(swapped, [(name, levels[::-1]) for name, levels in steps])[-1]
+    np.testing.assert_array_equal(one.log_odds, other.log_odds[::-1])
+
+
+@given(problems())
+def test_complementing_an_attribute_complements_the_belief(problem):
+    momdp, steps = problem
+    negated = build_momdp(
+        load_domain("toy"),
+        momdp.query,
+        momdp.confusion[:, :, ::-1],
+        momdp.precision[:, :, ::-1],
+        prior=1 - momdp.prior,
+    )
+    one, other = follow(momdp, steps)[-1], follow(negated, steps)[-1]
+    np.testing.assert_allclose(one.log_odds, -other.log_odds, atol=1e-9)
+
+
+def test_report_value_is_that_of_the_best_report():
+    momdp = momdp_of("toy", {"red": {"look": (0.9, 0.2)}, "heavy": {}}, prior=[0.5, 0.25])
+    belief = follow(momdp, [("look", [1, 1])])[-1]
+    p = 0.9 / 1.1 * 0.75
+    assert belief.joint.max() == pytest.approx(p)
+    assert report_value(momdp, belief) == pytest.approx(100 * p - 100 * (1 - p))
+    assert best_report(momdp, belief) == momdp.n_behaviors + 2
+
+
+def test_entropy_in_bits():
+    momdp = momdp_of("toy", {"red": {}, "heavy": {}}, prior=[0.5, 1.0])
+    assert initial_belief(momdp).entropy == pytest.approx(1.0)
+
+
+def test_impossible_percepts_are_named():
+    momdp = momdp_of("toy", {"red": {"look": (1.0, 1.0)}})
+    with pytest.raises(ImpossibleObservation, match="'red' by 'look' has probability zero"):
+        follow(momdp, [("look", [0])])
+
+
+def test_certain_percepts_decide():
+    momdp = momdp_of("toy", {"red": {"look": (1.0, 0.0)}})
+    assert follow(momdp, [("look", [1])])[-1].positive[0] == 1.0
+    with pytest.raises(ImpossibleObservation):
+        follow(momdp, [("look", [1]), ("look", [0])])
+
+
+def test_very_long_histories_stay_finite():
+    momdp = momdp_of("toy", {"red": {"look": (0.99, 0.01)}})
+    belief = follow(momdp, [("look", [1])] * 500)[-1]
+    assert belief.positive[0] == 1.0
+    assert np.isfinite(belief.log_odds).all()
+    assert follow(momdp, [("look", [0])] * 500)[-1].positive[0] < 1e-300

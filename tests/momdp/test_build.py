@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import build_momdp
+
+
+def uninformed(name, n, levels=2, **options):
+    domain = load_domain(name)
+    confusion = np.full((n, len(domain.behaviors), 2, levels), 1 / levels)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "states"),
+    [
+        ("ispy32", 2, 25), ("ispy32", 3, 49), ("roc36", 2, 25), ("roc36", 3, 49),
+        ("cy101", 1, 11), ("cy101", 2, 21),
+    ],
+)  # fmt: skip
+def test_states_of_the_paper(name, n, states):
+    momdp = uninformed(name, n)
+    assert momdp.n_states == states
+    assert momdp.n_actions == momdp.n_behaviors + 2**n
+    assert momdp.x_names[momdp.terminal] == "term"
+
+
+def test_rewards_are_the_domains_unless_told():
+    assert (uninformed("cy101", 1).correct, uninformed("cy101", 1).incorrect) == (300.0, -300.0)
+    momdp = uninformed("cy101", 1, correct=10, incorrect=-20)
+    assert (momdp.correct, momdp.incorrect) == (10, -20)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("levels", [2, 4])
+def test_ask_answers_the_whole_vector_right_with_the_stated_accuracy(n, levels):
+    momdp = uninformed("ispy32", n, levels, precision=3.0, limit=5)
+    ask = momdp.behavior_names.index("ask")
+    rows = momdp.confusion[:, ask]  # (N,2,K)
+    assert rows[:, 0, 0].prod() == pytest.approx(0.7)
+    assert rows[:, 1, -1].prod() == pytest.approx(0.7)
+    np.testing.assert_allclose(rows.sum(axis=-1), 1.0)
+    assert np.isinf(momdp.precision[:, ask]).all()
+    assert np.isinf(momdp.limit[ask])
+    look = momdp.behavior_names.index("look")
+    assert (momdp.precision[:, look] == 3.0).all()
+    assert momdp.limit[look] == 5
+
+
+def test_behaviors_without_modalities_never_give_a_percept():
+    momdp = uninformed("roc36", 1)
+    reinit = momdp.behavior_names.index("reinit")
+    assert momdp.informative[reinit].sum() == 0
+    assert (momdp.informative.sum(axis=(1, 2))[:reinit] > 0).all()
+
+
+def test_arrays_cannot_be_written_to():
+    momdp = uninformed("toy", 1)
+    with pytest.raises(ValueError, match="read-only"):
+        momdp.confusion[0] = 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"prior": 1.5}, r"prior must lie in \[0, 1\]"),
+        ({"prior": np.nan}, r"prior must lie in \[0, 1\]"),
+        ({"precision": 0.0}, "precision must be above 0"),
+        ({"discount": 0.0}, "Need 0 < discount <= 1"),
+        ({"correct": -9, "incorrect": 9}, "correct >= incorrect"),
+        ({"levels": 3}, "an even number"),
+    ],
+)
+def test_settings_out_of_range_are_refused(options, says):
+    with pytest.raises(SettingsError, match=says):
+        uninformed("toy", 2, **options)
+
+
+@pytest.mark.parametrize(
+    ("confusion", "says"),
+    [
+        (np.full((2, 3, 2, 2), 0.4), "confusion must be >= 0 and sum to 1"),
+        (np.tile([1.5, -0.5], (2, 3, 2, 1)), "confusion must be >= 0"),
+        (np.full((2, 3, 2, 2), np.nan), "confusion must be >= 0"),
+        (np.full((1, 3, 2, 2), 0.5), r"confusion has shape \(1, 3, 2, 2\); expected \(2 queried"),
+        (np.full((2, 2, 2, 2), 0.5), r"confusion has shape \(2, 2, 2, 2\); expected \(2 queried"),
+    ],
+)
+def test_confusion_that_is_none_is_refused(confusion, says):
+    with pytest.raises(SettingsError, match=says):
+        build_momdp(load_domain("toy"), Query(("red", "heavy")), confusion)

@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import (
+    Transition,
+    build_momdp,
+    flatten,
+    initial_belief,
+    percept_probabilities,
+    update_belief,
+)
+
+
+def momdp_of(name, n, levels=2, seed=0, **options):
+    domain, rng = load_domain(name), np.random.default_rng(seed)
+    shape = (n, len(domain.behaviors), 2)
+    confusion = rng.dirichlet(np.ones(levels), shape)
+    prior = rng.uniform(0.2, 0.8, n)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "levels", "states", "observations"),
+    [
+        ("ispy32", 2, 2, 25, 5), ("ispy32", 3, 2, 49, 9), ("roc36", 2, 4, 25, 17),
+        ("roc36_published", 3, 2, 49, 9), ("cy101", 1, 2, 11, 3), ("cy101", 2, 2, 21, 5),
+    ],
+)  # fmt: skip
+def test_sizes_and_distributions(name, n, levels, states, observations):
+    momdp = momdp_of(name, n, levels)
+    flat = flatten(momdp)
+    assert len(flat.state_names) == len(set(flat.state_names)) == states == momdp.n_states
+    assert len(flat.observation_names) == observations
+    assert len(flat.action_names) == momdp.n_actions
+    for rows in (flat.transition, flat.observation):
+        assert (rows >= 0).all()
+        np.testing.assert_allclose(rows.sum(axis=-1), 1.0)
+    assert flat.start.sum() == pytest.approx(1.0)
+    assert (flat.start > 0).sum() == 2**n
+
+
+@pytest.mark.parametrize("name", ["toy", "ispy32", "roc36_published"])
+@pytest.mark.parametrize("levels", [2, 4])
+def test_the_dense_filter_is_the_factored_filter(name, levels):
+    momdp = momdp_of(name, 2, levels)
+    flat, rng = flatten(momdp), np.random.default_rng(1)
+    for _ in range(30):
+        belief, dense, truth = initial_belief(momdp), flat.start, rng.integers(4)
+        while belief.x != momdp.terminal and belief.seen.sum() < 10:
+            action = int(rng.integers(momdp.n_behaviors))
+            next_x = int(rng.choice(momdp.terminal + 1, p=momdp.transition[action, belief.x]))
+            comes = rng.random() < momdp.informative[action, belief.x, next_x]
+            z = rng.choice(levels**2, p=percept_probabilities(momdp, action)[truth])
+            percept = np.array(divmod(z, levels), dtype=np.int8) if comes else None
+            z = z if comes else -1
+            belief = update_belief(belief, momdp, Transition(action, next_x, percept))
+            joint = dense[:, None] * flat.transition[action] * flat.observation[action, :, :, z]
+            # x is observed: only states of the next x stay possible.
+            at_next = np.zeros(momdp.n_states)
+            at_next[next_x * 4 : min(next_x * 4 + 4, momdp.n_states)] = 1.0
+            dense = joint.sum(axis=0) * at_next
+            dense /= dense.sum()
+            if next_x != momdp.terminal:
+                np.testing.assert_allclose(dense[next_x * 4 : next_x * 4 + 4], belief.joint)
+
+
+def test_rewards_are_equation_4():
+    momdp = momdp_of("toy", 2)
+    flat, e = flatten(momdp), momdp.n_behaviors
+    np.testing.assert_array_equal(flat.reward[:-1, :e], np.tile([-1.0, -5.0, -2.0], (8, 1)))
+    for state in range(8):
+        expected = np.where(np.arange(4) == state % 4, 100.0, -100.0)
+        np.testing.assert_array_equal(flat.reward[state, e:], expected)
+    assert not flat.reward[-1].any()
+    np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
+
+
+def test_illegal_loops_of_the_published_code_are_free():
+    momdp = momdp_of("roc36_published", 1)
+    flat = flatten(momdp)
+    crush, grasp = (momdp.behavior_names.index(name) for name in ("crush", "grasp"))
+    assert flat.reward[0, grasp] == 0.0  # illegal in x0
+    assert flat.reward[2, grasp] == -momdp.cost[grasp]  # legal in x1
+    assert flat.reward[0, crush] == -momdp.cost[crush]
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(SettingsError, match="dense arrays end at"):
+        flatten(momdp_of("ispy32", 5))
+    with pytest.raises(SettingsError, match="precision=inf"):
+        flatten(momdp_of("toy", 1, precision=4.0))

@@ -1,0 +1,259 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.stats import beta
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.posterior import ConfusionPosterior, row_precision
+
+SHAPE = (3, 2, 2, 2)  # (P,E,2,K)
+
+
+def counts_of(shape, top=30):
+    return hnp.arrays(np.int64, shape, elements=st.integers(0, top))
+
+
+@st.composite
+def posteriors(draw, levels=(2, 4)):
+    k = draw(st.sampled_from(levels))
+    if draw(st.booleans()):
+        return ConfusionPosterior.from_counts(draw(counts_of((3, 2, 2, k))))
+    return ConfusionPosterior.from_objects(draw(counts_of((4, 3, 2, 2, k), top=3)))
+
+
+def test_counts_and_prior_make_the_mean():
+    posterior = ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]])
+    np.testing.assert_allclose(posterior.mean[0, 0], [[9 / 12, 3 / 12], [2 / 12, 10 / 12]])
+    np.testing.assert_allclose(posterior.precision[0, 0], [12, 12])
+    posterior = ConfusionPosterior.from_counts([[[[0, 0, 0, 4], [0, 0, 0, 0]]]])
+    np.testing.assert_allclose(posterior.mean[0, 0, 0], [0.5 / 6, 0.5 / 6, 0.5 / 6, 4.5 / 6])
+    posterior = ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]], prior=10)
+    np.testing.assert_allclose(posterior.mean[0, 0, 0], [13 / 20, 7 / 20])
+
+
+def test_objects_are_added_up_for_the_papers_posterior():
+    per_object = np.arange(5 * 24).reshape(5, *SHAPE) % 7
+    total = ConfusionPosterior.from_counts(per_object.sum(axis=0))
+    np.testing.assert_array_equal(ConfusionPosterior.from_counts(per_object).mean, total.mean)
+
+
+def test_whatever_holds_counts_is_taken():
+    class Holder:
+        counts = np.ones((4, *SHAPE), dtype=np.int64)
+
+    np.testing.assert_array_equal(ConfusionPosterior.from_counts(Holder()).counts, 4)
+    np.testing.assert_array_equal(ConfusionPosterior.from_objects(Holder()).counts, 4)
+
+
+@given(counts_of((4, *SHAPE), top=5))
+def test_evidence_is_the_number_of_percepts(per_object):
+    for make in (ConfusionPosterior.from_counts, ConfusionPosterior.from_objects):
+        posterior = make(per_object)
+        np.testing.assert_array_equal(posterior.counts, per_object.sum(axis=0))
+        np.testing.assert_array_equal(posterior.evidence, per_object.sum(axis=(0, 3, 4)))
+
+
+@given(posteriors(), st.data())
+def test_order_of_updates_does_not_matter(posterior, data):
+    one, other = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
+    left, right = posterior.update(one).update(other), posterior.update(other).update(one)
+    np.testing.assert_allclose(left.concentration, right.concentration)
+    np.testing.assert_array_equal(left.evidence, posterior.evidence + (one + other).sum((2, 3)))
+
+
+@given(counts_of(SHAPE), counts_of(SHAPE))
+def test_updating_is_counting(one, other):
+    together = ConfusionPosterior.from_counts(one + other)
+    streamed = ConfusionPosterior.from_counts(one).update(other)
+    np.testing.assert_allclose(streamed.mean, together.mean)
+    np.testing.assert_allclose(streamed.precision, together.precision)
+
+
+@given(posteriors(), st.data())
+def test_percepts_of_one_object_are_worth_less(posterior, data):
+    new = data.draw(counts_of(posterior.counts.shape, top=5))
+    gained = (posterior.update(new).concentration - posterior.concentration).sum(axis=-1)
+    n, s = new.sum(axis=-1), posterior.dispersion
+    expected = np.where(np.isinf(s), n, n * (1 + 1 / s) / (1 + n / s))
+    np.testing.assert_allclose(gained, expected, atol=1e-9)
+    assert (gained <= n + 1e-9).all()
+
+
+@given(posteriors())
+def test_forgetting_goes_back_to_the_prior(posterior):
+    np.testing.assert_allclose(posterior.forget(1.0).concentration, posterior.concentration)
+    np.testing.assert_allclose(posterior.forget(0.0).concentration, posterior.prior)
+    half = posterior.forget(0.5)
+    np.testing.assert_allclose(half.evidence, posterior.evidence / 2)
+    assert (half.precision <= posterior.precision + 1e-9).all()
+
+
+@given(posteriors(), st.permutations(range(3)), st.permutations(range(2)))
+def test_relabelling_permutes_the_rows(posterior, attributes, behaviors):
+    index = np.ix_(attributes, behaviors)
+    relabelled = ConfusionPosterior(
+        posterior.prior[index],
+        posterior.counts[index],
+        posterior.concentration[index],
+        posterior.dispersion[index],
+    )
+    confusion, precision = posterior.select([attributes[0]])
+    for found, expected in zip(relabelled.select([0]), (confusion, precision), strict=True):
+        np.testing.assert_array_equal(found, expected[:, behaviors])
+
+
+@given(counts_of((4, *SHAPE), top=3), st.permutations(range(3)))
+def test_relabelling_attributes_permutes_the_fit(per_object, order):
+    one = ConfusionPosterior.from_objects(per_object)
+    other = ConfusionPosterior.from_objects(per_object[:, order])
+    np.testing.assert_allclose(other.mean, one.mean[order], rtol=1e-4)
+    np.testing.assert_allclose(other.precision, one.precision[order], rtol=1e-3)
+
+
+def test_intervals_are_beta_quantiles():
+    posterior = ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]])
+    lower, upper = posterior.interval(0.9)
+    np.testing.assert_allclose(lower[0, 0, 0], beta.ppf(0.05, [9, 3], [3, 9]))
+    np.testing.assert_allclose(upper[0, 0, 1], beta.ppf(0.95, [2, 10], [10, 2]))
+
+
+@given(posteriors())
+def test_intervals_nest(posterior):
+    inner, outer = posterior.interval(0.5), posterior.interval(0.95)
+    assert (outer[0] <= inner[0]).all()
+    assert (inner[0] <= inner[1]).all()
+    assert (inner[1] <= outer[1]).all()
+
+
+@pytest.mark.statistical
+def test_samples_have_the_dirichlets_moments():
+    posterior = ConfusionPosterior.from_counts([[[[8, 2, 0, 3], [1, 9, 4, 0]]]])
+    draws = posterior.sample(np.random.default_rng(1), 40_000)
+    mean, total = posterior.mean, posterior.concentration.sum(axis=-1, keepdims=True)
+    variance = mean * (1 - mean) / (total + 1)
+    assert draws.shape == (40_000, *mean.shape)
+    np.testing.assert_allclose(draws.sum(axis=-1), 1.0)
+    assert (np.abs(draws.mean(axis=0) - mean) < 5 * np.sqrt(variance / len(draws))).all()
+    np.testing.assert_allclose(draws.var(axis=0), variance, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("s", "a", "expected"),
+    [(2, 20, 40 / 23), (np.inf, 49.0, 49.0), (49.0, np.inf, 49.0), (np.inf, np.inf, np.inf)],
+)
+def test_precision_known_answers(s, a, expected):
+    assert float(row_precision(s, a)) == expected
+
+
+@given(st.floats(0.05, 1e3), st.floats(1.0, 1e6))
+def test_precision_is_below_both_of_its_parts(s, a):
+    assert 0 < row_precision(s, a) < min(s, a)
+    assert row_precision(s, 1e12) == pytest.approx(s, rel=1e-3)
+    assert row_precision(1e12, a) == pytest.approx(a, rel=1e-3)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(("s", "a", "m"), [(2.0, 20.0, 0.7), (0.8, 6.0, 0.5), (30.0, 9.0, 0.1)])
+def test_precision_keeps_the_variance_of_a_new_objects_row(s, a, m):
+    rng = np.random.default_rng(3)
+    mean = rng.beta(a * m, a * (1 - m), 400_000)
+    row = rng.beta(s * mean, s * (1 - mean))
+    found = m * (1 - m) / row.var() - 1
+    assert found == pytest.approx(float(row_precision(s, a)), rel=0.01)
+
+
+INVERTED = [[[[3, 7], [6, 4]], [[9, 1], [1, 9]]]]  # the first behavior's TPR .4 < FPR .7
+
+
+def test_inverted_pairs_are_uninformative():
+    posterior = ConfusionPosterior.from_counts(INVERTED)
+    np.testing.assert_array_equal(posterior.informative, [[False, True]])
+    confusion, precision = posterior.select([0])
+    np.testing.assert_array_equal(confusion[0, 0, 0], confusion[0, 0, 1])
+    np.testing.assert_allclose(confusion[0, 0, 0], [11 / 24, 13 / 24])
+    assert precision[0, 0, 0] == precision[0, 0, 1]
+    np.testing.assert_allclose(confusion[0, 1], posterior.mean[0, 1])
+    believed, _ = posterior.select([0], believe_inverted=True)
+    np.testing.assert_allclose(believed[0], posterior.mean[0])
+
+
+def test_percepts_of_inverted_pairs_move_no_belief():
+    domain = load_domain("toy")
+    per_object = np.zeros((6, 2, 3, 2, 2), dtype=np.int64)
+    per_object[:4, :, :, 0] = [2, 3]
+    per_object[4:, :, :, 1] = [4, 1]
+    posterior = ConfusionPosterior.from_objects(per_object)
+    assert posterior.precision[0, 0, 0] != posterior.precision[0, 0, 1]
+    for options, moves in (({}, False), ({"believe_inverted": True}, True)):
+        momdp = build_momdp(domain, Query(("red",)), *posterior.select([0], **options))
+        belief = initial_belief(momdp)
+        for _ in range(4):
+            belief = update_belief(belief, momdp, Transition(0, 0, np.array([1])))
+        assert (abs(belief.log_odds[0]) > 1e-9) == moves
+
+
+def test_worth_is_judged_by_the_upper_half_of_the_levels():
+    rows = [[[[1, 1, 4, 4], [4, 4, 1, 1]], [[4, 4, 1, 1], [5, 1, 0, 4]]]]
+    posterior = ConfusionPosterior.from_counts(rows)
+    np.testing.assert_array_equal(posterior.informative, [[False, True]])
+
+
+def test_a_prior_that_turns_the_mean_around_makes_a_pair_uninformative():
+    # TPR 1 of one percept against FPR .9 of a hundred: with the prior .67 against .89.
+    posterior = ConfusionPosterior.from_counts([[[[10, 90], [0, 1]]]])
+    assert not posterior.informative[0, 0]
+
+
+def test_a_mean_that_the_prior_turned_around_does_not_make_a_pair_informative():
+    # TPR .9 of a hundred percepts against FPR 1 of one: with the prior .89 against .67.
+    posterior = ConfusionPosterior.from_counts([[[[0, 1], [10, 90]]]])
+    assert not posterior.informative[0, 0]
+
+
+def test_pairs_without_percepts_are_uninformative():
+    assert not ConfusionPosterior.from_counts(np.zeros(SHAPE)).informative.any()
+
+
+def test_exact_selection_is_the_papers_equation_8():
+    posterior = ConfusionPosterior.from_counts(INVERTED)
+    _, precision = posterior.select([0, 0], exact=True)
+    assert precision.shape == (2, 2, 2)
+    assert np.isinf(precision).all()
+
+
+def test_folds_are_fitted_alone():
+    per_object = np.random.default_rng(0).integers(0, 4, (5, *SHAPE))
+    folds = np.stack([per_object * (np.arange(5) != held)[:, None, None, None, None]
+                      for held in range(5)])  # fmt: skip
+    for fold, posterior in zip(folds, ConfusionPosterior.from_folds(folds), strict=True):
+        alone = ConfusionPosterior.from_objects(fold)
+        np.testing.assert_allclose(posterior.mean, alone.mean, rtol=1e-4)
+        np.testing.assert_allclose(posterior.precision, alone.precision, rtol=1e-3)
+        np.testing.assert_array_equal(posterior.counts, alone.counts)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: ConfusionPosterior.from_counts(np.ones((2, 2))), r"expected \(attributes"),
+        (lambda: ConfusionPosterior.from_counts(np.ones((3, 2, 3, 2))), r"expected \(attributes"),
+        (lambda: ConfusionPosterior.from_counts(-np.ones(SHAPE)), "must be numbers >= 0"),
+        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE), prior=0), "prior must be above 0"),
+        (lambda: ConfusionPosterior.from_objects(np.ones(SHAPE)), "shape .* a fold; expected"),
+        (lambda: ConfusionPosterior.from_objects(np.full((2, *SHAPE), 0.5)), "whole numbers"),
+        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).forget(2), "share to keep"),
+        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).interval(1), "between 0 and 1"),
+        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).update(np.ones(3)), "update needs"),
+        (
+            lambda: ConfusionPosterior(*np.ones((3, *SHAPE)), np.ones(2)),
+            "prior, concentration, dispersion have shapes",
+        ),
+    ],
+)
+def test_wrong_input_teaches(call, says):
+    with pytest.raises(SettingsError, match=says):
+        call()

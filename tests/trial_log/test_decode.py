@@ -1,0 +1,206 @@
+"""Messages that no damage makes, with every digest right: they must still be refused by name."""
+
+import itertools
+import random
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.trial_log import TrialWriter, check_log, encode, read_trials, salvage
+from meal_bayes.trial_log.container import FAULTS
+from meal_bayes.trial_log.decode import TrialBuilder
+from meal_bayes.trial_log.encode import digest, encode_momdp, encode_trial, numbered, trial_digest
+from meal_bayes.trial_log.schema import (
+    MOMDPS,
+    OUTCOME,
+    STEP,
+    TRIAL,
+    MomdpMessage,
+    OutcomeMessage,
+    StepMessage,
+    TrialMessage,
+)
+
+
+def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: data):
+    """Messages of a trial, changed before digests are made; `kind` counts momdp, trial, steps."""
+    kinds = [MOMDPS, *(m.topic for m in encode_trial(trial, 0, 0, b"") if m.topic in (TRIAL, STEP))]
+    packed = [m for m in encode_trial(trial, 0, 0, b"") if m.topic in (TRIAL, STEP)]
+    data = [numbered(0, encode_momdp(trial.momdp)), *(message.data for message in packed)]
+    classes = {MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage}
+    for place, kind in enumerate(kinds):
+        message = classes[kind].FromString(data[place])
+        change(place, message)
+        data[place] = garble(place, message.SerializeToString())
+    outcome = OutcomeMessage(trial=0, steps=len(data) - 2)
+    if trial.report is not None:
+        outcome.report.extend(trial.report.tolist())
+    change(len(data), outcome)
+    outcome.digest = trial_digest(digest(data[:1]), data[1], data[2:], outcome)
+    return [*zip(kinds, data, strict=True), (OUTCOME, outcome.SerializeToString())]
+
+
+def built(messages):
+    builder, trials = TrialBuilder(), []
+    for topic, data in messages:
+        trials.append(builder.add(topic, data))
+    return trials[-1]
+
+
+@pytest.fixture(scope="module")
+def trial(make):
+    rng = np.random.default_rng(17)
+    momdp = make.momdp(load_domain("toy"), 2, rng)
+    return next(
+        trial
+        for trial in (make.trial(momdp, rng, steps=3, edges=3) for _ in itertools.count())
+        if trial.report is not None and trial.steps[0].observation is not None
+    )
+
+
+def test_unchanged_messages_give_the_trial(trial, make):
+    assert make.equal(built(sealed(trial)), trial)
+
+
+# place: 0 the MOMDP, 1 the start, 2 the first step, 5 the report, 6 the outcome
+CHANGES = {
+    "no attribute": (0, lambda m: m.ClearField("attributes")),
+    "attribute twice": (0, lambda m: m.attributes.__setitem__(0, m.attributes[1])),
+    "too many x": (0, lambda m: m.x_names.extend(["x"] * 1000)),
+    "confusion short": (0, lambda m: m.confusion.pop()),
+    "rows do not sum": (0, lambda m: m.confusion.__setitem__(0, 5.0)),
+    "transition short": (0, lambda m: m.transition.pop()),
+    "no precision": (0, lambda m: m.ClearField("precision")),
+    "other momdp": (1, lambda m: setattr(m, "momdp", 3)),
+    "other query": (1, lambda m: m.attributes.__setitem__(0, "blue")),
+    "truth short": (1, lambda m: m.truth.pop()),
+    "key is no JSON": (1, lambda m: setattr(m, "key", "[1")),
+    "key is no list": (1, lambda m: setattr(m, "key", "1")),
+    "first belief short": (1, lambda m: m.log_odds.pop()),
+    "first x": (1, lambda m: setattr(m, "belief_x", -1)),
+    "seen short": (2, lambda m: m.seen.extend([1, 2])),
+    "values short": (2, lambda m: m.values.pop()),
+    "errors long": (2, lambda m: m.value_se.append(0.0)),
+    "visits short": (2, lambda m: m.visits.pop()),
+    "next x": (2, lambda m: setattr(m, "next_x", 9)),
+    "percept long": (2, lambda m: m.observation.append(0)),
+    "percept level": (2, lambda m: m.observation.__setitem__(0, 4)),
+    "percept negative": (2, lambda m: m.observation.__setitem__(0, -1)),
+    "negative action": (2, lambda m: setattr(m, "action", -1)),
+    "tree column": (2, lambda m: m.tree_visits.pop()),
+    "tree percepts": (2, lambda m: m.tree_observation.append(1)),
+    "step number": (2, lambda m: setattr(m, "step", 1)),
+    "step of other trial": (2, lambda m: setattr(m, "trial", 1)),
+    "report in a step": (5, lambda m: m.report.pop()),
+    "report": (6, lambda m: m.report.pop()),
+    "steps": (6, lambda m: setattr(m, "steps", 2)),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_inconsistent_messages_are_refused(name, trial):
+    where, change = CHANGES[name]
+
+    def at_place(place, message):
+        if place == where:
+            change(message)
+
+    with pytest.raises(FAULTS):
+        built(sealed(trial, at_place))
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_garbled_messages_raise_nothing_else(seed, trial, outcome_of):
+    rng = random.Random(seed)
+    target = rng.randrange(6)
+
+    def garble(place, data):
+        if place != target or not data:
+            return data
+        changed = bytearray(data)
+        for _ in range(rng.randint(1, 4)):
+            changed[rng.randrange(len(changed))] = rng.randrange(256)
+        return bytes(changed[: rng.randint(1, len(changed))] if rng.random() < 0.3 else changed)
+
+    found = outcome_of(lambda: built(sealed(trial, garble=garble)))
+    assert isinstance(found, (Trial, *FAULTS)), repr(found)
+
+
+def test_messages_out_of_order(trial):
+    momdp, start, *steps, outcome = sealed(trial)
+    orders = [
+        [start, *steps, outcome],
+        [momdp, *steps, outcome],
+        [momdp, outcome],
+        [momdp, start, start],
+        [momdp, start, *steps[1:], outcome],
+        [momdp, start, *reversed(steps), outcome],
+        [momdp, start, *steps, outcome, outcome],
+    ]
+    for order in orders:
+        with pytest.raises(LogCorruptError):
+            built(order)
+
+
+def test_limits_hold_on_the_writing_side(trial, monkeypatch, tmp_path):
+    with TrialWriter(tmp_path / "a.mcap", {}) as log:
+        for limit in ("MESSAGE_LIMIT", "TRIAL_LIMIT"):
+            monkeypatch.setattr(encode, limit, 300)
+            with pytest.raises(LogError, match="at most 300"):
+                log.write(trial)
+            monkeypatch.undo()
+        log.write(trial)
+    assert len(list(read_trials(tmp_path / "a.mcap"))) == 1
+
+
+def test_a_trial_longer_than_a_chunk_comes_back(make, tmp_path):
+    rng = np.random.default_rng(1)
+    momdp = make.momdp(load_domain("toy"), 2, rng)
+    trial = make.trial(momdp, rng, steps=4, edges=17_000)
+    path = tmp_path / "a.mcap"
+    with TrialWriter(path, {}) as log:
+        for _ in range(3):
+            log.write(trial)
+    assert all(make.equal(trial, back) for back in read_trials(path))
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert len(list(salvage(path))) == 2
+    assert check_log(path).trials == 2
+
+
+def test_a_broken_write_never_takes_the_whole_name(trial, monkeypatch, tmp_path):
+    path = tmp_path / "a.mcap"
+    with TrialWriter(path, {}) as log:
+        log.write(trial)
+        with monkeypatch.context() as patch:
+            patch.setattr(log._mcap, "flush", lambda: (_ for _ in ()).throw(OSError("disk full")))
+            with pytest.raises(OSError, match="disk full"):
+                log.write(trial)
+        with pytest.raises(LogError, match="not open"):
+            log.write(trial)
+    assert not path.exists()
+    assert len(list(salvage(log.active_path))) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "field"), [(0, "correct"), (1, "agent"), (2, "reward"), (5, "cost"), (6, "reward")]
+)
+def test_a_change_behind_right_checksums_is_seen(place, field, trial):
+    messages = sealed(trial)
+    classes = {
+        MOMDPS: MomdpMessage,
+        TRIAL: TrialMessage,
+        STEP: StepMessage,
+        OUTCOME: OutcomeMessage,
+    }
+    topic, data = messages[place]
+    message = classes[topic].FromString(data)
+    old = getattr(message, field)
+    setattr(message, field, old + (1.0 if isinstance(old, float) else "x"))
+    messages[place] = topic, message.SerializeToString()
+    with pytest.raises(LogCorruptError, match="digest"):
+        built(messages)

@@ -1,0 +1,262 @@
+import json
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from meal_bayes.agents.trial import Step, Task, Trial
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.momdp import Belief, initial_belief
+from meal_bayes.planners import Decision, TreeEdge, unvalued
+from meal_bayes.trial_log import (
+    FORMAT_VERSION,
+    TrialWriter,
+    check_log,
+    log_info,
+    read_header,
+    read_trials,
+    write_trials,
+)
+from meal_bayes.trial_log.schema import MOMDP_MEMORY
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
+COUNTS = st.integers(0, 2**62)
+TEXTS = st.text(max_size=12)
+
+
+@st.composite
+def decisions(draw, momdp):
+    e, n = momdp.n_behaviors, len(momdp.query)
+    numbers = st.lists(NUMBERS, min_size=e + 1, max_size=e + 1)
+    visits = draw(st.lists(COUNTS, min_size=e + 1, max_size=e + 1))
+    percepts = st.one_of(
+        st.just(()), st.tuples(*[st.integers(0, momdp.levels - 1)] * n), st.just((0,))
+    )
+    edge = st.builds(
+        TreeEdge,
+        st.integers(1, 2),
+        st.integers(-1, 50),
+        st.integers(0, e),
+        percepts,
+        COUNTS,
+        NUMBERS,
+    )
+    action = draw(st.integers(0, momdp.n_actions - 1))
+    tree = tuple(draw(st.lists(edge, max_size=4)))
+    return Decision(action, draw(numbers), draw(numbers), visits, tree, draw(COUNTS))
+
+
+@st.composite
+def beliefs(draw, momdp):
+    """Any belief at all, also one that no filter gives."""
+    n = len(momdp.query)
+    log_odds = draw(st.lists(NUMBERS, min_size=n, max_size=n))
+    shape = (n, momdp.n_behaviors, momdp.levels)
+    size = int(np.prod(shape))
+    seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
+    return Belief(draw(st.integers(0, momdp.terminal)), log_odds, seen.reshape(shape))
+
+
+@st.composite
+def any_trials(draw, make):
+    """Trials whose numbers mean nothing, but whose shapes fit."""
+    n, levels = draw(st.integers(1, 2)), draw(st.sampled_from([2, 4]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    momdp = make.momdp(load_domain("toy"), n, rng, levels)
+    bits = st.lists(st.booleans(), min_size=n, max_size=n).map(np.array)
+    x = st.integers(0, momdp.terminal)
+    percept = st.lists(st.integers(0, levels - 1), min_size=n, max_size=n)
+    percept = st.none() | percept.map(lambda values: np.array(values, np.int8))
+    steps = st.builds(Step, x, decisions(momdp), x, percept, NUMBERS, NUMBERS, beliefs(momdp))
+    key = st.lists(TEXTS | st.integers(-(2**70), 2**70), max_size=3).map(tuple)
+    task = Task(draw(TEXTS), momdp.query, draw(st.integers(0, 999)), draw(TEXTS), draw(key))
+    made = tuple(draw(st.lists(steps, max_size=3)))
+    report = draw(st.none() | bits)
+    return Trial(task, draw(TEXTS), momdp, draw(beliefs(momdp)), made, draw(bits), report)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_any_trials_come_back_equal(data, make, tmp_path_factory):
+    trials = data.draw(st.lists(any_trials(make), max_size=3))
+    path = tmp_path_factory.getbasetemp() / "any.mcap"
+    write_trials(path, trials, header={})
+    back = list(read_trials(path))
+    assert len(back) == len(trials)
+    assert all(map(make.equal, trials, back))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 2), steps=st.integers(0, 6))
+def test_filtered_trials_come_back_equal(seed, n, steps, make, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "filtered.mcap"
+    trials = make.trials(3, seed, n=n, steps=steps)
+    write_trials(path, trials, header={})
+    assert all(map(make.equal, trials, list(read_trials(path))))
+
+
+def test_a_report_of_81_attributes_comes_back(make, tmp_path):
+    trials = make.trials(3, 5, domain="ispy32", n=81)
+    actions = [step.decision.action for trial in trials for step in trial.steps]
+    assert max(actions) > 2**64
+    write_trials(tmp_path / "a.mcap", trials, header={})
+    assert all(map(make.equal, trials, list(read_trials(tmp_path / "a.mcap"))))
+
+
+def test_arrays_come_back_read_only_and_momdps_shared(make, tmp_path):
+    trials = make.trials(4, 1)
+    write_trials(tmp_path / "a.mcap", trials, header={})
+    back = list(read_trials(tmp_path / "a.mcap"))
+    assert back[0].momdp is back[1].momdp
+    assert back[1].momdp is not back[2].momdp
+    assert log_info(tmp_path / "a.mcap").momdps == 2
+    assert not back[0].steps[0].belief.seen.flags.writeable
+    percepts = [s.observation for t in back for s in t.steps if s.observation is not None]
+    assert percepts
+    assert not any(percept.flags.writeable for percept in percepts)
+
+
+def test_equal_momdps_are_stored_once_within_the_memory(make, tmp_path):
+    rng, toy = np.random.default_rng(3), load_domain("toy")
+    momdps = [make.momdp(toy, 1, rng) for _ in range(MOMDP_MEMORY + 1)]
+    order = [*momdps, momdps[-1], momdps[1], momdps[0]]  # the last is forgotten by then
+    trials = [make.trial(momdp, rng, steps=0) for momdp in order]
+    write_trials(tmp_path / "a.mcap", trials, header={})
+    assert log_info(tmp_path / "a.mcap").momdps == len(momdps) + 1
+    assert all(map(make.equal, trials, list(read_trials(tmp_path / "a.mcap"))))
+
+
+def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
+    trial = make.trials(1, 2, steps=5)[0]
+    strange = Belief(0, trial.steps[2].belief.log_odds, trial.steps[2].belief.seen + 3)
+    steps = list(trial.steps)
+    steps[2] = Step(*(getattr(steps[2], name) for name in steps[2].__slots__[:-1]), strange)
+    odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
+    write_trials(tmp_path / "a.mcap", [trial, odd], header={})
+    back = list(read_trials(tmp_path / "a.mcap"))
+    assert all(map(make.equal, [trial, odd], back))
+    told = [bool(step.seen) for step in messages(tmp_path / "a.mcap", "/step")]
+    n = len(trial.steps)
+    assert told == [False] * n + [i in (2, 3) for i in range(n)]
+
+
+def test_equal_runs_give_byte_identical_files(make, header, tmp_path):
+    for name, seconds in (("a", 0.1), ("b", 77.0)):
+        with TrialWriter(tmp_path / f"{name}.mcap", header) as log:
+            for trial in make.trials(5, 8):
+                log.write(trial, seconds=seconds)
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+    assert (tmp_path / "b.timing.csv").read_text().splitlines()[:2] == [
+        "trial,seconds",
+        "0,77.000000",
+    ]
+
+
+def messages(path, topic):
+    """Decode with the MCAP library and the schema in the file alone, as other tools do."""
+    found = []
+    with path.open("rb") as file:
+        for schema, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=topic):
+            pool = descriptor_pool.DescriptorPool()
+            for proto in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+                pool.Add(proto)
+            kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            found.append(kind.FromString(message.data))
+    return found
+
+
+def test_other_tools_read_steps_and_lines(make, header, tmp_path):
+    path = tmp_path / "a.mcap"
+    trials = make.trials(2, 4)
+    write_trials(path, trials, header=header)
+    steps = [step for trial in trials for step in trial.steps]
+    read = messages(path, "/step")
+    assert [step.action_name for step in read] == [
+        trial.momdp.action_name(step.decision.action) for trial in trials for step in trial.steps
+    ]
+    for found, step in zip(read, steps, strict=True):
+        assert np.allclose(found.positive, step.belief.positive, rtol=1e-15)
+        assert len(found.tree_level) == len(step.decision.tree)
+    lines = messages(path, "/log")
+    assert len(lines) == len(steps)
+    assert lines[0].name == "bayes"
+    assert lines[0].level == 2
+    assert lines[0].message.startswith("trial 0 step 0: ")
+    assert [o.success for o in messages(path, "/outcome")] == [t.success for t in trials]
+
+
+def test_metadata_attachment_and_header(make, header, tmp_path):
+    path = tmp_path / "a.mcap"
+    write_trials(path, make.trials(1), header=header)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        (attachment,) = reader.iter_attachments()
+    assert metadata["run"]["format_version"] == str(FORMAT_VERSION)
+    assert metadata["run"]["seed"] == "7"
+    assert set(json.loads(metadata["run"]["versions"])) == {"meal_bayes", "numpy", "python"}
+    assert json.loads(attachment.data) == header["config"]
+    found = read_header(path)
+    assert {name: found[name] for name in header} == header
+    assert found["versions"]["numpy"] == np.__version__
+
+
+def test_info_counts_without_reading_trials(make, header, tmp_path):
+    path = tmp_path / "a.mcap"
+    trials = make.trials(7)
+    write_trials(path, trials, header=header)
+    info = log_info(path)
+    assert (info.trials, info.steps) == (7, sum(len(trial.steps) for trial in trials))
+    assert info.size == path.stat().st_size
+    assert info.header == read_header(path)
+    report = check_log(path)
+    assert (report.trials, report.steps, report.whole, report.problems) == (7, info.steps, True, ())
+
+
+def test_a_log_without_trials_is_whole(tmp_path):
+    write_trials(tmp_path / "a.mcap", [], header={})
+    assert list(read_trials(tmp_path / "a.mcap")) == []
+    assert check_log(tmp_path / "a.mcap").whole
+    assert log_info(tmp_path / "a.mcap").trials == 0
+
+
+def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_path):
+    good = make.trials(1)[0]
+    momdp, first = good.momdp, initial_belief(good.momdp)
+    percept = np.array([0, 9], np.int8)
+    bad = [
+        Step(0, unvalued(momdp, momdp.n_actions), 0, None, 0.0, 0.0, first),
+        Step(0, Decision(0, [0.0], [0.0], [0]), 0, None, 0.0, 0.0, first),
+        Step(0, unvalued(momdp, 0), 99, None, 0.0, 0.0, first),
+        Step(0, unvalued(momdp, 0), 0, percept, 0.0, 0.0, first),
+        Step(0, unvalued(momdp, 0), 0, percept[:1], 0.0, 0.0, first),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [0.0], first.seen)),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_odds, [1])),
+        Step(0, unvalued(momdp, 0), 0, None, "free", 0.0, first),
+    ]
+    path = tmp_path / "a.mcap"
+    with TrialWriter(path, {}) as log:
+        for step in bad:
+            trial = Trial(good.task, "a", momdp, first, (step,), good.truth, None)
+            with pytest.raises(LogError, match="Trial 0 cannot be logged"):
+                log.write(trial)
+        log.write(good)
+    assert make.equal(good, next(read_trials(path)))
+    assert check_log(path).whole
+
+
+def test_writer_says_what_it_needs(make, tmp_path):
+    with pytest.raises(SettingsError, match=r"ends in \.mcap"):
+        TrialWriter(tmp_path / "a.log", {})
+    for header in ({"when": float("nan")}, {"where": tmp_path}, {3: "x"}):
+        with pytest.raises(SettingsError, match="header"):
+            TrialWriter(tmp_path / "a.mcap", header)
+    with pytest.raises(LogError, match="inside `with"):
+        TrialWriter(tmp_path / "a.mcap", {}).write(make.trials(1)[0])
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LogError, match="cannot be written"):
+        TrialWriter(tmp_path / "file" / "a.mcap", {}).__enter__()
