@@ -21,6 +21,7 @@ class Agent:
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
+    discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
 
     def prepare(
         self,
@@ -53,6 +54,7 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
+            discount=self.discount,
             abstain=self.abstain,
         )
         return momdp, self.solver(domain, query).solve(momdp, rng)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacking import stack_without
+from meal_bayes.perception.stacking import fit_stackers, score_without
 
 Floats = NDArray[np.float64]
 
@@ -49,29 +49,45 @@ def leave_out(
 ) -> tuple[Floats, Floats]:
     """Stackers that never saw the sets (S,s) of objects, and what they say of these objects.
 
+    `warm` (P,1+M) is where the search for the stackers starts; it finds the same ones from anywhere.
+
     Returns
     -------
     weights : (S,P,1+M) intercept and slopes of each stacker.
     log_odds : (S,P,s,R) of the sets' recordings, R the most that an object has.
     """
-    n_modalities, n_targets, _ = problem.duals.shape
-    most = int(np.diff(problem.starts).max())
-    weights = np.empty((len(sets), n_targets, 1 + n_modalities))
-    log_odds = np.empty((len(sets), n_targets, sets.shape[1], most))
-    stack_without(
-        np.ascontiguousarray(sets, dtype=np.int64),
-        problem.inverses,
-        problem.duals,
-        problem.targets,
-        problem.starts,
-        settings.ridge,
-        settings.nonnegative,
-        settings.balanced,
-        settings.nested,
-        np.zeros((n_targets, 1 + n_modalities)) if warm is None else warm,
-        weights,
-        log_odds,
-    )
+    n_modalities, n_targets, n = problem.duals.shape
+    sizes = np.diff(problem.starts)
+    weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
+    log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
+    decisions = np.empty((n_modalities, n_targets, n))
+    for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
+        own = np.empty((n_modalities, n_targets, sizes[left_out].sum()))
+        score_without(
+            left_out,
+            problem.inverses,
+            problem.duals,
+            problem.targets,
+            problem.starts,
+            settings.nested,
+            own,
+            decisions,
+        )
+        if warm is not None:
+            weights[index] = warm
+        fit_stackers(
+            left_out,
+            decisions,
+            problem.targets,
+            problem.starts,
+            settings.ridge,
+            settings.nonnegative,
+            settings.balanced,
+            weights[index],
+        )
+        pooled = weights[index, :, :1] + np.einsum("mpq,pm->pq", own, weights[index, :, 1:])
+        present = np.arange(log_odds.shape[3]) < sizes[left_out][:, None]  # (s,R)
+        log_odds[index][:, present] = pooled
     return weights, log_odds
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 
 _INFORMATIVE = 1e-3  # rows that differ by less tell nothing worth computing
+_USES = 7  # percepts of one behavior that the table of first counts goes to
 
 
 class Compiled(NamedTuple):
@@ -29,6 +30,7 @@ class Compiled(NamedTuple):
     confusion: NDArray[np.float64]  # (N,E,2,K)
     precision: NDArray[np.float64]  # (N,E,2)
     informative: NDArray[np.bool_]  # (N,E) do the two rows differ?
+    fresh: NDArray[np.float64]  # (N,E,2,U,U) Pr(j of the first k percepts say yes): [k, j]
     bonus: NDArray[np.float64]  # (N,E,2)
     shaped: bool
     limit: NDArray[np.float64]  # (E,)
@@ -43,18 +45,19 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
     size, n_behaviors = len(momdp.x_names), momdp.n_behaviors
     states, behaviors = np.arange(size), np.arange(n_behaviors)
     idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
+    idle = np.where(momdp.legal, idle, 0.0)
     moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
     sensed = (momdp.transition * momdp.informative).transpose(1, 0, 2)
     moved[states, :, states] -= idle
     silent = np.clip(moved - sensed, 0.0, None)
-    folded = 1 - momdp.discount * idle
+    folded = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
     happens = np.where(1 - idle > 0, 1 - idle, 1.0)
     branch_count = np.zeros((size, n_behaviors), dtype=np.int64)
     width = max(1, int(((sensed > 0).sum(2) + (silent > 1e-12).sum(2)).max()))  # noqa: PLR2004
     p = np.zeros((size, n_behaviors, width))
     next_x = np.zeros((size, n_behaviors, width), dtype=np.int64)
     sense = np.zeros((size, n_behaviors, width), dtype=bool)
-    legal = momdp.legal & (idle < 1)
+    legal = momdp.legal & (idle < 1)  # what never does anything is no choice
     for x in states:
         for e in behaviors[legal[x]]:
             for target in states:
@@ -79,6 +82,7 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         confusion=momdp.confusion.copy(),
         precision=momdp.precision.copy(),
         informative=difference > _INFORMATIVE,
+        fresh=_first_counts(momdp),
         bonus=momdp.bonus.copy(),
         shaped=bool(momdp.bonus.any()),
         limit=momdp.limit.copy(),
@@ -87,3 +91,17 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         incorrect=momdp.incorrect,
         exit_value=-exits if momdp.abstain else np.full(size, -np.inf),
     )
+
+
+def _first_counts(momdp: MOMDP) -> NDArray[np.float64]:
+    """Beta-binomial (binomial, at infinite precision) counts of yes among the first percepts."""
+    yes = momdp.confusion[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,2)
+    out = np.zeros((*yes.shape, _USES + 1, _USES + 1))
+    out[..., 0, 0] = 1.0
+    s = np.minimum(momdp.precision, 1e12)  # far beyond any count
+    for k in range(_USES):
+        for j in range(k + 1):
+            p = (s * yes + j) / (s + k)
+            out[..., k + 1, j + 1] += out[..., k, j] * p
+            out[..., k + 1, j] += out[..., k, j] * (1 - p)
+    return out

@@ -17,11 +17,13 @@ from meal_bayes.planners.search import (
     tabulate_errors,
 )
 
-_GROWN = 16  # beliefs an x for which plans are grown
+_GROWN = 8  # beliefs an x for which plans are grown
 _JUDGED = 32  # beliefs at which plans compete to be kept
-_LENGTH = 12  # greedy steps of a plan
+_LENGTH = 8  # greedy steps of a plan
 _KEPT = 28  # plans an x, besides one for every first behavior
 _GRID = 129  # points of an error table
+
+_DIAGRAMS = 16  # whose moves are remembered
 
 Path = tuple[int, ...]  # behaviors in order
 
@@ -33,6 +35,20 @@ class Moves(NamedTuple):
     senses: NDArray[np.bool_]  # (X,E)
     paths: dict[tuple[int, int], Path]  # (x, behavior) -> cheapest way to its percept, executed
     macros: Macros
+    walked: "dict[tuple[int, Path], Walked]"  # walks already taken
+
+
+class Walked(NamedTuple):
+    """What a path from some x comes to."""
+
+    x: int  # afterwards
+    cost: float  # discounted folded cost, s
+    discount: float
+    uses: NDArray[np.int64]  # (E,) percepts gathered
+    weight: NDArray[np.float64]  # (E,) discounted expected executions
+
+
+_MADE: dict[bytes, Moves] = {}
 
 
 def plans_for(problem: Compiled) -> Plans:
@@ -67,7 +83,20 @@ def plans_for(problem: Compiled) -> Plans:
 
 
 def moves_of(problem: Compiled) -> Moves:
-    """Find the cheapest way from every x to a percept of every behavior (Dijkstra)."""
+    """Find the cheapest way from every x to a percept of every behavior (Dijkstra).
+
+    It depends on diagram, costs and discount alone, which a run's MOMDPs share: made once.
+    """
+    moving = (problem.legal, problem.cost, problem.discount, problem.branch_p, problem.branch_x)
+    key = b"".join(array.tobytes() for array in (*moving, problem.branch_sense))
+    if key not in _MADE:
+        if len(_MADE) >= _DIAGRAMS:
+            _MADE.clear()
+        _MADE[key] = _find_moves(problem)
+    return _MADE[key]
+
+
+def _find_moves(problem: Compiled) -> Moves:
     size, n_behaviors = problem.legal.shape
     likely = problem.branch_p.argmax(axis=2)[:, :, None]
     target = np.take_along_axis(problem.branch_x, likely, axis=2)[:, :, 0]
@@ -92,7 +121,9 @@ def moves_of(problem: Compiled) -> Moves:
         cost=np.zeros((size, n_behaviors)),
         uses=np.zeros((size, n_behaviors, n_behaviors), dtype=np.int64),
     )
-    moves = Moves(target, senses, paths, macros)
+    nothing = np.zeros(n_behaviors, dtype=np.int64)
+    start_of = {(x, ()): Walked(x, 0.0, 1.0, nothing, nothing * 0.0) for x in range(size)}
+    moves = Moves(target, senses, paths, macros, start_of)
     for row, path in paths.items():
         macros.first[row] = path[0]
         walked = _walk(problem, moves, row[0], path)
@@ -100,25 +131,24 @@ def moves_of(problem: Compiled) -> Moves:
     return moves
 
 
-class _Walked(NamedTuple):
-    x: int
-    cost: float
-    discount: float
-    uses: NDArray[np.int64]  # (E,)
-    weight: NDArray[np.float64]  # (E,)
-
-
-def _walk(problem: Compiled, moves: Moves, x: int, path: Path) -> _Walked:
-    n_behaviors = problem.legal.shape[1]
-    cost, discount = 0.0, 1.0
-    uses, weight = np.zeros(n_behaviors, dtype=np.int64), np.zeros(n_behaviors)
-    for a in path:
-        cost += discount * float(problem.cost[x, a])
-        weight[a] += discount * problem.bonus_scale[x, a]
-        discount *= float(problem.discount[x, a])
-        uses[a] += moves.senses[x, a]
-        x = int(moves.target[x, a])
-    return _Walked(x, cost, discount, uses, weight)
+def _walk(problem: Compiled, moves: Moves, x: int, path: Path) -> Walked:
+    """Walk a path; its first part is looked up, as plans share beginnings."""
+    known = moves.walked.get((x, path))
+    if known is None:
+        before = _walk(problem, moves, x, path[:-1])
+        a, here = path[-1], before.x
+        uses, weight = before.uses.copy(), before.weight.copy()
+        uses[a] += moves.senses[here, a]
+        weight[a] += before.discount * problem.bonus_scale[here, a]
+        known = Walked(
+            int(moves.target[here, a]),
+            before.cost + before.discount * float(problem.cost[here, a]),
+            before.discount * float(problem.discount[here, a]),
+            uses,
+            weight,
+        )
+        moves.walked[x, path] = known
+    return known
 
 
 def _prefixes(moves: Moves, x: int, row: NDArray[np.int64]) -> list[Path]:

@@ -113,8 +113,12 @@ def _plan_error(problem, uses, plan, i, log_odds, yes, total, scratch):
         k = int(min(float(uses[plan, e]), problem.limit[e] - total[e]))
         if k <= 0 or m * (k + 1) > OUTCOMES:
             continue
-        _yes_counts(problem, i, 1, e, k, yes[i, e], total[e], c1)
-        _yes_counts(problem, i, 0, e, k, yes[i, e], total[e], c0)
+        if total[e] == 0.0 and k < problem.fresh.shape[3]:
+            for j in range(k + 1):
+                c1[j], c0[j] = problem.fresh[i, e, 1, k, j], problem.fresh[i, e, 0, k, j]
+        else:
+            _yes_counts(problem, i, 1, e, k, yes[i, e], total[e], c1)
+            _yes_counts(problem, i, 0, e, k, yes[i, e], total[e], c0)
         for a in range(m - 1, -1, -1):
             u1, u0 = w1[a], w0[a]
             for j in range(k, -1, -1):
@@ -229,6 +233,10 @@ def grow_plans(problem, macros, x, beliefs, length):
     yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
     uses, trial = np.zeros((1, n_behaviors), np.int64), np.zeros((1, n_behaviors), np.int64)
     out = np.full((beliefs.shape[0], 3 * length), -1, np.int64)
+    useful = np.zeros(n_behaviors, np.bool_)
+    for e in range(n_behaviors):
+        for i in range(n):
+            useful[e] = useful[e] or problem.informative[i, e]
     for row in range(beliefs.shape[0]):
         here, filled = x, 0
         for e in range(n_behaviors):
@@ -237,7 +245,7 @@ def grow_plans(problem, macros, x, beliefs, length):
         for _ in range(length):
             best, best_e, best_k = 1e-12, -1, 0
             for e in range(n_behaviors):
-                if macros.first[here, e] < 0:
+                if macros.first[here, e] < 0 or not useful[e]:
                     continue
                 end = macros.end[here, e]
                 repeats = 3 if macros.end[end, e] == end and macros.first[end, e] == e else 1

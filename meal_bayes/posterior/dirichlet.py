@@ -24,7 +24,7 @@ class _HoldsCounts(Protocol):
         ...
 
 
-def row_precision(dispersion: ArrayLike, evidence: ArrayLike) -> NDArray[np.float64]:
+def row_precision(dispersion: ArrayLike, weight: ArrayLike) -> NDArray[np.float64]:
     """Precision s A / (s + A + 1) of a new object's row: the Dirichlet weight of equal variance.
 
     Two doubts in one number: objects differ (dispersion s), and the mean is known from A percepts
@@ -33,7 +33,7 @@ def row_precision(dispersion: ArrayLike, evidence: ArrayLike) -> NDArray[np.floa
     >>> float(row_precision(2.0, 20.0).round(3)), float(row_precision(np.inf, 20.0))
     (1.739, 20.0)
     """
-    s, a = np.broadcast_arrays(np.asarray(dispersion, float), np.asarray(evidence, float))
+    s, a = np.broadcast_arrays(np.asarray(dispersion, float), np.asarray(weight, float))
     finite = np.isfinite(s) & np.isfinite(a)
     x, y = np.where(finite, s, 1.0), np.where(finite, a, 1.0)
     return np.asarray(np.where(finite, x * y / (x + y + 1), np.minimum(s, a)))
@@ -116,7 +116,7 @@ class ConfusionPosterior:
             )
         total = array.sum(axis=1)
         fit = fit_dispersion(array, None if prior is None else _prior(prior, total.shape[1:]))
-        concentration = fit.evidence[..., None] * fit.mean
+        concentration = fit.weight[..., None] * fit.mean
         folds = zip(fit.prior, total, concentration, fit.dispersion, strict=True)
         return tuple(cls(*fold) for fold in folds)
 

@@ -40,7 +40,7 @@ class DispersionFit(NamedTuple):
     prior: Array  # (...,P,E,2,K) Dirichlet parameters of m before any percept
     mean: Array  # (...,P,E,2,K) posterior mean of m
     dispersion: Array  # (...,P,E,2) s, the number that keeps the posterior mean of 1 / (s + 1)
-    evidence: Array  # (...,P,E,2) A: prior weight + independent percepts that the data are worth
+    weight: Array  # (...,P,E,2) A: prior weight + independent percepts that the data are worth
 
 
 class _Rows(NamedTuple):
@@ -89,12 +89,12 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
     alpha = np.broadcast_to(alpha, (*shape, levels)).reshape(-1, levels)
     profile = _integrate(rows, alpha) if levels == 2 else _approximate(rows, alpha)  # noqa: PLR2004
     mean, dispersion = _posterior(profile, votes)
-    evidence = (alpha + _effective(rows, dispersion)).sum(axis=-1)
+    weight = (alpha + _effective(rows, dispersion)).sum(axis=-1)
     return DispersionFit(
         alpha.reshape(*shape, levels),
         mean.reshape(*shape, levels),
         dispersion.reshape(shape),
-        evidence.reshape(shape),
+        weight.reshape(shape),
     )
 
 

@@ -62,14 +62,14 @@ def test_two_levels_are_exact():
     np.testing.assert_allclose(fit.dispersion[:, 0, 1], dispersion, rtol=1e-4)
     n = counts[:, :, 0, 1].sum(axis=-1)
     worth = (n * (dispersion + 1) / (n + dispersion)).sum(axis=0)
-    np.testing.assert_allclose(fit.evidence[:, 0, 1], 2 + worth, rtol=1e-4)
+    np.testing.assert_allclose(fit.weight[:, 0, 1], 2 + worth, rtol=1e-4)
 
 
 def test_an_informative_prior_enters_as_percepts_of_the_mean():
     counts = np.zeros((1, 1, 1, 2, 2), dtype=np.int64)
     fit = fit_dispersion(counts, np.array([3.0, 1.0]))
     np.testing.assert_allclose(fit.mean[0, 0, 0], [0.75, 0.25], atol=1e-9)
-    np.testing.assert_allclose(fit.evidence, 4.0)
+    np.testing.assert_allclose(fit.weight, 4.0)
 
 
 @pytest.mark.statistical
@@ -79,7 +79,7 @@ def test_simulated_dispersion_is_recovered(levels, s):
     m, counts = simulate(np.random.default_rng(5), s, levels=levels)
     fit = fit_dispersion(counts, 2 / levels)
     assert np.exp(np.log(fit.dispersion).mean()) == pytest.approx(s, rel=0.25)
-    deviation = np.abs(fit.mean - m) / np.sqrt(m * (1 - m) / (fit.evidence[..., None] + 1))
+    deviation = np.abs(fit.mean - m) / np.sqrt(m * (1 - m) / (fit.weight[..., None] + 1))
     assert np.sqrt((deviation**2).mean()) == pytest.approx(1.0, abs=0.3)
 
 
@@ -90,7 +90,7 @@ def test_independent_percepts_have_high_precision():
     counts = np.concatenate([10 - counts, counts], axis=-1)
     fit = fit_dispersion(counts, 1.0)
     assert (fit.dispersion > 60).all()
-    assert (fit.evidence > 300).all()  # of 602
+    assert (fit.weight > 300).all()  # of 602
 
 
 def test_objects_that_never_change_their_mind_are_one_percept_each():
@@ -98,7 +98,7 @@ def test_objects_that_never_change_their_mind_are_one_percept_each():
     counts[:20, :, :, :, 1] = counts[20:, :, :, :, 0] = 5
     fit = fit_dispersion(counts, 1.0)
     assert (fit.dispersion < 0.2).all()
-    assert ((fit.evidence > 32) & (fit.evidence < 38)).all()
+    assert ((fit.weight > 32) & (fit.weight < 38)).all()
     np.testing.assert_allclose(fit.mean[..., 1], 21 / 32, atol=0.02)
 
 
@@ -110,6 +110,17 @@ def test_attributes_of_a_behavior_share_their_dispersion():
     others = pooled[:-1].mean(axis=0)
     np.testing.assert_allclose(np.log(pooled[-1] / others), 0.0, atol=0.3)
     assert (np.abs(np.log(alone / others)) > 0.4).all()
+
+
+def test_pairs_that_say_nothing_have_no_vote():
+    _, counts = simulate(np.random.default_rng(4), 8.0, attributes=6)
+    silent = np.zeros_like(counts)
+    silent[..., 0] = counts.sum(axis=-1)  # every percept at one level, whatever the truth
+    crowd = np.concatenate([counts, silent, silent], axis=1)
+    alone, together = fit_dispersion(counts), fit_dispersion(crowd)
+    np.testing.assert_allclose(together.prior[:6], alone.prior)
+    np.testing.assert_allclose(together.dispersion[:6], alone.dispersion, rtol=1e-3)
+    np.testing.assert_allclose(together.mean[:6], alone.mean, rtol=1e-3)
 
 
 @pytest.mark.parametrize("levels", [2, 4])
@@ -131,7 +142,7 @@ def test_any_counts_give_a_proper_posterior(seed, levels):
     assert (fit.mean > 0).all()
     np.testing.assert_allclose(fit.mean.sum(axis=-1), 1.0)
     assert ((fit.dispersion > 0) & np.isfinite(fit.dispersion)).all()
-    assert ((fit.evidence >= 2 - 1e-9) & (fit.evidence <= 2 + counts.sum((0, 4)) + 1e-9)).all()
+    assert ((fit.weight >= 2 - 1e-9) & (fit.weight <= 2 + counts.sum((0, 4)) + 1e-9)).all()
 
 
 @pytest.mark.statistical
@@ -158,7 +169,7 @@ def test_many_recordings_fit_on_the_grid():
     fit = fit_dispersion(np.stack([200 - ones, ones], axis=-1), 1.0)
     np.testing.assert_allclose(fit.mean[..., 1], 0.75, atol=0.08)
     np.testing.assert_allclose(np.log(fit.dispersion), np.log(8), atol=0.5)
-    assert (row_precision(fit.dispersion, fit.evidence) < fit.dispersion).all()
+    assert (row_precision(fit.dispersion, fit.weight) < fit.dispersion).all()
 
 
 @pytest.mark.parametrize("s", [0.7, 2.0, 8.0, 50.0])
