@@ -1,1 +1,125 @@
-"""MEAL, the Bayesian way."""
+"""MEAL, the Bayesian way: which behaviors a robot should try before it answers.
+
+A robot is asked about attributes of an object it has never learned from ("Is it heavy, and does it
+hold beans?"). It chooses behaviors, perceives, updates an exact belief, and reports; every trial is
+logged.
+
+>>> import meal_bayes
+>>> trial = meal_bayes.ask(
+...     "Is it heavy, and does it hold beans?",
+...     dataset="roc36",
+...     object="heavy_green_beans",
+...     agent="predefined_plus",
+... )
+>>> trial.task.query.report_name(trial.report), trial.success, round(trial.cost, 1)
+('heavy, beans', True, 19.1)
+
+These names are the public API; each is loaded with its room when it is first used, so that the
+import itself costs nothing. The rooms (`meal_bayes.domain`, `.datasets`, `.perception`,
+`.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.experiments`,
+`.evaluation`) hold the rest.
+
+Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
+
+===  ===============================================================================================
+P    attributes of the domain
+N    queried attributes
+E    exploratory behaviors
+M    modalities
+D    features of a modality
+O    objects
+R    recordings per (object, behavior)
+X    fully observable states, the last is ``term``
+Y    2^N combinations of attribute values; bit 0 of the query is the most significant
+K    levels of a percept: 2 is the paper's yes/no, 4 is "strong no, no, yes, strong yes"
+L    fine bins of a percept table, which levels merge
+A    actions: E behaviors, then Y reports
+Z    K^N + 1 observations, the last is "none"
+T    steps of a trial
+S    search nodes
+===  ===============================================================================================
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from meal_bayes.agents import Trial, run_trial
+    from meal_bayes.agents.asking import ask
+    from meal_bayes.datasets import load_dataset, load_percepts
+    from meal_bayes.datasets.percepts import save_percepts
+    from meal_bayes.domain import Query, load_domain, read_query
+    from meal_bayes.errors import MealBayesError
+    from meal_bayes.evaluation import summarize
+    from meal_bayes.experiments import OfflineConfig, run_offline
+    from meal_bayes.momdp import build_momdp, initial_belief, update_belief
+    from meal_bayes.perception import build_percept_table
+    from meal_bayes.planners import POMCP
+    from meal_bayes.posterior import ConfusionPosterior
+    from meal_bayes.trial_log import read_trials, write_trials
+
+__all__ = [
+    "POMCP",
+    "ConfusionPosterior",
+    "MealBayesError",
+    "OfflineConfig",
+    "Query",
+    "Trial",
+    "ask",
+    "build_momdp",
+    "build_percept_table",
+    "initial_belief",
+    "load_dataset",
+    "load_domain",
+    "load_percepts",
+    "read_query",
+    "read_trials",
+    "run_offline",
+    "run_trial",
+    "save_percepts",
+    "summarize",
+    "update_belief",
+    "write_trials",
+]
+
+_ROOMS = {
+    "agents": ("Trial", "run_trial"),
+    "agents.asking": ("ask",),
+    "datasets": ("load_dataset", "load_percepts"),
+    "datasets.percepts": ("save_percepts",),
+    "domain": ("Query", "load_domain", "read_query"),
+    "errors": ("MealBayesError",),
+    "evaluation": ("summarize",),
+    "experiments": ("OfflineConfig", "run_offline"),
+    "momdp": ("build_momdp", "initial_belief", "update_belief"),
+    "perception": ("build_percept_table",),
+    "planners": ("POMCP",),
+    "posterior": ("ConfusionPosterior",),
+    "trial_log": ("read_trials", "write_trials"),
+}
+_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return _version()
+    if name not in _HOME:
+        raise AttributeError(
+            f"module 'meal_bayes' has no attribute {name!r}; its names are: {', '.join(__all__)}."
+        )
+    value = getattr(import_module(f"meal_bayes.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})
+
+
+def _version() -> str:
+    from importlib import metadata  # noqa: PLC0415  costs as much as all the rest of this import
+
+    try:
+        return metadata.version("meal-bayes")
+    except metadata.PackageNotFoundError:  # run from a checkout
+        return "unreleased"

@@ -18,6 +18,7 @@ class Agent:
     name: str
     solver: Callable[[Domain, Query], Solver]
     object_level: bool = False  # objects differ (finite precision), or Eq. 8
+    misperceives: bool = False  # percepts of one object may err together, or never do
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
@@ -54,6 +55,7 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
+            misperception=knowledge.misperception if self.misperceives else 0.0,
             discount=self.discount,
             abstain=self.abstain,
         )

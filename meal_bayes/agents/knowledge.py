@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain
-from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.perception import table_counts
+from meal_bayes.posterior import ConfusionPosterior, misperception
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,7 @@ class Knowledge:
     domain: Domain
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]  # (P,) (n+ + 1) / (n + 2) of the training objects
+    misperception: float = 0.0  # share of objects that seem, to all percepts, what they are not
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))
@@ -34,19 +35,17 @@ def knowledge_without(
     table : held-out percepts of a data set.
     held_out : index of the object that is left out.
     levels : K of the percepts.
-    object_level : let objects differ from each other (ours), or take all percepts as independent
-        (the paper).
+    object_level : let objects differ from each other and percepts of one object err together
+        (ours), or take all percepts as independent (the paper).
     """
     counts = table_counts(table, held_out, levels=levels)
-    return Knowledge(
-        table.domain, _posterior(counts, object_level), _base_rates(table.labels, held_out)
-    )
-
-
-def _posterior(counts: ConfusionCounts, object_level: bool) -> ConfusionPosterior:
-    if object_level:
-        return ConfusionPosterior.from_objects(counts)
-    return ConfusionPosterior.from_counts(counts)
+    base_rates = _base_rates(table.labels, held_out)
+    if not object_level:
+        return Knowledge(table.domain, ConfusionPosterior.from_counts(counts), base_rates)
+    posterior = ConfusionPosterior.from_objects(counts)
+    shown = table.training_levels(held_out, levels)  # the held-out object's row is zero
+    together = misperception(posterior, shown, table.labels, base_rates)
+    return Knowledge(table.domain, posterior, base_rates, together)
 
 
 def _base_rates(labels: NDArray[np.int8], held_out: int) -> NDArray[np.float64]:

@@ -122,7 +122,7 @@ def run_trial(
     """
     belief = initial_belief(momdp)
     first, x = belief, robot.start(task.object_index)
-    belief = Belief(x, belief.log_odds, belief.seen)
+    belief = belief.at(x)
     history, steps, report = History(belief), list[Step](), None
     while x != momdp.terminal:
         decision = policy.decide(history, streams.planner)
@@ -151,7 +151,7 @@ def _report(
 ) -> tuple[Step, NDArray[np.bool_]]:
     report = momdp.query.values_of(decision.action - momdp.n_behaviors)
     reward = momdp.correct if (report == truth).all() else momdp.incorrect
-    last = Belief(momdp.terminal, belief.log_odds, belief.seen)
+    last = belief.at(momdp.terminal)
     return Step(belief.x, decision, momdp.terminal, None, 0.0, reward, last), report
 
 

@@ -16,8 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.domain import Domain, load_domain, unknown
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.domain import (
+    Domain,
+    domain_from_table,
+    domain_names,
+    domain_table,
+    load_domain,
+    unknown,
+)
+from meal_bayes.errors import DataError, DomainError, SettingsError
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
@@ -85,10 +92,9 @@ class PerceptTable:
             "training_bins": (o, o, p, e, len(self.edges) + 1),
         }
         for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise DataError(
-                    f"Percept table: {name} has shape {getattr(self, name).shape}; expected {shape}."
-                )
+            found = getattr(self, name).shape
+            if found != shape:
+                raise DataError(f"Percept table: {name} has shape {found}; expected {shape}.")
         if len(self.edges) % 2 == 0 or not (np.diff(self.edges) > 0).all():
             raise DataError("Percept table: expected an odd number of edges, each above the last.")
 
@@ -121,8 +127,9 @@ _MEMBERS = {  # name -> dtype, axes
     "edges": ("<f8", 1),  # (L-1,)
     "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
 }
-_TEXTS = ("domain", "objects", "attributes", "behaviors", "provenance")
+_TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
 _LARGEST = 2**28  # bytes a member may unpack to
+_MOST = 1000  # behaviors or states of a domain in a file; trial logs hold no more
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
@@ -131,7 +138,10 @@ _UNREADABLE = (
 
 
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
-    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA."""
+    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
+
+    A domain of one's own is written along; of a shipped one the name is enough.
+    """
     sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
     meta = {
         "format": _FORMAT,
@@ -141,6 +151,8 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "behaviors": [table.domain.behavior_names[i] for i in sensing],
         "provenance": dict(table.provenance),
     }
+    if not _ships(table.domain):
+        meta["domain_table"] = domain_table(table.domain)
     arrays = {
         "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
         "labels": table.labels,
@@ -164,7 +176,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
     ----------
     name : a shipped domain (variants share their data set's table), or a path ending in .npz.
     domain : whose behaviors and attributes the table is laid out for; the one the name or the file
-        tells by default, which must then be a shipped one.
+        holds by default.
 
     Raises
     ------
@@ -177,18 +189,41 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
             raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
         with path.open("rb") as file:
             meta, arrays = _read(file, str(path))
-        domain = load_domain(meta["domain"]) if domain is None else domain
+        domain = _domain_of(meta, str(path)) if domain is None else domain
         return _lay_out(meta, arrays, domain, str(path))
     domain = load_domain(name) if domain is None else domain
     resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
     if not resource.is_file():
         raise SettingsError(
             f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
-            "cy101, or the path of an .npz made by save_percepts."
+            "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
+            "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
         )
     with resource.open("rb") as file:
         meta, arrays = _read(file, str(name))
     return _lay_out(meta, arrays, domain, str(name))
+
+
+def _ships(domain: Domain) -> bool:
+    return domain.name in domain_names() and load_domain(domain.name) == domain
+
+
+def _domain_of(meta: dict[str, Any], where: str) -> Domain:
+    """Build the domain that a file holds, or find the shipped one that it names."""
+    if "domain_table" not in meta:
+        if meta["domain"] not in domain_names():
+            raise SettingsError(
+                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; "
+                "pass domain=load_domain(<your table>.toml)."
+            )
+        return load_domain(meta["domain"])
+    try:
+        domain = domain_from_table(meta["domain_table"])
+    except DomainError as error:
+        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
+    if max(len(domain.behaviors), len(domain.diagram.states)) > _MOST:
+        raise DataError(f"{where} holds a domain of more than {_MOST} behaviors or states.")
+    return domain
 
 
 def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -205,8 +240,10 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise DataError(f"{where} has format {found}; this version reads format {_FORMAT}.")
-    for key in _TEXTS:
-        if key not in meta:
+    for key, kind in _TEXTS.items():
+        texts = meta.get(key)
+        inside = texts.values() if isinstance(texts, dict) else texts
+        if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
             raise DataError(f"{where} does not tell its {key}; make the table again.")
     log_odds, bins = arrays["log_odds"], arrays["training_bins"]
     sound = not (np.abs(log_odds) > LIMIT).any() and np.isin(arrays["labels"], (-1, 0, 1)).all()
@@ -243,7 +280,7 @@ def _lay_out(
     for key, names in wanted.items():
         for name in names:
             if name not in meta[key]:
-                raise DataError(f"{where}: {unknown(key[:-1], name, map(str, meta[key]))}")
+                raise DataError(f"{where}: {unknown(key[:-1], name, meta[key])}")
     columns = [meta["attributes"].index(name) for name in wanted["attributes"]]
     rows = [meta["behaviors"].index(name) for name in wanted["behaviors"]]
     labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
@@ -256,8 +293,12 @@ def _lay_out(
     all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
     all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
     all_bins[:, :, :, senses] = bins[:, columns][:, :, rows].transpose(3, 0, 1, 2, 4)
-    provenance = {str(key): str(value) for key, value in meta["provenance"].items()}
-    names = tuple(map(str, meta["objects"]))
     return PerceptTable(
-        domain, names, labels[:, columns], all_odds, arrays["edges"], all_bins, provenance
+        domain,
+        tuple(meta["objects"]),
+        labels[:, columns],
+        all_odds,
+        arrays["edges"],
+        all_bins,
+        meta["provenance"],
     )

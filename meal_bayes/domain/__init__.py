@@ -6,7 +6,12 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionArrays, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, unknown
 from meal_bayes.domain.query import Query, read_query
-from meal_bayes.domain.tables import domain_names, load_domain
+from meal_bayes.domain.tables import (
+    domain_from_table,
+    domain_names,
+    domain_table,
+    load_domain,
+)
 
 __all__ = [
     "TERMINAL",
@@ -16,7 +21,9 @@ __all__ = [
     "Query",
     "TransitionArrays",
     "TransitionDiagram",
+    "domain_from_table",
     "domain_names",
+    "domain_table",
     "load_domain",
     "read_query",
     "unknown",

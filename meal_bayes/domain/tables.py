@@ -52,9 +52,51 @@ def load_domain(name: str | Path) -> Domain:
         seen.add(parent)
         table, source = {**_read(parent), **table}, parent
     try:
-        return _build(table)
+        return domain_from_table(table)
     except DomainError as error:
         raise DomainError(f"Domain {name}: {error}") from error
+
+
+def domain_from_table(table: object) -> Domain:
+    """Build a domain from what a TOML file without `extends` holds, or a JSON object of that form.
+
+    Raises
+    ------
+    DomainError : a table that is not well formed.
+    """
+    if not isinstance(table, dict):
+        raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
+    try:
+        return _build(table)
+    except (OverflowError, ValueError) as error:  # inf and nan are numbers in TOML
+        raise DomainError(f"A number is out of range ({error}); give a finite one.") from error
+
+
+def domain_table(domain: Domain) -> dict[str, Any]:
+    """Give the table that `domain_from_table` reads back into an equal domain.
+
+    >>> domain_from_table(domain_table(load_domain("toy"))) == load_domain("toy")
+    True
+    """
+    diagram = domain.diagram
+    return {
+        "name": domain.name,
+        "data": domain.data,
+        "attributes": list(domain.attributes),
+        "groups": {key: list(names) for key, names in domain.groups.items()},
+        "synonyms": dict(domain.synonyms),
+        "predefined": list(domain.predefined),
+        "report_reward": domain.report_reward,
+        "legal_budget": list(domain.legal_budget),
+        "asked_minimum": domain.asked_minimum,
+        "behaviors": [_behavior_row(behavior) for behavior in domain.behaviors],
+        "diagram": {
+            "states": list(diagram.states[:-1]),
+            "start": diagram.start,
+            "illegal": diagram.illegal,
+            "effects": [_effect_row(effect) for effect in diagram.effects],
+        },
+    }
 
 
 def _read(name: str | Path) -> dict[str, Any]:
@@ -113,6 +155,22 @@ def _behavior(row: dict[str, Any]) -> Behavior:
     _check_keys(where, row, _BEHAVIOR_KEYS, ("name", "cost"))
     accuracy = row.get("answer_accuracy")
     return Behavior(row["name"], float(row["cost"]), tuple(row.get("modalities", ())), accuracy)
+
+
+def _behavior_row(behavior: Behavior) -> dict[str, Any]:
+    row = {"name": behavior.name, "cost": behavior.cost, "modalities": list(behavior.modalities)}
+    answers = behavior.answer_accuracy is not None
+    return {**row, "answer_accuracy": behavior.answer_accuracy} if answers else row
+
+
+def _effect_row(effect: Effect) -> dict[str, Any]:
+    return {
+        "from": effect.source,
+        "do": effect.behavior,
+        "to": effect.target,
+        "probability": effect.probability,
+        "senses": effect.senses,
+    }
 
 
 def _effect(row: dict[str, Any]) -> Effect:

@@ -1,6 +1,9 @@
-"""OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects they never learned from."""
+"""OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects new to them."""
 
 import dataclasses
+import hashlib
+import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -33,7 +36,8 @@ class OfflineConfig:
 
     Raises
     ------
-    SettingsError : an agent that is unknown or named twice.
+    SettingsError : an agent that is unknown or named twice, a negative seed, a reward that is not
+        positive and finite.
     """
 
     dataset: str  # domain whose table is used
@@ -50,6 +54,10 @@ class OfflineConfig:
             load_agent(name)
             if self.agents.count(name) > 1:
                 raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+        if self.seed < 0:
+            raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
+        if self.reward is not None and not 0 < self.reward < math.inf:
+            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
         if not self.agents:
             raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
@@ -99,10 +107,13 @@ def run_offline(
     fresh : run again what is there already.
     on_progress : called with (trials done, trials in all).
     """
-    table = _table(config.dataset, config.perception)
+    if jobs < 1:
+        raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
     tasks = _tasks(config)
-    name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
+    domain = re.sub(r"[^\w.-]+", "_", _table(config).domain.name)  # one's own may be any text
+    name = f"offline-{domain}-n{config.attributes}-seed{config.seed}"
     shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
+    shared["table"] = _fingerprint(config.dataset)
     store = Store.of(logs, name, shared)
     if fresh:
         for agent in config.agents:
@@ -122,7 +133,10 @@ def run_offline(
         if on_progress is not None:
             on_progress(done, total)
     paths = tuple(unit.path for unit in sorted(units, key=lambda u: config.agents.index(u.agent)))
-    seconds = {agent: _seconds(p for p in paths if p.parent.name == agent) for agent in config.agents}
+    seconds = {
+        agent: _seconds(path for path in paths if path.parent.name == agent)
+        for agent in config.agents
+    }
     return OfflineRun(config, store.folder, paths, seconds)
 
 
@@ -130,7 +144,7 @@ def _run_unit(unit: _Unit) -> int:
     tasks = _slice(_tasks(unit.config), unit)
     config = unit.config
     morc = Morc(
-        _table(config.dataset, config.perception),
+        _table(config),
         load_agent(unit.agent),
         config.seed,
         config.percepts,
@@ -149,20 +163,34 @@ def _slice(tasks: list[Task], unit: _Unit) -> list[Task]:
     return tasks[unit.first : unit.first + UNIT]
 
 
+def _tasks(config: OfflineConfig) -> list[Task]:
+    return offline_tasks(_table(config), config.attributes, config.trials, config.seed)
+
+
+def _table(config: OfflineConfig) -> PerceptTable:
+    return _loaded(config.dataset, config.perception, _fingerprint(config.dataset))
+
+
 @lru_cache(maxsize=4)
-def _table(dataset: str, perception: str) -> PerceptTable:
+def _loaded(dataset: str, perception: str, fingerprint: str) -> PerceptTable:
     return percepts_for(dataset, perception)
 
 
-def _tasks(config: OfflineConfig) -> list[Task]:
-    table = _table(config.dataset, config.perception)
-    return offline_tasks(table, config.attributes, config.trials, config.seed)
+def _fingerprint(dataset: str) -> str:
+    """Digest of a table of one's own, so that another one under its name is another run."""
+    path = Path(dataset)
+    if path.suffix != ".npz" or not path.is_file():
+        return ""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _seconds(paths: Iterator[Path]) -> float:
-    """Sum of the timing tables beside the logs, s."""
+    """Sum of the timing tables beside the logs, s; nan where one has been removed."""
     total = 0.0
     for path in paths:
-        rows = path.with_name(path.stem + ".timing.csv").read_text(encoding="utf-8").splitlines()
+        timing = path.with_name(path.stem + ".timing.csv")
+        if not timing.is_file():
+            return math.nan
+        rows = timing.read_text(encoding="utf-8").splitlines()
         total += sum(float(row.split(",")[1]) for row in rows[1:])
     return total

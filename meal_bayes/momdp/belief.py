@@ -21,14 +21,34 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """The information state: x, the attributes' log-odds, and the percepts of this trial."""
+    """The information state: x, the evidence on each attribute, and the percepts of this trial.
+
+    Evidence stands in two log-odds, as percepts may share an error: `told` is of the truth (the
+    prior, a person's answers, and all percepts where misperception is 0), `felt` of the value that
+    the object seems to have.
+    """
 
     x: int
-    log_odds: NDArray[np.float64]  # (N,) ln Pr(true) / Pr(false)
+    told: NDArray[np.float64]  # (N,) ln Pr(true) / Pr(false)
     seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
+    felt: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,) zeros by default
+    misperception: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,) zeros by default
 
     def __post_init__(self) -> None:
-        set_frozen(self, log_odds=freeze(self.log_odds), seen=freeze(self.seen, np.int64))
+        nothing = np.zeros(np.shape(self.told))
+        felt = nothing if self.felt is None else self.felt
+        share = nothing if self.misperception is None else self.misperception
+        set_frozen(self, told=freeze(self.told), seen=freeze(self.seen, np.int64))
+        set_frozen(self, felt=freeze(felt), misperception=freeze(share))
+
+    def at(self, x: int) -> "Belief":
+        """The same belief at another x."""
+        return Belief(x, self.told, self.seen, self.felt, self.misperception)
+
+    @property
+    def log_odds(self) -> NDArray[np.float64]:
+        """Log-odds of the truth, (N,)."""
+        return freeze(self.told + soften(self.felt, self.misperception))
 
     @property
     def positive(self) -> NDArray[np.float64]:
@@ -62,12 +82,23 @@ class Belief:
         return float(-(p * np.log2(p) + q * np.log2(q)).sum())
 
 
+def soften(log_odds: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pass log-odds through a symmetric channel: what they tell of its other end.
+
+    ln [(1 - error) e^L + error] / [error e^L + 1 - error], which stays within logit(1 - error).
+    """
+    with np.errstate(divide="ignore"):
+        right, wrong = np.log1p(-error), np.log(error)
+    softened = np.logaddexp(log_odds + right, wrong) - np.logaddexp(log_odds + wrong, right)
+    return np.where(error > 0, softened, log_odds)
+
+
 def initial_belief(momdp: MOMDP) -> Belief:
     """Belief at the start of a trial: x0, the prior, nothing seen."""
     with np.errstate(divide="ignore"):
         log_odds = np.log(momdp.prior) - np.log1p(-momdp.prior)
     seen = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, log_odds, seen)
+    return Belief(momdp.start, log_odds, seen, misperception=momdp.misperception)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
@@ -75,6 +106,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
     The factor of each queried attribute is its Dirichlet-multinomial predictive given the percepts
     already seen in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
+    Where percepts share an error, they condition the value that the object seems to have.
 
     Parameters
     ----------
@@ -87,7 +119,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     ImpossibleObservation : the percept has probability zero under every value still believed in.
     """
     if transition.observation is None or transition.action >= momdp.n_behaviors:
-        return Belief(transition.next_x, belief.log_odds, belief.seen)
+        return belief.at(transition.next_x)
     e, levels = transition.action, np.asarray(transition.observation, dtype=np.intp)
     attributes = np.arange(len(momdp.query))
     seen = belief.seen[:, e]
@@ -96,17 +128,21 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     share = seen[attributes, levels] / np.maximum(total, 1)
     mean = momdp.confusion[attributes, e, :, levels]  # (N,2)
     factor = mean + weight * (share[:, None] - mean)
+    on_truth = momdp.direct[e] | (belief.misperception == 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        log_odds = belief.log_odds + np.log(factor[:, 1]) - np.log(factor[:, 0])
-    if np.isnan(log_odds).any():
-        bad = momdp.query.attributes[int(np.flatnonzero(np.isnan(log_odds))[0])]
+        ratio = np.log(factor[:, 1]) - np.log(factor[:, 0])
+        told = np.where(on_truth, belief.told + ratio, belief.told)
+        felt = np.where(on_truth, belief.felt, belief.felt + ratio)
+    contradicted = np.isnan(told) | np.isnan(felt)
+    if contradicted.any():
+        bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
         raise ImpossibleObservation(
             f"Percept of {bad!r} by {momdp.behavior_names[e]!r} has probability zero under every "
             "value still believed in; give the confusion rows a prior without zeros."
         )
     counted = belief.seen.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, log_odds, counted)
+    return Belief(transition.next_x, told, counted, felt, belief.misperception)
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:

@@ -18,6 +18,7 @@ def build_momdp(
     correct: float | None = None,
     incorrect: float | None = None,
     limit: ArrayLike = np.inf,
+    misperception: ArrayLike = 0.0,
     discount: float = 0.99,
     abstain: bool = False,
 ) -> MOMDP:
@@ -33,6 +34,7 @@ def build_momdp(
     prior : (N,) or a number; the paper's is uniform.
     correct, incorrect : rewards of a right and a wrong report, the domain's +-r by default.
     limit : (E,) or a number: recordings that can be perceived in one trial.
+    misperception : (N,) or a number: Pr(the object seems to have the other value), 0 in the paper.
     discount : factor a step, in planning only.
     abstain : may a planner end the trial by an illegal behavior?
     """
@@ -73,6 +75,8 @@ def build_momdp(
         incorrect=-reward if incorrect is None else incorrect,
         bonus=np.zeros((n, e, 2)),
         limit=percepts,
+        misperception=np.broadcast_to(misperception, (n,)),
+        direct=np.array([behavior.answer_accuracy is not None for behavior in domain.behaviors]),
         discount=discount,
         abstain=abstain,
     )

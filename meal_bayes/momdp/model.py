@@ -16,7 +16,9 @@ class MOMDP:
 
     Arrays run over behaviors only: a report always leads to `term`, and 2^N of them need no table.
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
-    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem.
+    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. With
+    misperception, rows are those of the value that the object seems to have: a latent class that
+    all its percepts share, so that no number of them makes the robot surer than it may be.
     """
 
     query: Query
@@ -34,6 +36,9 @@ class MOMDP:
     incorrect: float  # r-
     bonus: NDArray[np.float64]  # (N,E,2) shaping per attribute and its value (ITRS, Eq. 11)
     limit: NDArray[np.float64]  # (E,) percepts a trial, inf where they never run out
+    misperception: NDArray[np.float64]  # (N,) Pr(the object seems to have the other value, to
+    # every percept alike); 0 is the paper's: given the truth, behaviors err independently
+    direct: NDArray[np.bool_]  # (E,) does its percept tell of the truth itself (a person's answer)?
     discount: float = 0.99
     abstain: bool = False  # may a planner end a trial by an illegal behavior?
 
@@ -41,7 +46,9 @@ class MOMDP:
         for name in ("transition", "informative", "confusion", "precision", "prior", "cost"):
             set_frozen(self, **{name: freeze(getattr(self, name))})
         set_frozen(self, bonus=freeze(self.bonus), limit=freeze(self.limit))
+        set_frozen(self, misperception=freeze(self.misperception))
         set_frozen(self, legal=freeze(self.legal, np.bool_))
+        set_frozen(self, direct=freeze(self.direct, np.bool_))
         self._check()
 
     def _check(self) -> None:
@@ -61,6 +68,8 @@ class MOMDP:
             "cost": (e,),
             "bonus": (n, e, 2),
             "limit": (e,),
+            "misperception": (n,),
+            "direct": (e,),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape
@@ -74,6 +83,10 @@ class MOMDP:
             raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
         if not (self.precision > 0).all():
             raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
+        if not ((self.misperception >= 0) & (self.misperception < 0.5)).all():  # noqa: PLR2004
+            raise SettingsError(
+                f"MOMDP.misperception must lie in [0, 0.5), found {self.misperception}."
+            )
         if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
             raise SettingsError(
                 f"Need 0 < discount <= 1 and correct >= incorrect; found discount "

@@ -5,8 +5,12 @@ says of the queried attributes) and `ConfusionCounts` (what such percepts were w
 """
 
 from meal_bayes.perception.confusion import ConfusionCounts, table_counts
-from meal_bayes.perception.cross_validation import cross_validate
-from meal_bayes.perception.ensemble import Perception, fit_and_validate, fit_perception
+from meal_bayes.perception.cross_validation import (
+    cross_validate,
+    fit_and_validate,
+    fit_perception,
+)
+from meal_bayes.perception.ensemble import Perception
 from meal_bayes.perception.perceiver import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, named_settings
 from meal_bayes.perception.tables import build_percept_table

@@ -33,7 +33,7 @@ class ConfusionCounts:
         return int(self.counts.shape[-1])
 
     def total(self) -> NDArray[np.int64]:
-        """Counts of all objects together, (P,E,2,K)."""
+        """Sum over the objects, (P,E,2,K)."""
         return freeze(self.counts.sum(axis=0), np.int64)
 
     def rates(self) -> NDArray[np.float64]:
@@ -42,7 +42,7 @@ class ConfusionCounts:
         NaN where a truth never occurs.
         """
         yes, number = _yes(self.total())
-        return np.divide(yes, number, out=np.full(yes.shape, np.nan), where=number > 0)
+        return np.asarray(np.where(number > 0, yes / np.maximum(number, 1), np.nan))
 
     def kappa(self) -> NDArray[np.float64]:
         """Cohen's kappa of the yes/no percept against the truth, (P,E); 0 where nothing is said."""

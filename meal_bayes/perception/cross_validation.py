@@ -1,10 +1,24 @@
-"""How good percepts of unseen objects are, by cross-validation over the objects inside D."""
+"""Fitting Psi, and how good percepts of unseen objects are: cross-validation inside D."""
 
-from meal_bayes.datasets import Dataset
-from meal_bayes.datasets.training_set import TrainingSet
-from meal_bayes.perception.confusion import ConfusionCounts
-from meal_bayes.perception.ensemble import fit_and_validate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.perception.confusion import ConfusionCounts, believable
+from meal_bayes.perception.ensemble import BehaviorClassifier, Perception
+from meal_bayes.perception.recipes import recipe_of
+from meal_bayes.perception.recordings import BehaviorRecordings, recordings_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+
+
+def fit_perception(
+    dataset: Dataset, training_set: TrainingSet, *, settings: PerceptionSettings = DEFAULT
+) -> Perception:
+    """Fit Psi of every behavior on the training set D."""
+    return fit_and_validate(dataset, training_set, settings=settings)[0]
 
 
 def cross_validate(
@@ -18,3 +32,42 @@ def cross_validate(
     hold one class only its percept says nothing (the level around even odds).
     """
     return fit_and_validate(dataset, training_set, settings=settings)[1]
+
+
+def fit_and_validate(
+    dataset: Dataset, training_set: TrainingSet, *, settings: PerceptionSettings = DEFAULT
+) -> tuple[Perception, ConfusionCounts]:
+    """Fit Psi on the training set, and count what its like says of objects it never saw.
+
+    The two belong together (a percept is worth what such percepts were worth) and share the work.
+    """
+    domain, n_objects = dataset.domain, len(dataset.objects)
+    shape = (n_objects, len(domain.attributes), len(domain.behaviors), 2, settings.levels)
+    counts = np.zeros(shape, np.int64)
+    classifiers = {}
+    for index, behavior in enumerate(domain.behaviors):
+        recordings = recordings_of(dataset, training_set, behavior.name, settings.kernel)
+        if recordings is None or not behavior.modalities:
+            continue
+        modalities, pool, nested = recipe_of(settings).fit(recordings, settings)
+        believed = np.ones(nested.shape[1], np.bool_)
+        if settings.believable_only:
+            believed = believable(_count(recordings, nested, 2, n_objects))[:, 0]
+        nested = np.where(believed, nested, 0.0)
+        counts[:, :, index] = _count(recordings, nested, settings.levels, n_objects).counts[:, :, 0]
+        classifiers[behavior.name] = BehaviorClassifier(modalities, pool, believed)
+    perception = Perception(domain, classifiers, dataset.labels, settings.levels)
+    return perception, ConfusionCounts(counts)
+
+
+def _count(
+    recordings: BehaviorRecordings, nested: NDArray[np.float64], levels: int, n_objects: int
+) -> ConfusionCounts:
+    """Count the levels of nested outputs (n,P) by object and truth, (O,P,1,2,K)."""
+    seen = levels_of(round_log_odds(nested), BIN_EDGES, levels)
+    counts = np.zeros((n_objects, nested.shape[1], 1, 2, levels), np.int64)
+    row, attribute = np.nonzero(recordings.labels >= 0)
+    truth, level = recordings.labels[row, attribute], seen[row, attribute]
+    place: tuple[Any, ...] = (recordings.objects[row], attribute, 0, truth, level)
+    np.add.at(counts, place, 1)
+    return ConfusionCounts(counts)

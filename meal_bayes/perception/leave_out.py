@@ -49,7 +49,8 @@ def leave_out(
 ) -> tuple[Floats, Floats]:
     """Stackers that never saw the sets (S,s) of objects, and what they say of these objects.
 
-    `warm` (P,1+M) is where the search for the stackers starts; it finds the same ones from anywhere.
+    `warm` (P,1+M) is where the search for the stackers starts; the same ones are found from
+    anywhere.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def all_objects(problem: KernelProblem, settings: PerceptionSettings) -> Floats:
 def each_object(
     problem: KernelProblem, settings: PerceptionSettings, warm: Floats | None = None
 ) -> Floats:
-    """Outputs on every recording by classifiers and stackers that never saw its object, (n,P)."""
+    """Score every recording by classifiers and stackers that never saw its object, (n,P)."""
     sets = np.arange(len(problem.objects))[:, None]
     log_odds = leave_out(problem, sets, settings, warm)[1][:, :, 0]  # (k,P,R)
     present = np.arange(log_odds.shape[2]) < np.diff(problem.starts)[:, None]

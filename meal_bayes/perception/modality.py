@@ -77,17 +77,17 @@ class ModalityClassifier:
     def decisions(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
         """Signed decisions on raw features (B,D), (B,P); not yet probabilities."""
         similarity = self.space.similarity(self.space.standardize(features))
-        return similarity @ self.dual.T + self.bias
+        return np.asarray(similarity @ self.dual.T + self.bias)
 
 
 def _squash(features: NDArray[np.floating]) -> NDArray[np.float64]:
     values = np.asarray(features, dtype=np.float64)
-    return np.sign(values) * np.log1p(np.abs(values))
+    return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
 def _squared_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None, :]
-    return np.maximum(squares - 2.0 * a @ b.T, 0.0)
+    return np.asarray(np.maximum(squares - 2.0 * a @ b.T, 0.0))
 
 
 def _median_distance(rows: NDArray[np.float64]) -> float:

@@ -18,9 +18,9 @@ from sklearn.svm import SVC
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.perception.ensemble import BehaviorData
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.modality import ModalityClassifier
+from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stacker
 
@@ -67,7 +67,10 @@ class _Machines:
     def train(self, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
         """Machines of these rows: dual (M,P,n) and bias (M,P); zero where a class is missing."""
         n_modalities, n, n_attributes = len(self.grams), len(self.truth), self.truth.shape[1]
-        dual, bias = np.zeros((n_modalities, n_attributes, n)), np.zeros((n_modalities, n_attributes))
+        dual, bias = (
+            np.zeros((n_modalities, n_attributes, n)),
+            np.zeros((n_modalities, n_attributes)),
+        )
         chosen = np.flatnonzero(rows)
         for m in range(n_modalities):
             gram = self.grams[m][np.ix_(chosen, chosen)]
@@ -82,7 +85,7 @@ class _Machines:
 
     def decide(self, dual: Floats, bias: Floats, rows: NDArray[np.bool_]) -> Floats:
         """Decisions on these rows, (B,M,P)."""
-        return np.einsum("mbn,mpn->bmp", self.grams[:, rows], dual) + bias
+        return np.asarray(np.einsum("mbn,mpn->bmp", self.grams[:, rows], dual) + bias)
 
     def without(self, left_out: Iterable[int]) -> Floats:
         """Decisions on the rows of these folds by machines that never saw them, (n,M,P)."""
@@ -99,7 +102,10 @@ Decisions = Mapping[frozenset[int], Floats]
 
 
 def _machines(
-    grams: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64], settings: PerceptionSettings
+    grams: Floats,
+    truth: NDArray[np.bool_],
+    objects: NDArray[np.int64],
+    settings: PerceptionSettings,
 ) -> _Machines:
     """Deal the objects to folds one by one, as neighbors in name are alike."""
     rank = np.unique(objects, return_inverse=True)[1].ravel()
@@ -118,7 +124,10 @@ def _fit_pool(machines: _Machines, decisions: Decisions, left_out: frozenset[int
     remaining = [fold for fold in machines.fold_names if fold not in left_out]
     rows = np.isin(machines.folds, remaining)
     n_modalities, n_attributes = len(machines.grams), machines.truth.shape[1]
-    sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros((n_modalities, n_attributes))
+    sigmoid, weights = (
+        np.zeros((n_modalities, n_attributes, 2)),
+        np.zeros((n_modalities, n_attributes)),
+    )
     if len(remaining) < 2:  # noqa: PLR2004  nothing is out of fold
         return KappaPool(sigmoid, weights)
     inside = np.empty((len(rows), n_modalities, n_attributes))
@@ -167,29 +176,27 @@ def _sets_of(folds: Iterable[int], size: int) -> set[frozenset[int]]:
 
 
 def fit_paper(
-    data: BehaviorData, settings: PerceptionSettings
+    recordings: BehaviorRecordings, settings: PerceptionSettings
 ) -> tuple[tuple[ModalityClassifier, ...], KappaPool, Floats]:
-    """Fit one behavior by the paper's recipe; as `fit_behavior`, nested outputs by folds."""
-    grams = data.grams()
-    n_modalities, n, n_attributes = len(grams), len(data.objects), data.labels.shape[1]
+    """Fit one behavior by the paper's recipe; as `fit_stacked`, nested outputs by folds."""
+    grams, labels = recordings.grams(), recordings.labels
+    n_modalities, (n, n_attributes) = len(grams), labels.shape
     dual, bias = np.zeros((n_modalities, n_attributes, n)), np.zeros((n_modalities, n_attributes))
-    sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros((n_modalities, n_attributes))
+    sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros_like(bias)
     nested = np.full((n, n_attributes), np.nan)
-    for known, attributes in known_patterns(data.labels >= 0):
-        truth = data.labels[np.ix_(known, attributes)] == 1
+    for known, attributes in known_patterns(labels >= 0):
+        truth = labels[np.ix_(known, attributes)] == 1
         part = grams[:, known][:, :, known]
-        machines = _machines(part, truth, data.objects[known], settings)
+        machines = _machines(part, truth, recordings.objects[known], settings)
         decisions = _all_decisions(machines, _sets_of(machines.fold_names, 2))
         pool = _fit_pool(machines, decisions, frozenset())
-        nested[np.ix_(known, attributes)] = _nested(machines, decisions)
-        duals, biases = machines.train(np.ones(int(known.sum()), np.bool_))
         sigmoid[:, attributes], weights[:, attributes] = pool.sigmoid, pool.weights
-        bias[:, attributes] = biases
-        for m in range(n_modalities):
-            dual[m][np.ix_(attributes, known)] = duals[m]
+        nested[np.ix_(known, attributes)] = _nested(machines, decisions)
+        duals, bias[:, attributes] = machines.train(np.ones(len(truth), np.bool_))
+        dual[np.ix_(np.arange(n_modalities), attributes, known)] = duals
     classifiers = tuple(
         ModalityClassifier(modality, space, dual[m], bias[m])
-        for m, (modality, space) in enumerate(data.spaces.items())
+        for m, (modality, space) in enumerate(recordings.spaces.items())
     )
     return classifiers, KappaPool(sigmoid, weights), nested
 
@@ -197,7 +204,7 @@ def fit_paper(
 def _nested(
     machines: _Machines, decisions: Decisions, left_out: frozenset[int] = frozenset()
 ) -> Floats:
-    """Outputs on each fold by machines and pools that saw neither it nor `left_out`, (n,P)."""
+    """Score each fold by machines and pools that saw neither it nor `left_out`, (n,P)."""
     outputs = np.full(machines.truth.shape, np.nan)
     for fold in machines.fold_names:
         if fold not in left_out:
@@ -214,7 +221,7 @@ def paper_outputs(
     held: NDArray[np.int64],
     settings: PerceptionSettings,
 ) -> tuple[Floats, Floats]:
-    """Held-out (O,R,P) and training-side (O,O,R,P) outputs of one behavior, for the tables.
+    """Score one behavior for the percept tables; as `stacked_outputs`, by folds.
 
     The machine that scores held-out o has seen all other objects; everything else for o (its
     sigmoids and weights, the training side) leaves o's whole fold out.
@@ -227,38 +234,33 @@ def paper_outputs(
         grams[:, rows][:, :, rows], truth, np.repeat(names, n_recordings), settings
     )
     fold_of = dict(zip(machines.objects.tolist(), machines.folds.tolist(), strict=True))
-    unknown = np.flatnonzero(~known)
-    needed = {fold_of[o] for o in held.tolist() if o in fold_of}
-    singles = _sets_of(machines.fold_names, 1)
-    sets = _sets_of(machines.fold_names, 2 if needed or len(unknown) else 1)
-    sets |= {frozenset([h]) | a | b for h in needed for a in singles for b in singles}
-    decisions = _all_decisions(machines, sets)
+    scored = [o for o in held.tolist() if o in fold_of]
+    decisions = _all_decisions(machines, _sets_of(machines.fold_names, 3))
     own = np.full((n_objects, n_recordings, n_attributes), np.nan)
     training = np.full((n_objects, *own.shape), np.nan)
-
-    def score(o: int) -> None:
-        rest, single = machines.objects != o, machines.objects == o
-        pool = pools[fold_of[o]]
-        trained = machines.train(rest)
-        own[o] = pool.log_odds(machines.decide(*trained, single))
-        training[o, names] = sides[fold_of[o]]
-        training[o, o] = np.nan
-
-    pools = {h: _fit_pool(machines, decisions, frozenset([h])) for h in needed}
+    per_object = (len(names), n_recordings, n_attributes)
+    pools = {h: _fit_pool(machines, decisions, frozenset([h])) for h in machines.fold_names}
     sides = {}
-    for h in needed:
+    for h in {fold_of[o] for o in scored}:
         side = _nested(machines, decisions, frozenset([h]))
-        inside = machines.folds == h  # o's fellows: scored without the fold, as o's sigmoids are
+        inside = machines.folds == h  # o's fellows are scored without the fold, as is all else
         side[inside] = pools[h].log_odds(decisions[frozenset([h])][inside])
-        sides[h] = side.reshape(len(names), n_recordings, n_attributes)
+        sides[h] = side.reshape(per_object)
+
+    def score(o: int) -> Floats:
+        single = machines.objects == o
+        return pools[fold_of[o]].log_odds(machines.decide(*machines.train(~single), single))
+
     with ThreadPoolExecutor(os.cpu_count() or 1) as workers:
-        list(workers.map(score, [o for o in held.tolist() if o in fold_of]))
+        for o, outputs in zip(scored, workers.map(score, scored), strict=True):
+            own[o] = outputs
+            training[o, names] = sides[fold_of[o]]
+            training[o, o] = np.nan
+    unknown = np.flatnonzero(~known)
     if len(unknown):
-        pool = _fit_pool(machines, decisions, frozenset())
-        dual, bias = machines.train(np.ones(len(machines.objects), np.bool_))
-        across = grams[:, ~rows][:, :, rows]
-        scored = pool.log_odds(np.einsum("mbn,mpn->bmp", across, dual) + bias)
-        own[unknown] = scored.reshape(len(unknown), n_recordings, n_attributes)
-        everyone = _nested(machines, decisions).reshape(len(names), n_recordings, n_attributes)
-        training[np.ix_(unknown, names)] = everyone
+        dual, bias = machines.train(np.ones(len(truth), np.bool_))
+        across = np.einsum("mbn,mpn->bmp", grams[:, ~rows][:, :, rows], dual) + bias
+        everyone = _fit_pool(machines, decisions, frozenset())
+        own[unknown] = everyone.log_odds(across).reshape(-1, n_recordings, n_attributes)
+        training[np.ix_(unknown, names)] = _nested(machines, decisions).reshape(per_object)
     return own, training

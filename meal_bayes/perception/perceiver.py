@@ -19,7 +19,7 @@ class Perceiver(Protocol):
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Percept levels of the queried attributes, (N,): 0 is the surest no, K-1 the surest yes."""
+        """Percept levels of the queried attributes, (N,): 0 the surest no, K-1 the surest yes."""
         ...
 
 
@@ -122,4 +122,4 @@ class ConfusionSampler:
 def draw_levels(rows: ArrayLike, rng: np.random.Generator) -> NDArray[np.int8]:
     """Draw one level from each row of probabilities (N,K)."""
     edges = np.cumsum(np.asarray(rows, dtype=np.float64), axis=-1)[:, :-1]
-    return (rng.random((len(edges), 1)) >= edges).sum(axis=-1).astype(np.int8)
+    return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)

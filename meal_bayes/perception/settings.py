@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 
@@ -32,6 +33,7 @@ class PerceptionSettings:
         for name in ("noise", "ridge", "box"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
+        level_edges(BIN_EDGES, self.levels)
         if self.folds < 2:  # noqa: PLR2004
             raise SettingsError(f"folds is {self.folds}; give at least 2.")
 

@@ -5,12 +5,11 @@ without S and without k; a logistic regression (the stacker) learns from those d
 pool the modalities, and is applied to the objects of S, scored by classifiers trained without S.
 One kernel, three depths: S empty gives the stacker of a robot that has seen all objects, S = {o}
 the held-out outputs on o, S = {o, o'} the training-side outputs of the tables for o and for o'.
-
-Plain loops throughout: they compile in seconds and need no temporary arrays.
 """
+# mypy: allow-untyped-decorators
 
-import numba
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 _TOLERANCE = 1e-9  # of the projected gradient, in units of total weight
@@ -21,7 +20,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _factorize(matrix: Floats) -> None:
     """Overwrite the lower triangle of a positive definite matrix by its Cholesky factor."""
     for i in range(matrix.shape[0]):
@@ -32,7 +31,7 @@ def _factorize(matrix: Floats) -> None:
             matrix[i, j] = np.sqrt(total) if i == j else total / matrix[j, j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve_lower(factor: Floats, vector: Floats) -> None:
     """Overwrite a vector by the solution of L x = vector."""
     for i in range(factor.shape[0]):
@@ -42,7 +41,7 @@ def _solve_lower(factor: Floats, vector: Floats) -> None:
         vector[i] = total / factor[i, i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve_upper(factor: Floats, vector: Floats) -> None:
     """Overwrite a vector by the solution of L' x = vector."""
     for i in range(factor.shape[0] - 1, -1, -1):
@@ -52,7 +51,7 @@ def _solve_upper(factor: Floats, vector: Floats) -> None:
         vector[i] = total / factor[i, i]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _objective(
     theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats
 ) -> float:
@@ -73,7 +72,7 @@ def _objective(
     return total
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _derivatives(
     theta: Floats,
     features: Floats,
@@ -109,7 +108,7 @@ def _derivatives(
         hessian[m + 1, m + 1] += ridge
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _newton_step(
     theta: Floats, gradient: Floats, hessian: Floats, nonnegative: bool, step: Floats
 ) -> float:
@@ -139,7 +138,7 @@ def _newton_step(
     return largest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_stacker(
     features: Floats,
     target: Floats,
@@ -162,9 +161,7 @@ def fit_stacker(
         mass += weight[i]
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
-        _derivatives(
-            theta, features, target, weight, ridge, rate, gradient, hessian, scratch
-        )
+        _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian, scratch)
         if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * mass:
             return
         length = 1.0
@@ -182,9 +179,9 @@ def fit_stacker(
             theta[j] = trial[j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(target: Floats, starts: Ints, out: Ints, balanced: bool, weight: Floats) -> bool:
-    """Weigh recordings 2/R and classes n/(2 n_c), those left out 0; are both classes there?"""
+    """Weigh recordings 2/R and classes n/(2 n_c), left-out ones 0; tell if both classes remain."""
     positive, negative = 0.0, 0.0
     for k in range(len(out)):
         for i in range(starts[k], starts[k + 1]):
@@ -200,7 +197,7 @@ def _weigh(target: Floats, starts: Ints, out: Ints, balanced: bool, weight: Floa
     return True
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _leave_set(
     inverse: Floats,
     dual: Floats,
@@ -241,7 +238,7 @@ def _leave_set(
             own[p, i] = target[p, rows[i]] - solution[i]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _score_others(
     inverse: Floats,
     dual: Floats,
@@ -283,7 +280,7 @@ def _score_others(
                 decisions[p, begin + i] = 0.0 if out[k] else target[p, begin + i] - vector[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def score_without(
     left_out: Ints,
     inverses: Floats,
@@ -323,7 +320,7 @@ def score_without(
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_stackers(
     left_out: Ints,
     decisions: Floats,
@@ -346,10 +343,7 @@ def fit_stackers(
         out[k] = 1
     for p in range(n_targets):
         if _weigh(targets[p], starts, out, balanced, weight):
-            for m in range(n_modalities):
-                for i in range(n):
-                    features[m, i] = decisions[m, p, i]
+            features[:] = decisions[:, p]
             fit_stacker(features, targets[p], weight, ridge, nonnegative, weights[p])
         else:
-            for j in range(n_modalities + 1):
-                weights[p, j] = 0.0
+            weights[p] = 0.0

@@ -3,24 +3,20 @@
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
-from meal_bayes.datasets.percepts import BIN_EDGES, level_edges, round_log_odds
+from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
+from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import believable, by_truth
-from meal_bayes.perception.leave_out import (
-    KernelProblem,
-    all_objects,
-    each_object,
-    kernel_problem,
-    known_patterns,
-    leave_out,
-)
+from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.modality import fit_space
+from meal_bayes.perception.recipes import recipe_of
 from meal_bayes.perception.settings import PerceptionSettings, named_settings
 
 Floats = NDArray[np.float64]
@@ -56,16 +52,14 @@ def build_percept_table(
     """
     settings = named_settings(perception) if isinstance(perception, str) else perception
     domain = dataset.domain
-    columns = _positions(attributes, domain.attributes, domain.attribute_index)
-    held = _positions(objects, dataset.objects, lambda name: object_index(dataset.objects, name))
+    columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
+    held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
     n_objects, n_attributes = dataset.labels.shape
     n_bins = len(BIN_EDGES) + 1
     log_odds = np.full(
         (n_objects, dataset.recordings, len(domain.behaviors), n_attributes), np.nan, np.float16
     )
-    bins = np.zeros(
-        (n_objects, n_objects, n_attributes, len(domain.behaviors), n_bins), np.uint8
-    )
+    bins = np.zeros((n_objects, n_objects, n_attributes, len(domain.behaviors), n_bins), np.uint8)
     sensing = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
     for done, index in enumerate(sensing):
         modalities = [
@@ -73,7 +67,8 @@ def build_percept_table(
             for modality in domain.behaviors[index].modalities
         ]
         own, training = _behavior_outputs(modalities, dataset.labels[:, columns], held, settings)
-        log_odds[np.ix_(held, range(dataset.recordings), [index], columns)] = own[held][:, :, None]
+        behavior = log_odds[:, :, index]
+        behavior[np.ix_(held, np.arange(dataset.recordings), columns)] = own[held]
         bins[:, :, columns, index] = _histograms(training)
         if progress is not None:
             progress(done + 1, len(sensing))
@@ -86,9 +81,12 @@ def build_percept_table(
 
 
 def _positions(
-    names: Iterable[str] | None, known: Sequence[str], find: Callable[[str], int]
+    what: str, names: Iterable[str] | None, known: Sequence[str], find: Callable[[str], int]
 ) -> NDArray[np.int64]:
-    return np.array(sorted({find(name) for name in (known if names is None else names)}))
+    found = sorted({find(name) for name in (known if names is None else names)})
+    if not found:
+        raise SettingsError(f"{what} is empty; name at least one, or leave it out for all.")
+    return np.array(found)
 
 
 def _behavior_outputs(
@@ -97,7 +95,7 @@ def _behavior_outputs(
     held: NDArray[np.int64],
     settings: PerceptionSettings,
 ) -> tuple[Halves, Halves]:
-    """Outputs of one behavior from features (O,R,D) and labels (O,P).
+    """Score one behavior from features (O,R,D) and labels (O,P).
 
     Returns the held-out ones, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN where
     none was computed.
@@ -114,58 +112,11 @@ def _behavior_outputs(
     training = np.full((n_objects, *own.shape), np.nan, np.float16)
     for known, attributes in known_patterns(labels >= 0):
         part = labels[:, attributes]
-        if settings.recipe == "paper":
-            from meal_bayes.perception.paper import paper_outputs  # noqa: PLC0415  scikit-learn
-
-            own_part, training_part = paper_outputs(grams, part, known, held, settings)
-        else:
-            own_part, training_part = _stacked_outputs(grams, part, known, held, settings)
+        own_part, training_part = recipe_of(settings).outputs(grams, part, known, held, settings)
         own[:, :, attributes] = round_log_odds(own_part)
         training[..., attributes] = round_log_odds(training_part)
+    training[np.setdiff1d(np.arange(n_objects), held)] = np.nan
     return own, training
-
-
-def _stacked_outputs(
-    grams: Floats,
-    labels: NDArray[np.int8],
-    known: NDArray[np.bool_],
-    held: NDArray[np.int64],
-    settings: PerceptionSettings,
-) -> tuple[Floats, Floats]:
-    n_objects, n_attributes = labels.shape
-    n_recordings = grams.shape[1] // n_objects
-    rows = np.repeat(known, n_recordings)
-    names = np.flatnonzero(known)
-    problem = kernel_problem(
-        grams[:, rows][:, :, rows],
-        np.repeat(labels[known] == 1, n_recordings, axis=0),
-        np.repeat(names, n_recordings),
-        settings.noise,
-    )
-    weights = all_objects(problem, settings)
-    own = np.full((n_objects, n_recordings, n_attributes), np.nan)
-    own[known] = each_object(problem, settings, weights).reshape(-1, n_recordings, n_attributes)
-    training = np.full((n_objects, *own.shape), np.nan)
-    pairs = _pairs(problem, held)
-    both = leave_out(problem, pairs, settings, weights)[1].transpose(0, 2, 3, 1)  # (S,2,R,P)
-    first, second = names[pairs.T]
-    training[first, second], training[second, first] = both[:, 1], both[:, 0]
-    # An object whose label is unknown is in no training set: what serves the others serves it.
-    unknown = np.flatnonzero(~known)
-    training[np.ix_(unknown, names)] = own[names]
-    across = grams[:, ~rows][:, :, rows]  # (M,B,n)
-    decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)
-    pooled = np.einsum("bmp,pm->bp", decisions, weights[:, 1:]) + weights[:, 0]
-    own[unknown] = pooled.reshape(len(unknown), n_recordings, n_attributes)
-    return own, training
-
-
-def _pairs(problem: KernelProblem, held: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Unordered pairs of the problem's objects of which at least one is held out, (S,2)."""
-    first, second = np.triu_indices(len(problem.objects), 1)
-    wanted = np.isin(problem.objects, held)
-    chosen = wanted[first] | wanted[second]
-    return np.stack([first[chosen], second[chosen]], axis=1)
 
 
 def _histograms(training: Halves) -> NDArray[np.uint8]:
@@ -176,15 +127,12 @@ def _histograms(training: Halves) -> NDArray[np.uint8]:
     return np.stack(counts, axis=-1).astype(np.uint8)
 
 
-def _silence(
-    log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8]
-) -> None:
+def _silence(log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8]) -> None:
     """Let percepts say nothing where the training side does not support them, in place.
 
     Decided for each held-out object from the other objects alone.
     """
     n_bins = bins.shape[-1]
-    level_edges(BIN_EDGES, 2)
     nothing = int(np.searchsorted(BIN_EDGES, 0.0))
     for o in range(len(labels)):
         levels = bins[o].reshape(*bins.shape[1:-1], 2, n_bins // 2).sum(axis=-1)

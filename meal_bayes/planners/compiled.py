@@ -34,7 +34,10 @@ class Compiled(NamedTuple):
     bonus: NDArray[np.float64]  # (N,E,2)
     shaped: bool
     limit: NDArray[np.float64]  # (E,)
-    exact_rows: bool  # all precisions infinite
+    tabled: bool  # do log-odds alone say how a plan errs? (precisions inf, misperception 0)
+    prior: NDArray[np.float64]  # (N,) log-odds, finite
+    flip: NDArray[np.float64]  # (N,) misperception
+    direct: NDArray[np.bool_]  # (E,)
     correct: float
     incorrect: float
     exit_value: NDArray[np.float64]  # (X,) of the cheapest illegal behavior, -inf where none
@@ -86,7 +89,10 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         bonus=momdp.bonus.copy(),
         shaped=bool(momdp.bonus.any()),
         limit=momdp.limit.copy(),
-        exact_rows=bool(np.isinf(momdp.precision).all()),
+        tabled=bool(np.isinf(momdp.precision).all() and not momdp.misperception.any()),
+        prior=np.log(np.clip(momdp.prior, 1e-9, 1)) - np.log(np.clip(1 - momdp.prior, 1e-9, 1)),
+        flip=momdp.misperception.copy(),
+        direct=momdp.direct.copy(),
         correct=momdp.correct,
         incorrect=momdp.incorrect,
         exit_value=-exits if momdp.abstain else np.full(size, -np.inf),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.search import (
     SPAN,
+    Beliefs,
     Macros,
     Plans,
     grow_plans,
@@ -60,14 +61,16 @@ def plans_for(problem: Compiled) -> Plans:
     """
     n = problem.confusion.shape[0]
     rng = np.random.Generator(np.random.PCG64(n))
-    beliefs = np.concatenate([np.zeros((1, n)), rng.uniform(-4.0, 4.0, (_JUDGED, n))])
+    spread = np.concatenate([np.zeros((1, n)), rng.uniform(-4.0, 4.0, (_JUDGED, n))])
+    beliefs = Beliefs(np.repeat(problem.prior[None], len(spread), axis=0), spread)
+    first = Beliefs(beliefs.told[:_GROWN].copy(), beliefs.felt[:_GROWN].copy())
     moves = moves_of(problem)
     found: list[set[Path]] = [
         {(int(a),) for a in np.flatnonzero(legal)} for legal in problem.legal
     ]
     for x in range(len(found)):
         if found[x]:
-            grown = grow_plans(problem, moves.macros, x, beliefs[:_GROWN], _LENGTH)
+            grown = grow_plans(problem, moves.macros, x, first, _LENGTH)
             prefixes = {path for row in grown for path in _prefixes(moves, x, row)}
             best = _winners(problem, moves, x, sorted(prefixes | found[x]), beliefs)
             for path in best:
@@ -76,8 +79,9 @@ def plans_for(problem: Compiled) -> Plans:
         _winners(problem, moves, x, sorted(paths), beliefs) for x, paths in enumerate(found)
     ]
     plans = _arrays(problem, moves, groups)
-    if problem.exact_rows:
-        grid = np.linspace(-SPAN, SPAN, _GRID)
+    if problem.tabled:
+        points = np.repeat(np.linspace(-SPAN, SPAN, _GRID)[:, None], n, axis=1)
+        grid = Beliefs(points, np.zeros_like(points))
         plans = plans._replace(errors=tabulate_errors(problem, plans, grid))
     return plans
 
@@ -170,13 +174,13 @@ def _spread_suffixes(moves: Moves, x: int, path: Path, found: list[set[Path]]) -
 
 
 def _winners(
-    problem: Compiled, moves: Moves, x: int, paths: list[Path], beliefs: NDArray[np.float64]
+    problem: Compiled, moves: Moves, x: int, paths: list[Path], beliefs: Beliefs
 ) -> list[Path]:
     """Keep the paths from x that are best at one of the beliefs, and the best of each start."""
     if not paths:
         return []
     plans = _arrays(problem, moves, [paths if state == x else [] for state in range(len(moves.target))])
-    values = np.full((len(beliefs), len(paths)), -np.inf)
+    values = np.full((len(beliefs.told), len(paths)), -np.inf)
     plan_values(problem, plans, x, beliefs, values)
     wins = np.bincount(values.argmax(axis=1), minlength=len(paths))
     kept = {int(j) for j in np.argsort(-wins, kind="stable")[:_KEPT] if wins[j]}

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, best_report
+from meal_bayes.momdp import MOMDP, best_report, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.open_loop import plans_for
 from meal_bayes.planners.search import ENUMERATE, SAMPLED, Plans, Tree, search
@@ -73,17 +73,19 @@ class POMCPPolicy:
             self.plans,
             tree,
             belief.x,
-            belief.log_odds.copy(),
+            belief.told + 0.0,
+            belief.felt + 0.0,
             belief.seen.astype(np.float64),
             belief.seen[0].sum(axis=1).astype(np.float64),
             self.settings.simulations,
             self.settings.exploration * (momdp.correct - momdp.incorrect),
             rng,
         )
-        return _decision(momdp, history, tree, int(done))
+        return _decision(self, history, tree, int(done))
 
 
-def _decision(momdp: MOMDP, history: History, tree: Tree, done: int) -> Decision:
+def _decision(policy: POMCPPolicy, history: History, tree: Tree, done: int) -> Decision:
+    momdp = policy.momdp
     values = np.append(tree.edge_value[0], tree.stop[0])
     values[np.isneginf(values)] = np.nan
     visits = np.append(tree.edge_visits[0], tree.visits[0] - tree.edge_visits[0].sum())
@@ -91,18 +93,16 @@ def _decision(momdp: MOMDP, history: History, tree: Tree, done: int) -> Decision
     if best < momdp.n_behaviors and values[best] > values[-1]:
         action = best
     else:
-        action = _ending(momdp, history, float(values[-1]))
+        action = _ending(float(policy.problem.exit_value[history.belief.x]), momdp, history)
     exact = np.where(np.isnan(values), np.nan, 0.0)
     exact[:-1][tree.edge_visits[0] > 0] = _spread(tree)[tree.edge_visits[0] > 0]
     return Decision(action, values, exact, visits, _top(tree), done)
 
 
-def _ending(momdp: MOMDP, history: History, value: float) -> int:
+def _ending(exit_value: float, momdp: MOMDP, history: History) -> int:
     """The best report, or the cheapest illegal behavior where that is worth more (abstaining)."""
-    report = best_report(momdp, history.belief)
-    certain = momdp.incorrect + (momdp.correct - momdp.incorrect) * history.belief.certainty
-    if not momdp.abstain or value <= certain:
-        return report
+    if exit_value <= report_value(momdp, history.belief):
+        return best_report(momdp, history.belief)
     costs = np.where(momdp.legal[history.belief.x], np.inf, momdp.cost)
     return int(costs.argmin())
 
@@ -144,7 +144,8 @@ def _room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
     return Tree(
         size=np.zeros(1, np.int64),
         x=np.empty(nodes, np.int64),
-        log_odds=np.empty((nodes, n_attributes)),
+        told=np.empty((nodes, n_attributes)),
+        felt=np.empty((nodes, n_attributes)),
         value=np.empty(nodes),
         stop=np.empty(nodes),
         visits=np.empty(nodes, np.int64),

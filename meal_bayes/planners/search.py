@@ -40,12 +40,20 @@ class Macros(NamedTuple):
     uses: NDArray[np.int64]  # (X,E,E) percepts gathered on the way, the last included
 
 
+class Beliefs(NamedTuple):
+    """Beliefs to value plans at; a `Tree` has these two fields as well."""
+
+    told: NDArray[np.float64]  # (B,N)
+    felt: NDArray[np.float64]  # (B,N)
+
+
 class Tree(NamedTuple):
     """Search tree: struct of arrays; row 0 is the root, outcomes of an edge stand in a row."""
 
     size: NDArray[np.int64]  # (1,) nodes in use
     x: NDArray[np.int64]  # (S,)
-    log_odds: NDArray[np.float64]  # (S,N)
+    told: NDArray[np.float64]  # (S,N) log-odds of the truth: prior, answers, independent percepts
+    felt: NDArray[np.float64]  # (S,N) log-odds of what the object seems to be
     value: NDArray[np.float64]  # (S,) best of report, exit and edges
     stop: NDArray[np.float64]  # (S,) value of the best report or exit, exact
     visits: NDArray[np.int64]  # (S,)
@@ -67,11 +75,34 @@ def _sigmoid(log_odds):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stop_value(problem, x, beliefs, row):
+def _soften(log_odds, error):
+    """What log-odds at one end of a symmetric channel tell of its other end."""
+    if error == 0.0:
+        return log_odds
+    sign = 1.0 if log_odds >= 0.0 else -1.0
+    small = np.exp(-abs(log_odds))
+    return sign * np.log((1.0 - error + error * small) / (error + (1.0 - error) * small))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _truth(problem, tree, row, i):
+    """Pr(attribute i is true) at a node (or a row of any struct with `told` and `felt`)."""
+    return _sigmoid(tree.told[row, i] + _soften(tree.felt[row, i], problem.flip[i]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _seeming(problem, tree, row, i):
+    """Pr(attribute i seems true), which percepts but a person's answers depend on."""
+    return _sigmoid(tree.felt[row, i] + _soften(tree.told[row, i], problem.flip[i]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stop_value(problem, x, tree, row):
     """Value of ending now: the most probable report, or the exit where that is better."""
     certainty = 1.0
-    for i in range(beliefs.shape[1]):
-        certainty *= _sigmoid(abs(beliefs[row, i]))
+    for i in range(tree.told.shape[1]):
+        b = _truth(problem, tree, row, i)
+        certainty *= max(b, 1.0 - b)
     value = problem.incorrect + (problem.correct - problem.incorrect) * certainty
     return max(value, problem.exit_value[x])
 
@@ -98,33 +129,42 @@ def _yes_counts(problem, i, v, e, k, yes, total, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _plan_error(problem, uses, plan, i, log_odds, yes, total, scratch):
+def _plan_error(problem, uses, plan, i, beliefs, row, yes, total, scratch):
     """Exact Bayes error E min(b, 1-b) of attribute i after a plan (percepts cut to yes/no).
 
     Cutting levels, and dropping behaviors once OUTCOMES is full, can only raise the error: the
-    plan's value stays a lower bound.
+    plan's value stays a lower bound. Weights run over what the attribute seems to be, then, for
+    a person's answers and the report, over what it is.
     """
     w1, w0, c1, c0 = scratch[0], scratch[1], scratch[2], scratch[3]
-    b = _sigmoid(log_odds)
+    b = _seeming(problem, beliefs, row, i)
     w1[0], w0[0], m = b, 1.0 - b, 1
-    for e in range(uses.shape[1]):
-        if uses[plan, e] == 0 or not problem.informative[i, e]:
-            continue
-        k = int(min(float(uses[plan, e]), problem.limit[e] - total[e]))
-        if k <= 0 or m * (k + 1) > OUTCOMES:
-            continue
-        if total[e] == 0.0 and k < problem.fresh.shape[3]:
-            for j in range(k + 1):
-                c1[j], c0[j] = problem.fresh[i, e, 1, k, j], problem.fresh[i, e, 0, k, j]
-        else:
-            _yes_counts(problem, i, 1, e, k, yes[i, e], total[e], c1)
-            _yes_counts(problem, i, 0, e, k, yes[i, e], total[e], c0)
-        for a in range(m - 1, -1, -1):
-            u1, u0 = w1[a], w0[a]
-            for j in range(k, -1, -1):
-                w1[a * (k + 1) + j] = u1 * c1[j]
-                w0[a * (k + 1) + j] = u0 * c0[j]
-        m *= k + 1
+    for answers in range(2):
+        if answers == 1 and problem.flip[i] > 0.0:
+            gap = np.log((1.0 - problem.flip[i]) / problem.flip[i])
+            r1, r0 = _sigmoid(beliefs.told[row, i] + gap), _sigmoid(beliefs.told[row, i] - gap)
+            for a in range(m):
+                u1, u0 = w1[a], w0[a]
+                w1[a] = r1 * u1 + r0 * u0
+                w0[a] = (1.0 - r1) * u1 + (1.0 - r0) * u0
+        for e in range(uses.shape[1]):
+            if uses[plan, e] == 0 or not problem.informative[i, e]:
+                continue
+            k = int(min(float(uses[plan, e]), problem.limit[e] - total[e]))
+            if k <= 0 or m * (k + 1) > OUTCOMES or problem.direct[e] != (answers == 1):
+                continue
+            if total[e] == 0.0 and k < problem.fresh.shape[3]:
+                for j in range(k + 1):
+                    c1[j], c0[j] = problem.fresh[i, e, 1, k, j], problem.fresh[i, e, 0, k, j]
+            else:
+                _yes_counts(problem, i, 1, e, k, yes[i, e], total[e], c1)
+                _yes_counts(problem, i, 0, e, k, yes[i, e], total[e], c0)
+            for a in range(m - 1, -1, -1):
+                u1, u0 = w1[a], w0[a]
+                for j in range(k, -1, -1):
+                    w1[a * (k + 1) + j] = u1 * c1[j]
+                    w0[a * (k + 1) + j] = u0 * c0[j]
+            m *= k + 1
     error = 0.0
     for a in range(m):
         error += min(w1[a], w0[a])
@@ -133,16 +173,17 @@ def _plan_error(problem, uses, plan, i, log_odds, yes, total, scratch):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def tabulate_errors(problem, plans, grid):
-    """Error of every plan and attribute over a grid of log-odds; for exact rows only, (J,N,G)."""
+    """Error of every plan and attribute over a grid of beliefs, (J,N,G); for tabled problems."""
     n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
-    out = np.empty((plans.action.shape[0], n, grid.shape[0]))
+    size = grid.told.shape[0]
+    out = np.empty((plans.action.shape[0], n, size))
     yes, total = np.zeros((n, n_behaviors)), np.zeros(n_behaviors)
     scratch = np.empty((4, OUTCOMES))
     for plan in range(out.shape[0]):
         for i in range(n):
-            for g in range(grid.shape[0]):
+            for g in range(size):
                 out[plan, i, g] = _plan_error(
-                    problem, plans.uses, plan, i, grid[g], yes, total, scratch
+                    problem, plans.uses, plan, i, grid, g, yes, total, scratch
                 )
     return out
 
@@ -172,19 +213,19 @@ def _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, floor):
         tabled = tabled and uses <= left
         if problem.shaped and uses > 0:
             share = min(1.0, max(0.0, left) / uses)
-            for i in range(beliefs.shape[1]):
-                b = _sigmoid(beliefs[row, i])
+            for i in range(beliefs.told.shape[1]):
+                b = _truth(problem, beliefs, row, i)
                 mean = b * problem.bonus[i, e, 1] + (1.0 - b) * problem.bonus[i, e, 0]
                 base += share * plans.weight[plan, e] * mean
     right = 1.0
-    for i in range(beliefs.shape[1]):
+    for i in range(beliefs.told.shape[1]):
         if base + g * gap * right <= floor:
             break
         if tabled:
-            right *= 1.0 - _table_error(plans.errors, plan, i, beliefs[row, i])
+            right *= 1.0 - _table_error(plans.errors, plan, i, beliefs.told[row, i])
         else:
             right *= 1.0 - _plan_error(
-                problem, plans.uses, plan, i, beliefs[row, i], yes, total, scratch
+                problem, plans.uses, plan, i, beliefs, row, yes, total, scratch
             )
     return base + g * gap * right
 
@@ -203,10 +244,10 @@ def open_loop_values(problem, plans, x, beliefs, row, yes, total, scratch, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def plan_values(problem, plans, x, beliefs, out):
-    """Value of each plan from x at fresh beliefs (B,N) -> out (B,J)."""
+    """Value of each plan from x at beliefs (B,N) before any percept -> out (B,J)."""
     n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
     yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
-    for row in range(beliefs.shape[0]):
+    for row in range(beliefs.told.shape[0]):
         best = stop_value(problem, x, beliefs, row)
         for plan in range(plans.first[x], plans.first[x + 1]):
             value = _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, best)
@@ -217,8 +258,8 @@ def plan_values(problem, plans, x, beliefs, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _all_right(problem, uses, beliefs, row, yes, total, scratch):
     right = 1.0
-    for i in range(beliefs.shape[1]):
-        right *= 1.0 - _plan_error(problem, uses, 0, i, beliefs[row, i], yes, total, scratch)
+    for i in range(beliefs.told.shape[1]):
+        right *= 1.0 - _plan_error(problem, uses, 0, i, beliefs, row, yes, total, scratch)
     return right
 
 
@@ -232,12 +273,12 @@ def grow_plans(problem, macros, x, beliefs, length):
     n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
     yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
     uses, trial = np.zeros((1, n_behaviors), np.int64), np.zeros((1, n_behaviors), np.int64)
-    out = np.full((beliefs.shape[0], 3 * length), -1, np.int64)
+    out = np.full((beliefs.told.shape[0], 3 * length), -1, np.int64)
     useful = np.zeros(n_behaviors, np.bool_)
     for e in range(n_behaviors):
         for i in range(n):
             useful[e] = useful[e] or problem.informative[i, e]
-    for row in range(beliefs.shape[0]):
+    for row in range(beliefs.told.shape[0]):
         here, filled = x, 0
         for e in range(n_behaviors):
             uses[0, e] = 0
@@ -279,16 +320,16 @@ def _factor(problem, i, e, v, z, seen, total):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _new_node(problem, plans, tree, x, log_odds, yes, total, p, scratch):
+def _new_node(problem, plans, tree, x, told, felt, yes, total, p, scratch):
     """Append a node: exact stop value, open-loop lower bounds for its behaviors."""
     node = tree.size[0]
     tree.size[0] += 1
     tree.x[node], tree.child_p[node], tree.visits[node] = x, p, 0
-    for i in range(log_odds.shape[0]):
-        tree.log_odds[node, i], tree.levels[node, i] = log_odds[i], -1
-    tree.stop[node] = stop_value(problem, x, tree.log_odds, node)
+    for i in range(told.shape[0]):
+        tree.told[node, i], tree.felt[node, i], tree.levels[node, i] = told[i], felt[i], -1
+    tree.stop[node] = stop_value(problem, x, tree, node)
     tree.value[node] = tree.stop[node]
-    open_loop_values(problem, plans, x, tree.log_odds, node, yes, total, scratch, tree.edge_value)
+    open_loop_values(problem, plans, x, tree, node, yes, total, scratch, tree.edge_value)
     for a in range(tree.edge_value.shape[1]):
         tree.edge_visits[node, a] = 0
         tree.children[node, a] = -1
@@ -302,7 +343,7 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
     """Make the children of an edge: every outcome, or a sample where there are too many."""
     n, k_levels = seen.shape[0], seen.shape[2]
     x = tree.x[node]
-    log_odds = np.empty(n)
+    told, felt = np.empty(n), np.empty(n)
     joint = float(k_levels) ** n
     perceives = total[a] < problem.limit[a]
     tree.children[node, a] = tree.size[0]
@@ -311,14 +352,18 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
         mass, next_x = problem.branch_p[x, a, k], problem.branch_x[x, a, k]
         if not (problem.branch_sense[x, a, k] and perceives):
             for i in range(n):
-                log_odds[i] = tree.log_odds[node, i]
-            _new_node(problem, plans, tree, next_x, log_odds, yes, total, mass, scratch)
+                told[i], felt[i] = tree.told[node, i], tree.felt[node, i]
+            _new_node(problem, plans, tree, next_x, told, felt, yes, total, mass, scratch)
             continue
         sampled = joint > ENUMERATE
         for outcome in range(SAMPLED if sampled else int(joint)):
             p, rest = mass / SAMPLED if sampled else mass, outcome
             for i in range(n):
-                b = _sigmoid(tree.log_odds[node, i])
+                on_truth = problem.direct[a] or problem.flip[i] == 0.0
+                if on_truth:
+                    b = _truth(problem, tree, node, i)
+                else:
+                    b = _seeming(problem, tree, node, i)
                 if sampled:
                     z = _draw_level(problem, i, a, b, seen, total[a], rng)
                 else:
@@ -327,14 +372,16 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
                 f0 = _factor(problem, i, a, 0, z, seen, total[a])
                 if not sampled:
                     p *= b * f1 + (1.0 - b) * f0
-                log_odds[i] = tree.log_odds[node, i] + np.log(f1) - np.log(f0)
+                ratio = np.log(f1) - np.log(f0)
+                told[i] = tree.told[node, i] + (ratio if on_truth else 0.0)
+                felt[i] = tree.felt[node, i] + (0.0 if on_truth else ratio)
                 levels[i] = z
             if p <= 0.0:
                 continue
             for i in range(n):
                 yes[i, a] += levels[i] >= k_levels // 2
             total[a] += 1.0
-            child = _new_node(problem, plans, tree, next_x, log_odds, yes, total, p, scratch)
+            child = _new_node(problem, plans, tree, next_x, told, felt, yes, total, p, scratch)
             for i in range(n):
                 tree.levels[child, i] = levels[i]
             total[a] -= 1.0
@@ -373,8 +420,8 @@ def _step_reward(problem, tree, node, a, total):
     x = tree.x[node]
     reward = -problem.cost[x, a]
     if problem.shaped and total[a] < problem.limit[a]:
-        for i in range(tree.log_odds.shape[1]):
-            b = _sigmoid(tree.log_odds[node, i])
+        for i in range(tree.told.shape[1]):
+            b = _truth(problem, tree, node, i)
             mean = b * problem.bonus[i, a, 1] + (1.0 - b) * problem.bonus[i, a, 0]
             reward += problem.bonus_scale[x, a] * mean
     return reward
@@ -396,7 +443,7 @@ def _select(problem, tree, node, exploration):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search(problem, plans, tree, x, log_odds, seen, total, simulations, exploration, rng):
+def search(problem, plans, tree, x, told, felt, seen, total, simulations, exploration, rng):
     """Grow the tree from a belief; return how many simulations were made."""
     n, n_behaviors, k_levels = seen.shape
     scratch = np.empty((4, OUTCOMES))
@@ -415,7 +462,7 @@ def search(problem, plans, tree, x, log_odds, seen, total, simulations, explorat
                     here[i, e, z] = seen[i, e, z]
                     yes[i, e] += seen[i, e, z] if z >= k_levels // 2 else 0.0
         if done == 0:
-            _new_node(problem, plans, tree, x, log_odds, yes, count, 1.0, scratch)
+            _new_node(problem, plans, tree, x, told, felt, yes, count, 1.0, scratch)
             continue
         node, depth = 0, 0
         while depth < DEPTH:

@@ -165,6 +165,8 @@ def _momdp(message: Any) -> MOMDP:
         incorrect=message.incorrect,
         bonus=_array(message.bonus, (n, e, 2)),
         limit=_array(message.limit, (e,)),
+        misperception=_array(message.misperception, (n,)),
+        direct=_array(message.direct, (e,), np.bool_),
         discount=message.discount,
         abstain=message.abstain,
     )
@@ -174,7 +176,8 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     order = [(message.trial, message.step) for message in messages]
     if order != [(begin.trial, index) for index in range(outcome.steps)]:
         raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
-    belief = _belief(begin, np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int))
+    nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
+    belief = _belief(begin, nothing, momdp.misperception)
     first, steps = belief, list[Step]()
     for message in messages:
         steps.append(_step(message, momdp, belief))
@@ -200,10 +203,11 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     return trial
 
 
-def _belief(message: Any, replayed: NDArray[Any]) -> Belief:
+def _belief(message: Any, replayed: NDArray[Any], misperception: NDArray[Any]) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
-    return Belief(message.belief_x, np.array(list(message.log_odds), dtype=np.float64), seen)
+    told, felt = (np.array(list(values), dtype=np.float64) for values in (message.told, message.felt))
+    return Belief(message.belief_x, told, seen, felt, misperception)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
@@ -234,7 +238,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         observation=freeze(levels, np.int8) if levels else None,
         cost=message.cost,
         reward=message.reward,
-        belief=_belief(message, seen),
+        belief=_belief(message, seen, momdp.misperception),
     )
 
 

@@ -34,7 +34,7 @@ from meal_bayes.trial_log.shapes import misfit
 _SHOWN = 6  # attributes in a line of text
 _INFO = 2  # the level of foxglove.Log
 _ARRAYS = ("transition", "informative", "legal", "confusion", "precision")
-_VECTORS = ("prior", "cost", "bonus", "limit")
+_VECTORS = ("prior", "cost", "bonus", "limit", "misperception", "direct")
 
 
 class Packed(NamedTuple):
@@ -145,7 +145,8 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         key=json.dumps([part if isinstance(part, str) else int(part) for part in task.key]),
         truth=trial.truth.tolist(),
         belief_x=first.x,
-        log_odds=first.log_odds.tolist(),
+        told=first.told.tolist(),
+        felt=first.felt.tolist(),
         positive=_probabilities(first.log_odds).tolist(),
         seen=first.seen.ravel().tolist() if first.seen.any() else [],
     )
@@ -189,7 +190,8 @@ def _step(
         visits=decision.visits.tolist(),
         simulations=decision.simulations,
         belief_x=step.belief.x,
-        log_odds=step.belief.log_odds.tolist(),
+        told=step.belief.told.tolist(),
+        felt=step.belief.felt.tolist(),
         positive=positive,
         seen=seen,
         **_tree(decision.tree),

@@ -29,7 +29,7 @@ _SECOND = 1_000_000_000  # ns
 _TRIAL_SPAN = 1000  # s between the starts of two trials on the log's clock
 
 # A star marks a list; lists of more than one dimension are flat, in C order.
-_BELIEF = "belief_x:int64 log_odds:double* positive:double* seen:int64*"
+_BELIEF = "belief_x:int64 told:double* felt:double* positive:double* seen:int64*"
 _TREE = (
     "tree_level:int64* tree_parent:int64* tree_action:int64* tree_visits:int64* "
     "tree_value:double* tree_observation_size:int64* tree_observation:int64*"
@@ -40,7 +40,7 @@ _FIELDS = {
         "id:int64 attributes:string* x_names:string* behavior_names:string* start:int64 "
         "transition:double* informative:double* legal:bool* confusion:double* precision:double* "
         "prior:double* cost:double* correct:double incorrect:double bonus:double* limit:double* "
-        "discount:double abstain:bool"
+        "discount:double abstain:bool misperception:double* direct:bool*"
     ),
     "Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "

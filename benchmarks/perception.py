@@ -1,0 +1,86 @@
+"""Perception on the real recordings: held-out log-loss, Cohen's kappa, permuted labels, CPU time.
+
+python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
+"""
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+
+from meal_bayes.datasets import Dataset, load_dataset
+from meal_bayes.perception import build_percept_table
+from meal_bayes.perception.quality import (
+    base_rate_log_loss,
+    held_out_counts,
+    held_out_log_loss,
+    held_out_log_odds,
+    permuted,
+    with_base_rate,
+)
+from meal_bayes.seeds import stream
+
+
+def asked(dataset: Dataset) -> np.ndarray:
+    """Columns of the attributes that experiments ask."""
+    true, false = (dataset.labels == 1).sum(axis=0), (dataset.labels == 0).sum(axis=0)
+    return np.flatnonzero(np.minimum(true, false) > dataset.domain.asked_minimum)
+
+
+def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
+    """Kappa of each asked attribute and sensing behavior, (P,E)."""
+    sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
+    kappa = held_out_counts(log_odds, dataset.labels).kappa()
+    return kappa[np.ix_(asked(dataset), sensing)]
+
+
+def measure(name: str, root: str | None, permutations: int) -> dict[str, Any]:
+    """Measure one data set."""
+    dataset = load_dataset(name, root=root)
+    columns = asked(dataset)
+    start = time.process_time()
+    log_odds = held_out_log_odds(dataset)
+    decisions = time.process_time() - start
+    start = time.process_time()
+    build_percept_table(dataset)
+    tables = time.process_time() - start
+    kappa = kappas(dataset, log_odds)
+    by_chance = []
+    for number in range(permutations):
+        shuffled = permuted(dataset, stream(number, "permutation", name))
+        by_chance.append(float(kappas(shuffled, held_out_log_odds(shuffled)).mean()))
+    return {
+        "dataset": name,
+        "attributes": len(columns),
+        "log_loss": float(np.nanmean(held_out_log_loss(log_odds, dataset.labels)[:, columns])),
+        "base_rate_log_loss": float(base_rate_log_loss(dataset.labels)[columns].mean()),
+        "kappa": float(kappa.mean()),
+        "posterior_kappa": float(kappas(dataset, with_base_rate(log_odds, dataset.labels)).mean()),
+        "best_kappa": float(kappa.max(axis=1).mean()),
+        "permuted_kappa": float(np.mean(by_chance)) if by_chance else None,
+        "decisions_cpu_s": decisions,
+        "tables_cpu_s": tables,
+    }
+
+
+def main() -> None:
+    """Measure the data sets and print a table, or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
+    parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
+    parser.add_argument("--permutations", type=int, default=5)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    rows = [measure(name, options.root, options.permutations) for name in options.dataset]
+    if options.json:
+        print(json.dumps(rows, indent=2))
+        return
+    for key in rows[0]:
+        cells = [f"{row[key]:.3f}" if isinstance(row[key], float) else row[key] for row in rows]
+        print(f"{key:20s}", *(f"{cell!s:>10s}" for cell in cells))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Regenerate what README.md shows of real runs: the demo's text and the measured tables.
+
+`python benchmarks/readme.py` runs the commands and writes their results between the HTML comments
+of README.md; a run that is there already under logs/ is not computed again. `--only` writes one of
+the blocks. The block `paper-classifiers` is written only when it is named: it needs the recordings
+and, once, some minutes for the support vector machines. `--check` writes nothing: it compares the
+demo's text with what the command prints now, and exits with 1 if they differ.
+"""
+
+import argparse
+import difflib
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+DEMO = "meal-bayes demo"
+PLAIN = {"COLUMNS": "90", "NO_COLOR": "1", "TERM": "dumb", "PYTHONIOENCODING": "utf-8"}
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A table of the README: the command behind it, and what the paper prints."""
+
+    title: str
+    command: str
+    paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # agent: accuracy, cost
+
+
+_OFFLINE = "meal-bayes run offline --jobs 2 --json"
+_CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1500"
+RUNS = (
+    Run(
+        "ROC36, two attributes",
+        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 400",
+        {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
+    ),
+    Run(
+        "ROC36, three attributes",
+        f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 400",
+        {"random": (0.130, 10.12), "predefined_plus": (0.373, 37.10), "morc": (0.903, 33.87)},
+    ),
+    Run("CY101, one of ten attributes", _CY101),
+    Run(
+        "ISPY32, one of 37 attributes",
+        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 600",
+    ),
+)
+PAPER_RUN = Run(
+    "CY101, the paper's agent with the paper's classifiers",
+    f"{_CY101} --agent morc --perception paper",
+)
+BLOCKS: dict[str, Callable[[], str]] = {
+    "demo": lambda: demo_block(),
+    "results": lambda: "\n\n".join(map(table_of, RUNS)),
+    "paper-classifiers": lambda: table_of(PAPER_RUN),
+}
+
+
+def main() -> int:
+    """Write the blocks, or check the demo's."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--check", action="store_true", help="compare the demo's text only")
+    parser.add_argument("--only", choices=BLOCKS, help="write one of the blocks")
+    options = parser.parse_args()
+    if options.check:
+        return check_demo()
+    for name in [options.only] if options.only else ["demo", "results"]:
+        content = BLOCKS[name]()
+        text = README.read_text(encoding="utf-8")
+        README.write_text(replaced(text, name, content), encoding="utf-8")
+    return 0
+
+
+def check_demo() -> int:
+    """Compare the README's cast with what the demo prints now."""
+    shown = block(README.read_text(encoding="utf-8"), "demo").splitlines()
+    now = demo_block().splitlines()
+    for line in difflib.unified_diff(shown, now, "README.md", DEMO, lineterm=""):
+        print(line)
+    if shown != now:
+        print("README.md shows another demo; mend it with: python benchmarks/readme.py --only demo")
+        return 1
+    print("README.md shows the demo as it is")
+    return 0
+
+
+def block(text: str, name: str) -> str:
+    """Find what stands between `<!-- name -->` and `<!-- /name -->`."""
+    found = re.findall(rf"<!-- {name} -->\n(.*?)<!-- /{name} -->", text, re.DOTALL)
+    if len(found) != 1:
+        raise SystemExit(f"README.md has {len(found)} blocks <!-- {name} -->; expected one.")
+    return str(found[0])
+
+
+def replaced(text: str, name: str, content: str) -> str:
+    """Put new content between the two comments."""
+    old = f"<!-- {name} -->\n{block(text, name)}<!-- /{name} -->"
+    return text.replace(old, f"<!-- {name} -->\n{content.rstrip()}\n<!-- /{name} -->")
+
+
+def run(command: str) -> str:
+    """Run a command of this package in the project's folder; what it prints."""
+    name, *arguments = shlex.split(command)
+    if name != "meal-bayes":
+        raise ValueError(f"not a command of this package: {command}")
+    print(f"$ {command}", file=sys.stderr, flush=True)
+    # -P: the installed package, not the one in the working directory
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "meal_bayes", *arguments],
+        cwd=ROOT, env={**os.environ, **PLAIN}, stdout=subprocess.PIPE, encoding="utf-8", check=True,
+    )  # fmt: skip
+    return done.stdout
+
+
+def demo_block() -> str:
+    """Make the demo's text a code block."""
+    lines = (line.rstrip() for line in run(DEMO).splitlines())
+    return "\n".join(("```text", *lines, "```\n"))
+
+
+def table_of(measured: Run) -> str:
+    """Make the table of one run."""
+    rows = json.loads(run(measured.command))["rows"]
+    head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "gave up"]
+    printed = [*head, "paper: accuracy", "paper: cost, s"] if measured.paper else head
+    lines = [f"**{measured.title}**: `{measured.command}`", "", _row(printed)]
+    lines.append(_row(["---", *["--:"] * (len(printed) - 1)]))
+    for row in rows:
+        cells = _cells(row)
+        if measured.paper:
+            accuracy, cost = measured.paper.get(row["agent"], (None, None))
+            cells += [_number(accuracy, 3), _number(cost, 2)]
+        lines.append(_row(cells))
+    seconds = sum(row["seconds"] for row in rows)
+    lines += ["", f"{rows[0]['trials']} trials an agent; {seconds:.0f} s of computing in all."]
+    return "\n".join(lines)
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    """Give the measures of one agent as text."""
+    return [
+        row["agent"],
+        f"{_number(row['accuracy'], 3)} ± {_number(row['accuracy_se'], 3)}",
+        f"{_number(row['cost_s'], 1)} ({_number(row['cost_sd'], 1)})",
+        f"{_number(row['reward'], 1)} ± {_number(row['reward_se'], 1)}",
+        _number(row["nll"], 3),
+        _number(row["ece"], 3),
+        f"{row['abstained']:.1%}",
+    ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"  # noqa: RUF001  a dash for "nothing"
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,39 @@
+"""The command line: one file a group of commands, each a thin call of the rooms.
+
+Rooms and heavy libraries are imported inside the commands, so that `--help` answers at once.
+Results go to standard output, progress and notes to standard error.
+"""
+
+import click
+
+from meal_bayes.cli.ask import ask
+from meal_bayes.cli.data import data
+from meal_bayes.cli.demo import demo
+from meal_bayes.cli.log import log
+from meal_bayes.cli.program import Program
+from meal_bayes.cli.run import run
+
+
+def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        import meal_bayes
+
+        click.echo(f"meal-bayes {meal_bayes.__version__}")
+        ctx.exit()
+
+
+@click.group(
+    cls=Program,
+    commands=[demo, ask, run, data, log],
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Start with: meal-bayes demo",
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+    help="Show the version and exit.",
+)  # fmt: skip
+def main() -> None:
+    """Let a robot choose which behaviors to try before it answers a question about an object."""
+
+
+__all__ = ["main"]

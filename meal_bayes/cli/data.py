@@ -1,0 +1,191 @@
+"""`meal-bayes data`: which recordings there are, fetching them, and making percept tables."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.table import Table
+
+from meal_bayes.cli.options import json_option, perception_option
+from meal_bayes.cli.program import Section
+from meal_bayes.cli.screen import note, output, patience, progress
+from meal_bayes.cli.story import print_facts
+
+if TYPE_CHECKING:
+    from meal_bayes.datasets import PerceptTable
+
+_UNSOUND = 1  # exit code of `verify` where a file is missing or changed
+_TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
+_TOLD = 5  # files that are named
+
+
+@click.group(cls=Section)
+def data() -> None:
+    """Handle recordings and percept tables, also of your own data."""
+
+
+@data.command("list", short_help="List the data sets, or what one holds.")
+@click.argument("dataset", required=False)
+@json_option
+def list_(dataset: str | None, as_json: bool) -> None:
+    """List the data sets that ship as percept tables, and whether their recordings are here.
+
+    With the name of a data set, or the path of your own table (.npz), list what can be asked of it.
+    """
+    from meal_bayes.datasets import cache_folder, load_percepts
+
+    if dataset is not None:
+        _print_contents(load_percepts(dataset), as_json=as_json)
+        return
+    rows = [_row(name) for name in _public()]
+    if as_json:
+        click.echo(json.dumps({"datasets": rows, "cache": str(cache_folder())}))
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in ("data set", "objects", "behaviors", "attributes", "recordings", "files here"):
+        table.add_column(name, justify="left" if name == "data set" else "right")
+    for row in rows:
+        here = f"{row['files_cached']} of {row['files']}"
+        table.add_row(*(str(row[key]) for key in list(row)[:5]), here)
+    output().print(table)
+    note(
+        f"Percepts come with the package. The recordings behind them (files) are kept in "
+        f"{cache_folder()}; get them with: meal-bayes data fetch NAME"
+    )
+
+
+@data.command(short_help="Download the recordings of a data set, checked.")
+@click.argument("dataset")
+def fetch(dataset: str) -> None:
+    """Download the recordings of a data set once, checked against pinned digests."""
+    from meal_bayes import datasets
+
+    total = len(datasets.registry(dataset))
+    with patience(f"fetching {total} files of {dataset} ..."):
+        folder = datasets.fetch(dataset)
+    click.echo(f"{dataset}: {total} files in {folder}")
+
+
+@data.command(short_help="Compare the files in the cache with their digests.")
+@click.argument("dataset")
+def verify(dataset: str) -> None:
+    """Compare the files in the cache with their digests; the exit code is 1 where they differ."""
+    from meal_bayes import datasets
+
+    states = datasets.verify(dataset)
+    bad = [(path, state) for path, state in states if state != "ok"]
+    click.echo(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
+    for path, state in bad[:_TOLD]:
+        click.echo(f"  {state}: {path}")
+    if bad:
+        more = f"  and {len(bad) - _TOLD} more; " if len(bad) > _TOLD else "  "
+        click.echo(f"{more}get them with: meal-bayes data fetch {dataset}")
+        click.get_current_context().exit(_UNSOUND)
+
+
+@data.command()
+@click.option(
+    "--dataset", required=True, metavar="NAME|FILE", help="A data set, or your own domain (TOML)."
+)
+@perception_option
+@click.option(
+    "--root", type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Where the recordings are; your own: a folder of CSV files.",
+)  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Where to write the table (.npz).")
+def percepts(dataset: str, perception: str, root: Path | None, out: Path | None) -> None:
+    """Make a percept table from recordings.
+
+    With --out it is written; a shipped data set's is compared with the one in the package.
+    """
+    from meal_bayes.datasets import load_dataset
+    from meal_bayes.datasets.percepts import save_percepts
+    from meal_bayes.errors import SettingsError
+    from meal_bayes.perception import build_percept_table
+
+    if out is not None:
+        if out.suffix != ".npz":
+            raise SettingsError(f"--out {out}: give a name that ends in .npz.")
+        out.parent.mkdir(parents=True, exist_ok=True)
+    compared = dataset in _public() and perception == "default"
+    if out is None and not compared:
+        raise SettingsError(
+            f"The package holds no {perception} table of {dataset!r} to compare with; "
+            "give --out FILE.npz to write the new one."
+        )
+    with patience(f"reading the recordings of {dataset} ..."):
+        recordings = load_dataset(dataset, root=root)
+    with progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
+        table = build_percept_table(recordings, perception=perception, progress=advance)
+    if out is not None:
+        save_percepts(table, out)
+        click.echo(f"{out}: {_size(table)}")
+    if compared:
+        _compare(table, dataset)
+
+
+def _public() -> tuple[str, ...]:
+    from meal_bayes.datasets.sources import SOURCES
+
+    return tuple(SOURCES)
+
+
+def _row(name: str) -> dict[str, str | int]:
+    from meal_bayes.datasets import load_percepts, verify
+
+    table = load_percepts(name)
+    states = verify(name)
+    return {
+        "name": name,
+        "objects": len(table.objects),
+        "behaviors": len(table.domain.behaviors),
+        "attributes": len(table.domain.attributes),
+        "recordings": table.recordings,
+        "files": len(states),
+        "files_cached": sum(state == "ok" for _, state in states),
+    }
+
+
+def _print_contents(table: "PerceptTable", *, as_json: bool) -> None:
+    costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
+    if as_json:
+        names = {"attributes": table.domain.attributes, "objects": table.objects}
+        click.echo(json.dumps({"name": table.domain.name, **names, "behaviors": costs}))
+        return
+    facts = {
+        "data set": f"{table.domain.name}: {_size(table)}",
+        "attributes": ", ".join(table.domain.attributes),
+        "behaviors": ", ".join(f"{name} {cost:g} s" for name, cost in costs.items()),
+        "objects": ", ".join(table.objects),
+    }
+    print_facts(output(), facts)
+
+
+def _size(table: "PerceptTable") -> str:
+    return (
+        f"{len(table.objects)} objects, {len(table.domain.behaviors)} behaviors, "
+        f"{len(table.domain.attributes)} attributes, {table.recordings} recordings"
+    )
+
+
+def _compare(table: "PerceptTable", name: str) -> None:
+    """Say how far a table is from the shipped one."""
+    import numpy as np
+
+    from meal_bayes.datasets import load_percepts
+
+    shipped = load_percepts(name)
+    new, old = table.log_odds.astype(float), shipped.log_odds.astype(float)
+    if new.shape != old.shape or (np.isnan(new) != np.isnan(old)).any():
+        click.echo(f"the table that ships for {name} holds other objects, behaviors or attributes")
+        click.get_current_context().exit(_UNSOUND)
+    difference = float(np.nanmax(np.abs(new - old)))
+    bins = float((table.training_bins != shipped.training_bins).mean())
+    same = difference <= _TOLERANCE
+    click.echo(
+        f"against the table that ships for {name}: log-odds differ by at most {difference:.2g} "
+        f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
+    )
+    if not same:
+        click.get_current_context().exit(_UNSOUND)

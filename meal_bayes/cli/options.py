@@ -1,0 +1,47 @@
+"""Options that several commands share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+dataset_option = click.option(
+    "--dataset",
+    default="roc36",
+    show_default=True,
+    metavar="NAME|FILE",
+    help="roc36, ispy32, cy101, a variant of them, or your own percept table (.npz).",
+)
+
+
+def seed_option(default: int = 0) -> Callable[[Command], Command]:
+    """Make the option --seed."""
+    return click.option(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=default,
+        show_default=True,
+        metavar="S",
+        help="Of failures, recordings and planning; equal seeds give equal trials.",
+    )
+
+
+AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc or bayes"
+logs_option = click.option(
+    "--logs",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("logs"),
+    show_default=True,
+    help="Folder of the trial logs.",
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+perception_option = click.option(
+    "--perception",
+    type=click.Choice(["default", "paper"]),
+    default="default",
+    show_default=True,
+    help="Which classifiers made the percepts: ours, or the paper's recipe.",
+)

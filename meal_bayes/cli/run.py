@@ -1,0 +1,216 @@
+"""`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from meal_bayes.cli.answer import searches
+from meal_bayes.cli.options import (
+    AGENTS,
+    dataset_option,
+    json_option,
+    logs_option,
+    perception_option,
+    seed_option,
+)
+from meal_bayes.cli.program import Section
+from meal_bayes.cli.screen import Advance, note, output, prepare_planner, progress, signs_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from meal_bayes.agents import Trial
+    from meal_bayes.evaluation import SummaryRow
+    from meal_bayes.experiments import OfflineConfig, OfflineRun
+
+_AGAINST = "morc"  # the paper's agent, which the others are compared with
+_MEASURE = "reward"
+
+
+@click.group(cls=Section)
+def run() -> None:
+    """Run many trials of several agents."""
+
+
+@run.command(short_help="Agents answer the same queries about new objects.")
+@dataset_option
+@click.option(
+    "--attributes", type=int, default=2, show_default=True, metavar="N", help="Asked at a time."
+)
+@click.option(
+    "--trials", type=int, default=400, show_default=True, metavar="T", help="For each agent."
+)
+@click.option(
+    "--agent", "agents", multiple=True, metavar="NAME",
+    help=f"{AGENTS}; may be repeated, or a comma list. All of them by default.",
+)  # fmt: skip
+@seed_option()
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@click.option(
+    "--percepts", type=click.Choice(["recorded", "model"]), default="recorded", show_default=True,
+    help="Of real recordings, or drawn from the learned confusion matrices.",
+)  # fmt: skip
+@perception_option
+@click.option(
+    "--reward", type=click.FloatRange(min=0, min_open=True), metavar="R",
+    help="For a right answer, and taken for a wrong one; the data set's by default.",
+)  # fmt: skip
+@logs_option
+@click.option("--fresh", is_flag=True, help="Run again what is there already.")
+@json_option
+def offline(
+    dataset: str,
+    attributes: int,
+    trials: int,
+    agents: tuple[str, ...],
+    seed: int,
+    jobs: int,
+    percepts: str,
+    perception: str,
+    reward: float | None,
+    logs: Path,
+    fresh: bool,
+    as_json: bool,
+) -> None:
+    """Let agents answer the same queries about objects they never learned from.
+
+    A run that was interrupted goes on where it stopped when the same command is given again.
+    """
+    from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
+
+    named = tuple(name for text in agents for name in text.split(","))
+    config = OfflineConfig(
+        dataset=dataset,
+        attributes=attributes,
+        trials=trials,
+        agents=named or DEFAULT_AGENTS,
+        seed=seed,
+        percepts=percepts,
+        perception=perception,
+        reward=reward,
+    )
+    finished = _run(config, logs, jobs, fresh=fresh)
+    rows, paired = _measure(finished)
+    if as_json:
+        facts = {
+            "config": config.as_dict(),
+            "rows": [row.as_dict() for row in rows],
+            "paired": paired,
+            "log": str(finished.folder),
+        }
+        click.echo(json.dumps(facts, allow_nan=False))
+        return
+    _print(output(), rows, paired)
+    note(f"trials in {finished.folder}")
+
+
+def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
+    """Run what is not there yet, telling how far it is."""
+    from meal_bayes.experiments import run_offline
+    from meal_bayes.experiments.percepts import percepts_for
+
+    if config.perception == "default":
+        table = percepts_for(config.dataset)
+    else:
+        with progress("percepts", "behaviors") as advance:
+            table = percepts_for(
+                config.dataset, config.perception, on_progress=advance, on_note=note
+            )
+    if any(searches(name, table.domain) for name in config.agents):
+        prepare_planner()
+    counted = _Count()
+    try:
+        with progress("trials", "trials") as advance:
+            counted.tell = advance
+            return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=counted)
+    except KeyboardInterrupt:
+        note(
+            f"interrupted: {counted.done} of {counted.total} trials are kept; "
+            "the same command goes on from there"
+        )
+        raise
+
+
+class _Count:
+    """Remembers how far a run is, for when it is interrupted."""
+
+    def __init__(self) -> None:
+        self.done = self.total = 0
+        self.tell: Advance | None = None
+
+    def __call__(self, done: int, total: int) -> None:
+        if not self.total and done:
+            note(f"{done} of {total} trials are there already")
+        self.done, self.total = done, total
+        if self.tell is not None:
+            self.tell(done, total)
+
+
+def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":
+    """Summarize the trials, and compare each agent with the paper's on the tasks they share."""
+    from meal_bayes.evaluation import summarize
+
+    trials = list(finished.trials())
+    rows = summarize(trials, seconds=finished.seconds)
+    others = [row.agent for row in rows if row.agent != _AGAINST]
+    if len(others) == len(rows):
+        return rows, []
+    return rows, [_difference(trials, agent) for agent in others]
+
+
+def _difference(trials: "Iterable[Trial]", agent: str) -> dict[str, object]:
+    from meal_bayes.evaluation import compare
+
+    found = compare(trials, agent, _AGAINST, measure=_MEASURE)._asdict()
+    values = {name: None if math.isnan(value) else value for name, value in found.items()}
+    return {"agent": agent, "against": _AGAINST, "measure": _MEASURE, **values}
+
+
+def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+    spread = signs_of(console).spread
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("agent", no_wrap=True)
+    for name in ("accuracy", "cost, s", "reward", "NLL", "ECE", "gave up"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row.agent,
+            f"{row.accuracy:.3f} {spread}{row.accuracy_se:.3f}",
+            f"{row.cost_s:.1f}",
+            f"{row.reward:.1f} {spread}{row.reward_se:.1f}",
+            f"{row.nll:.3f}",
+            f"{row.ece:.3f}",
+            f"{row.abstained:.1%}",
+        )
+    console.print(table)
+    console.print(
+        Text(
+            f"{rows[0].trials} trials an agent; {spread} one standard error, objects drawn as "
+            "wholes; NLL and ECE of the final belief",
+            "dim",
+        )
+    )
+    if paired:
+        _print_paired(console, paired)
+
+
+def _print_paired(console: Console, paired: "list[dict[str, object]]") -> None:
+    console.print()
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column(f"{_MEASURE} against {_AGAINST}", no_wrap=True)
+    table.add_column("difference", justify="right")
+    table.add_column("95 % interval", justify="right")
+    for entry in paired:
+        low, high = (_signed(entry[name]) for name in ("low", "high"))
+        table.add_row(str(entry["agent"]), _signed(entry["estimate"]), f"{low} to {high}")
+    console.print(table)
+
+
+def _signed(value: object) -> str:
+    return f"{value:+.1f}" if isinstance(value, float) else "?"

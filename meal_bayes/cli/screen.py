@@ -1,0 +1,130 @@
+"""The terminal: consoles, signs that every terminal can show, progress, the planner's first run."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, NoReturn
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+_PATIENCE = 2.0  # s until a wait is explained
+_EVERY = 15.0  # s between lines of progress where nobody watches
+
+Advance = Callable[[int, int], None]  # called with (done, in all)
+
+
+class Signs(NamedTuple):
+    """Characters beyond ASCII, and what stands for them where the output cannot show them."""
+
+    full: str
+    empty: str
+    arrow: str
+    spread: str
+    chosen: str
+
+
+_UNICODE = Signs(
+    "\N{FULL BLOCK}",
+    "\N{LIGHT SHADE}",
+    "\N{RIGHTWARDS ARROW}",
+    "\N{PLUS-MINUS SIGN}",
+    "\N{BLACK RIGHT-POINTING POINTER}",
+)
+_ASCII = Signs("#", ".", "->", "+-", ">")
+
+
+class _Screen(Console):
+    def on_broken_pipe(self) -> NoReturn:
+        """Leave the broken pipe to the program, which knows the exit code."""
+        raise BrokenPipeError
+
+
+def output() -> Console:
+    """Make the console of results."""
+    return _Screen(highlight=False, markup=False, emoji=False)
+
+
+def notes() -> Console:
+    """Make the console of progress and notes, on standard error."""
+    return _Screen(stderr=True, highlight=False, markup=False, emoji=False)
+
+
+def signs_of(console: Console) -> Signs:
+    """Choose the signs that a console can show."""
+    return _ASCII if console.options.ascii_only else _UNICODE
+
+
+def note(text: str) -> None:
+    """Print one line on standard error."""
+    notes().print(text, style="dim", soft_wrap=True)
+
+
+@contextlib.contextmanager
+def patience(text: str) -> Iterator[None]:
+    """Explain a wait, if it turns out to be one."""
+    timer = threading.Timer(_PATIENCE, note, (text,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+@contextlib.contextmanager
+def progress(what: str, unit: str) -> Iterator[Advance]:
+    """Show how far the work is and how long it will take: a bar, or lines where nobody watches."""
+    console = notes()
+    if not console.is_terminal:
+        yield _lines(console, what, unit)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=None),
+        MofNCompleteColumn(),
+        TextColumn(f"{unit},"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+    )
+    with Progress(*columns, console=console, transient=True, expand=True) as bars:
+        task = bars.add_task(what, total=None)
+        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+
+def _lines(console: Console, what: str, unit: str) -> Advance:
+    start = last = time.monotonic()
+    first = -1
+
+    def advance(done: int, total: int) -> None:
+        nonlocal last, first
+        now = time.monotonic()
+        first = done if first < 0 else first
+        if now - last >= _EVERY and first < done < total:
+            last = now
+            left = (now - start) / (done - first) * (total - done)
+            console.print(f"{what}: {done}/{total} {unit}, {left:.0f} s left", soft_wrap=True)
+
+    return advance
+
+
+def prepare_planner() -> None:
+    """Compile the search, or load it where an earlier run did; tell what takes so long."""
+    with patience("preparing the planner (the first run compiles it, about half a minute) ..."):
+        from meal_bayes.domain import Query, load_domain
+        from meal_bayes.momdp import build_momdp, initial_belief
+        from meal_bayes.planners import POMCP, History
+        from meal_bayes.seeds import stream
+
+        domain, query = load_domain("toy"), Query(("red",))
+        rows = [[[[0.9, 0.1], [0.2, 0.8]]] * len(domain.behaviors)]
+        momdp = build_momdp(domain, query, rows, precision=5.0, limit=3.0)
+        rng = stream(0, "prepare")
+        POMCP(simulations=2).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)

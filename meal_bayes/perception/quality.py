@@ -1,0 +1,72 @@
+"""How good held-out log-odds are, on the scale of a posterior with the base rate put back."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.perception.confusion import ConfusionCounts, by_truth
+from meal_bayes.perception.recipes import recipe_of
+from meal_bayes.perception.recordings import recordings_of
+from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+
+Floats = NDArray[np.float64]
+
+
+def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAULT) -> Floats:
+    """Score every recording by classifiers that never saw its object, (O,R,E,P).
+
+    NaN for behaviors that do not sense and labels that are unknown.
+    """
+    domain, everything = dataset.domain, TrainingSet.everything(dataset)
+    shape = (len(dataset.objects), dataset.recordings, len(domain.attributes))
+    outputs = np.full((*shape[:2], len(domain.behaviors), shape[2]), np.nan)
+    for index, behavior in enumerate(domain.behaviors):
+        recordings = recordings_of(dataset, everything, behavior.name, settings.kernel)
+        if recordings is not None:
+            nested = recipe_of(settings).fit(recordings, settings)[2]
+            outputs[:, :, index] = nested.reshape(shape)
+    return outputs
+
+
+def with_base_rate(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> Floats:
+    """Put the base rate of the other objects back into balanced log-odds (O,R,E,P)."""
+    positive = (labels == 1).sum(axis=0) - (labels == 1)
+    negative = (labels == 0).sum(axis=0) - (labels == 0)
+    prior = np.log((positive + 1) / (negative + 1))
+    return np.asarray(np.asarray(log_odds, dtype=np.float64) + prior[:, None, None, :])
+
+
+def held_out_log_loss(
+    log_odds: NDArray[np.floating], labels: NDArray[np.int8], *, balanced: bool = True
+) -> Floats:
+    """Mean negative log-likelihood of the truth a recording, nats, (E,P).
+
+    Of class-balanced log-odds (O,R,E,P): the base rate of the other objects, (n+ + 1)/(n + 2), is
+    put back in. NaN where nothing was computed.
+    """
+    values = with_base_rate(log_odds, labels) if balanced else np.asarray(log_odds, np.float64)
+    truth = labels[:, None, None, :]
+    scored = (truth >= 0) & np.isfinite(values)
+    loss = np.logaddexp(0.0, np.where(scored, np.where(truth == 1, -values, values), -np.inf))
+    number, total = scored.sum(axis=(0, 1)), loss.sum(axis=(0, 1))
+    return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+
+
+def base_rate_log_loss(labels: NDArray[np.int8]) -> Floats:
+    """Log-loss of the base rate of the other objects alone, nats, (P,)."""
+    nothing = np.zeros((len(labels), 1, 1, labels.shape[1]))
+    return np.asarray(held_out_log_loss(nothing, labels)[0])
+
+
+def held_out_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> ConfusionCounts:
+    """Count yes and no of held-out log-odds (O,R,E,P); what was not computed does not count."""
+    levels = levels_of(round_log_odds(log_odds), BIN_EDGES, 2)
+    shown = np.stack([(levels == level) & np.isfinite(log_odds) for level in (0, 1)], axis=-1)
+    return by_truth(shown.sum(axis=1).transpose(0, 2, 1, 3), labels)
+
+
+def permuted(dataset: Dataset, rng: np.random.Generator) -> Dataset:
+    """Shuffle each attribute's labels over the objects: nothing remains to be learned."""
+    labels = rng.permuted(dataset.labels, axis=0)
+    return Dataset(dataset.domain, dataset.objects, dataset.features, labels)

@@ -1,0 +1,41 @@
+"""The recipes by name; scikit-learn loads only where the paper's is asked for."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.perception.ensemble import Pool
+from meal_bayes.perception.modality import ModalityClassifier
+from meal_bayes.perception.recordings import BehaviorRecordings
+from meal_bayes.perception.settings import PerceptionSettings
+from meal_bayes.perception.stacked import fit_stacked, stacked_outputs
+
+Floats = NDArray[np.float64]
+Fit = Callable[
+    [BehaviorRecordings, PerceptionSettings], tuple[tuple[ModalityClassifier, ...], Pool, Floats]
+]
+Outputs = Callable[
+    [Floats, NDArray[np.int8], NDArray[np.bool_], NDArray[np.int64], PerceptionSettings],
+    tuple[Floats, Floats],
+]
+
+
+class Recipe(NamedTuple):
+    """How one behavior is fitted, and how its outputs for a percept table are made."""
+
+    fit: Fit  # see `fit_stacked`
+    outputs: Outputs  # see `stacked_outputs`
+
+
+def recipe_of(settings: PerceptionSettings) -> Recipe:
+    """Look up the recipe that the settings name."""
+    if settings.recipe == "paper":
+        from meal_bayes.perception.paper import (  # noqa: PLC0415  scikit-learn takes a second
+            fit_paper,
+            paper_outputs,
+        )
+
+        return Recipe(fit_paper, paper_outputs)
+    return Recipe(fit_stacked, stacked_outputs)

@@ -1,0 +1,280 @@
+"""Percept tables: the type, the file, and the three that ship."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets.percepts import (
+    BIN_EDGES,
+    LIMIT,
+    THRESHOLD,
+    PerceptTable,
+    levels_of,
+    load_percepts,
+    round_log_odds,
+    save_percepts,
+)
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import DataError, SettingsError
+
+NAMES = ("roc36", "ispy32", "cy101")
+BARS = {"roc36": 0.43, "ispy32": 0.61, "cy101": 0.285}  # held-out log-loss, nats
+
+
+@pytest.fixture
+def table():
+    """Return a table of random percepts on `toy`: 3 objects, 2 recordings."""
+    rng = np.random.default_rng(0)
+    log_odds = np.full((3, 2, 3, 2), np.nan)
+    log_odds[:, :, :2] = rng.normal(size=(3, 2, 2, 2)) * 3
+    log_odds[1, :, :, 0] = np.nan  # not computed
+    bins = np.zeros((3, 3, 2, 3, 8), np.uint8)
+    bins[:, :, :, :2] = rng.multinomial(2, np.full(8, 1 / 8), size=(3, 3, 2, 2))
+    bins[np.arange(3), np.arange(3)] = 0
+    labels = np.array([[0, 1], [1, 0], [1, -1]])
+    domain, provenance = load_domain("toy"), {"package": "test", "source": "own data"}
+    objects = ("cup", "tin", "jar")
+    return PerceptTable(domain, objects, labels, log_odds, BIN_EDGES, bins, provenance)
+
+
+@pytest.fixture
+def path(table, tmp_path):
+    save_percepts(table, tmp_path / "table.npz")
+    return tmp_path / "table.npz"
+
+
+def rewrite(path, change):
+    """Write the file's arrays again after `change` had a go at them."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    change(arrays)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, values in arrays.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, values, version=(1, 0))
+            archive.writestr(f"{name}.npy", buffer.getvalue())
+
+
+def rewrite_meta(path, **fields):
+    def change(arrays):
+        meta = {**json.loads(arrays["meta"].tobytes()), **fields}
+        meta = {key: value for key, value in meta.items() if value is not None}
+        arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+
+    rewrite(path, change)
+
+
+def assert_same(one, other):
+    for name in ("labels", "log_odds", "edges", "training_bins"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.objects == other.objects
+    assert one.provenance == other.provenance
+    assert one.domain == other.domain
+
+
+def test_the_threshold_is_501():
+    assert pytest.approx(0.501) == 1 / (1 + np.exp(-THRESHOLD))
+    assert BIN_EDGES[3] == THRESHOLD
+    np.testing.assert_allclose(BIN_EDGES - THRESHOLD, -(BIN_EDGES - THRESHOLD)[::-1])
+
+
+def test_levels_merge_neighboring_bins(table):
+    values = np.random.default_rng(0).normal(size=1000) * 3
+    fine = levels_of(values, BIN_EDGES, 8)
+    for levels in (2, 4, 8):
+        coarse = table.levels_of(values, levels)
+        np.testing.assert_array_equal(coarse, fine // (8 // levels))
+        assert len(table.level_edges(levels)) == levels - 1
+        assert (coarse[np.argsort(values)] == np.sort(coarse)).all()
+        shown = table.training_levels(0, levels)
+        np.testing.assert_array_equal(
+            shown, table.training_bins[0].reshape(3, 2, 3, levels, -1).sum(axis=-1)
+        )
+    assert table.level_edges(2).tolist() == [THRESHOLD]
+    for levels in (0, 1, 3, 6, 16):
+        with pytest.raises(SettingsError, match="expected one of"):
+            table.training_levels(0, levels)
+
+
+def test_rounding_keeps_log_odds_to_a_hundredth():
+    values = np.random.default_rng(0).uniform(-8, 8, 10000)
+    assert np.abs(round_log_odds(values) - values).max() < 0.005
+    assert round_log_odds([-50, 50]).tolist() == [-LIMIT, LIMIT]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"labels": np.zeros((3, 3))}, r"labels has shape \(3, 3\); expected \(3, 2\)"),
+        ({"log_odds": np.zeros((3, 2, 2, 2))}, r"expected \(3, 2, 3, 2\)"),
+        ({"log_odds": np.zeros(3)}, r"expected \(3, 0, 3, 2\)"),
+        ({"training_bins": np.zeros((3, 3, 2, 3, 7))}, r"expected \(3, 3, 2, 3, 8\)"),
+        ({"edges": BIN_EDGES[::-1]}, "each above the last"),
+    ],
+)
+def test_tables_that_do_not_fit_are_refused(table, change, message):
+    with pytest.raises(DataError, match=message):
+        replace(table, **change)
+
+
+def test_a_table_is_read_back_as_it_was(table, path):
+    assert_same(load_percepts(path), table)
+    assert_same(load_percepts(str(path), domain=table.domain), table)
+
+
+def test_the_same_table_gives_the_same_bytes(table, path, tmp_path):
+    save_percepts(table, tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+
+
+def test_columns_follow_the_domain_that_is_asked_for(table, path):
+    toy = table.domain
+    swapped = replace(toy, attributes=toy.attributes[::-1], behaviors=toy.behaviors[::-1])
+    found = load_percepts(path, domain=swapped)
+    np.testing.assert_array_equal(found.labels, table.labels[:, ::-1])
+    np.testing.assert_array_equal(found.log_odds, table.log_odds[:, :, ::-1, ::-1])
+    np.testing.assert_array_equal(found.training_bins, table.training_bins[:, :, ::-1, ::-1])
+    fewer = replace(toy, attributes=("heavy",))
+    assert load_percepts(path, domain=fewer).labels.shape == (3, 1)
+    other = replace(toy, attributes=("heavy", "round"))
+    with pytest.raises(DataError, match="Unknown attribute 'round'"):
+        load_percepts(path, domain=other)
+
+
+def test_names_without_a_table_are_refused(tmp_path):
+    with pytest.raises(SettingsError, match="No percept table ships for 'toy'"):
+        load_percepts("toy")
+    with pytest.raises(SettingsError, match="Unknown domain 'roc'"):
+        load_percepts("roc")
+    with pytest.raises(SettingsError, match="No file"):
+        load_percepts(tmp_path / "none.npz")
+
+
+def test_the_domain_must_ship_or_be_given(path, table):
+    rewrite_meta(path, domain="/own/kitchen.toml")
+    with pytest.raises(SettingsError, match="which does not ship; pass domain="):
+        load_percepts(path)
+    assert_same(load_percepts(path, domain=table.domain), table)
+
+
+def test_torn_and_changed_bytes_are_a_data_error(path, table):
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for number in range(200):
+        damaged = bytearray(whole)
+        if number % 2:
+            damaged = damaged[: rng.integers(len(whole))]
+        else:
+            damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            found = load_percepts(path)
+        except (DataError, SettingsError):
+            continue
+        assert_same(found, table)  # a bit that means nothing
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a.pop("labels"), "not a whole percept table"),
+        (lambda a: a.update(meta=np.frombuffer(b"{", np.uint8)), "not a whole percept table"),
+        (lambda a: a.update(meta=np.frombuffer(b"[]", np.uint8)), "format list"),
+        (lambda a: a.update(labels=a["labels"].astype(float)), "labels is float64"),
+        (lambda a: a.update(log_odds=a["log_odds"][0]), "expected <f2 with 4 axes"),
+        (lambda a: a.update(log_odds=a["log_odds"] * 0 + np.float16(9)), r"within \+-8"),
+        (lambda a: a.update(labels=a["labels"] + np.int8(5)), "labels of 1, 0 and -1"),
+        (lambda a: a.update(training_bins=a["training_bins"] + np.uint8(9)), "no more counts"),
+        (lambda a: a.update(log_odds=a["log_odds"][:2]), "differ in number"),
+        (lambda a: a.update(training_bins=a["training_bins"][:2]), "differ in number"),
+        (lambda a: a.update(edges=a["edges"][::-1].copy()), "each above the last"),
+    ],
+)
+def test_wrong_contents_are_a_data_error(path, change, message):
+    rewrite(path, change)
+    with pytest.raises(DataError, match=message):
+        load_percepts(path)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"format": 2}, "has format 2; this version reads format 1"),
+        ({"objects": None}, "does not tell its objects"),
+        ({"objects": 3}, "does not tell its objects"),
+        ({"objects": ["cup", 2, "jar"]}, "does not tell its objects"),
+        ({"objects": ["cup"]}, "differ in number"),
+        ({"attributes": {"red": 1}}, "does not tell its attributes"),
+        ({"provenance": {"package": 1}}, "does not tell its provenance"),
+        ({"domain": 5}, "does not tell its domain"),
+        ({"behaviors": ["look"]}, "Unknown behavior 'lift'"),
+    ],
+)
+def test_wrong_metadata_is_a_data_error(path, fields, message):
+    rewrite_meta(path, **fields)
+    with pytest.raises(DataError, match=message):
+        load_percepts(path)
+
+
+def test_pickles_are_not_opened(path):
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    members["labels.npy"] = buffer.getvalue()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    with pytest.raises(DataError, match="labels is object"):
+        load_percepts(path)
+
+
+def test_a_claim_of_endless_bytes_is_refused(path, monkeypatch):
+    monkeypatch.setattr("meal_bayes.datasets.percepts._LARGEST", 1000)
+    rewrite(path, lambda arrays: arrays.update(labels=np.zeros((100, 100), np.int8)))
+    with pytest.raises(DataError, match="claims 10128 bytes, more than 1000"):
+        load_percepts(path)
+
+
+def test_shipped_tables_are_small():
+    folder = resources.files("meal_bayes.datasets") / "tables"
+    sizes = [len((folder / f"{name}.npz").read_bytes()) for name in NAMES]
+    assert max(sizes) < 1.5e6
+    assert sum(sizes) < 4e6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shipped_tables_are_whole(name):
+    table = load_percepts(name)
+    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    assert np.isfinite(table.log_odds[:, :, sensing]).all()
+    total = table.training_bins[:, :, :, sensing].sum(axis=-1)
+    others = ~np.eye(len(table.objects), dtype=bool)
+    assert (total[others] == table.recordings).all()
+    assert (total[~others] == 0).all()
+    assert f"--dataset {name}" in table.provenance["command"]
+    assert len(table.provenance["recordings_sha256"]) == 64
+    assert_same(load_percepts(f"{name}_published"), replace_domain(table, f"{name}_published"))
+
+
+def replace_domain(table, name):
+    return replace(table, domain=load_domain(name))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shipped_outputs_beat_the_bars(name):
+    table = load_percepts(name)
+    truth = table.labels == 1
+    n = len(table.objects)
+    asked = np.minimum(truth.sum(axis=0), (~truth).sum(axis=0)) > table.domain.asked_minimum
+    base = (truth.sum(axis=0) - truth + 1) / (n + 1)  # of the other objects
+    prior = np.log(base / (1 - base))[:, None, None, :]
+    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    log_odds = table.log_odds[:, :, sensing].astype(float) + prior
+    loss = np.logaddexp(0, np.where(truth[:, None, None], -log_odds, log_odds))
+    assert np.mean(loss[..., asked]) <= BARS[name]

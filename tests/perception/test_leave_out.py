@@ -1,0 +1,166 @@
+"""The closed forms equal honest refits: every classifier and stacker trained anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from meal_bayes.perception.leave_out import (
+    all_objects,
+    each_object,
+    kernel_problem,
+    known_patterns,
+    leave_out,
+)
+from meal_bayes.perception.settings import DEFAULT
+from meal_bayes.perception.stacking import fit_stacker, score_without
+
+NOISE, RIDGE = 0.2, 0.5
+SETTINGS = replace(DEFAULT, noise=NOISE, ridge=RIDGE)
+
+
+def some_problem(seed, sizes, modalities=2, attributes=2):
+    """Recordings of objects with these numbers of recordings, both classes in every attribute."""
+    rng = np.random.default_rng(seed)
+    objects = np.repeat(np.arange(len(sizes)), sizes)
+    truth = np.array([rng.permutation(len(sizes)) % 2 == 0 for _ in range(attributes)]).T
+    features = rng.normal(size=(modalities, len(objects), 3))
+    features[:, :, 0] += truth[objects, 0]
+    distance = ((features[:, :, None] - features[:, None]) ** 2).sum(axis=-1)
+    return np.exp(-distance / 6), truth[objects], objects
+
+
+def refit(gram, targets, train, test):
+    """Kernel ridge trained on some rows, its decisions on others, (B,P)."""
+    matrix = gram[np.ix_(train, train)] + NOISE * np.eye(train.sum())
+    return gram[np.ix_(test, train)] @ np.linalg.solve(matrix, targets[train])
+
+
+def optimum(features, target, weight, *, nonnegative):
+    """Stacker by scipy's bounded optimizer from (n,M) features."""
+
+    def loss(theta):
+        z = theta[0] + features @ theta[1:]
+        value = (weight * np.logaddexp(0, -target * z)).sum() + RIDGE / 2 * (theta[1:] ** 2).sum()
+        residual = -weight * target / (1 + np.exp(target * z))
+        slope = features.T @ residual + RIDGE * theta[1:]
+        return value, np.append(residual.sum(), slope)
+
+    low = 0.0 if nonnegative else None
+    bounds = [(None, None)] + [(low, None)] * features.shape[1]
+    options = {"ftol": 1e-15, "gtol": 1e-10, "maxiter": 2000}
+    start = np.zeros(1 + features.shape[1])
+    return minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x
+
+
+def weights_of(objects, target):
+    """Recordings 2/R, classes n/(2 n_c)."""
+    weight = 2.0 / np.bincount(objects)[objects]
+    own = np.where(target > 0, weight[target > 0].sum(), weight[target < 0].sum())
+    return weight * weight.sum() / 2 / own
+
+
+def by_hand(grams, truth, objects, left_out):
+    """What the stacker without `left_out` says of them, all by refits: (P, rows of left_out)."""
+    targets = np.where(truth, 1.0, -1.0)
+    out = np.isin(objects, left_out)
+    decisions = np.zeros((len(grams), *targets.shape))
+    for m, gram in enumerate(grams):
+        for k in np.unique(objects[~out]):
+            own = objects == k
+            decisions[m, own] = refit(gram, targets, ~out & ~own, own)
+        decisions[m, out] = refit(gram, targets, ~out, out)
+    said = []
+    for p in range(targets.shape[1]):
+        target = targets[~out, p]
+        weight = weights_of(objects[~out], target)
+        theta = optimum(decisions[:, ~out, p].T, target, weight, nonnegative=True)
+        said.append(theta[0] + theta[1:] @ decisions[:, out, p])
+    return np.array(said)
+
+
+@given(
+    seed=st.integers(0, 999),
+    sizes=st.lists(st.integers(1, 3), min_size=4, max_size=7),
+    n_out=st.integers(0, 2),
+)
+@settings(max_examples=30, deadline=None)
+def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
+    grams, truth, objects = some_problem(seed, sizes)
+    problem = kernel_problem(grams, truth, objects, NOISE)
+    left_out = np.random.default_rng(seed).permutation(len(sizes))[:n_out]
+    out = np.isin(objects, left_out)
+    own = np.empty((2, 2, out.sum()))
+    others = np.empty((2, 2, len(objects)))
+    score_without(
+        left_out.astype(np.int64),
+        problem.inverses,
+        problem.duals,
+        problem.targets,
+        problem.starts,
+        True,
+        own,
+        others,
+    )
+    targets = np.where(truth, 1.0, -1.0)
+    rows = np.concatenate([np.flatnonzero(objects == k) for k in left_out] + [[]]).astype(int)
+    for m in range(2):
+        if n_out:
+            expected = refit(grams[m], targets, ~out, np.isin(np.arange(len(objects)), rows))
+            place = np.argsort(np.argsort(rows))
+            np.testing.assert_allclose(own[m].T, expected[place], atol=1e-9)
+        for k in np.setdiff1d(np.arange(len(sizes)), left_out):
+            mine = objects == k
+            expected = refit(grams[m], targets, ~out & ~mine, mine)
+            np.testing.assert_allclose(others[m][:, mine].T, expected, atol=1e-9)
+        assert (others[m][:, out] == 0).all()
+
+
+@given(seed=st.integers(0, 999), n=st.integers(4, 40), nonnegative=st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_the_stacker_is_the_optimum(seed, n, nonnegative):
+    rng = np.random.default_rng(seed)
+    features = rng.normal(size=(3, n)) * rng.choice([0.1, 1.0, 4.0])
+    target = np.where(np.arange(n) % 2, 1.0, -1.0)
+    features[0] += rng.normal() * target
+    weight = rng.uniform(0.1, 2.0, n)
+    theta = rng.normal(size=4) ** 2  # Newton's method starts anywhere
+    fit_stacker(features, target, weight, RIDGE, nonnegative, theta)
+    expected = optimum(features.T, target, weight, nonnegative=nonnegative)
+    np.testing.assert_allclose(theta, expected, atol=2e-4 * (1 + np.abs(expected).max()))
+    assert not nonnegative or (theta[1:] >= 0).all()
+
+
+@pytest.mark.parametrize("left_out", [[4], [1, 4]])
+def test_log_odds_equal_everything_done_by_hand(left_out):
+    grams, truth, objects = some_problem(3, [2, 1, 2, 3, 2, 2, 1])
+    problem = kernel_problem(grams, truth, objects, NOISE)
+    _, log_odds = leave_out(problem, np.array([left_out]), SETTINGS)
+    sizes = np.bincount(objects)
+    found = np.concatenate([log_odds[0, :, j, : sizes[k]] for j, k in enumerate(left_out)], axis=1)
+    np.testing.assert_allclose(found, by_hand(grams, truth, objects, left_out), atol=1e-4)
+
+
+def test_a_warm_start_changes_nothing():
+    grams, truth, objects = some_problem(5, [2] * 8)
+    problem = kernel_problem(grams, truth, objects, NOISE)
+    warm = all_objects(problem, SETTINGS)
+    cold = each_object(problem, SETTINGS)
+    np.testing.assert_allclose(each_object(problem, SETTINGS, warm), cold, atol=1e-6)
+
+
+def test_one_class_left_says_nothing():
+    grams, _, objects = some_problem(1, [2, 2, 2])
+    truth = np.repeat([[True], [False], [False]], 2, axis=0)
+    outputs = each_object(kernel_problem(grams, truth, objects, NOISE), SETTINGS)
+    assert (outputs[objects == 0] == 0).all()  # without the only positive object
+    assert np.isfinite(outputs).all()
+
+
+def test_patterns_group_attributes_by_what_is_known():
+    known = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 1, 0]], dtype=bool)
+    groups = {tuple(attributes): rows.tolist() for rows, attributes in known_patterns(known)}
+    assert groups == {(0, 1): [True, True, False], (2,): [False, True, True]}

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meal_bayes.perception.modality import ModalityClassifier, fit_space
+
+
+def features(seed=0, n=12, d=4):
+    return np.random.default_rng(seed).normal(size=(n, d)) * [1.0, 1e3, 1e-3, 1.0][:d]
+
+
+@given(st.integers(0, 99), st.sampled_from(["rbf", "polynomial"]))
+def test_the_kernel_is_symmetric_and_positive(seed, kernel):
+    gram = fit_space(features(seed), kernel).gram()
+    np.testing.assert_allclose(gram, gram.T, atol=1e-12)
+    assert np.linalg.eigvalsh(gram).min() > -1e-9
+
+
+def test_rbf_has_the_median_distance_for_width():
+    space = fit_space(features(), "rbf")
+    distance = np.linalg.norm(space.rows[:, None] - space.rows[None], axis=-1)
+    assert space.width == pytest.approx(np.median(distance[np.triu_indices(12, 1)]))
+    np.testing.assert_allclose(space.gram(), np.exp(-((distance / space.width) ** 2)), atol=1e-12)
+
+
+def test_polynomial_is_of_degree_two():
+    space = fit_space(features(), "polynomial")
+    expected = (1 + space.rows @ space.rows.T / 4) ** 2
+    np.testing.assert_allclose(space.gram(), expected, atol=1e-12)
+
+
+def test_standardized_features_are_comparable_and_bounded():
+    raw = features(n=400)
+    raw[0, 1] = -(2.0**31)  # an overflow in a published file
+    rows = fit_space(raw, "rbf").rows
+    assert np.abs(rows).max() <= 5
+    np.testing.assert_allclose(rows.std(axis=0), 1, atol=0.1)
+
+
+def test_training_recordings_keep_their_place():
+    raw = features()
+    space = fit_space(raw, "rbf")
+    np.testing.assert_allclose(space.standardize(raw), space.rows, atol=1e-12)
+
+
+def test_constant_features_are_dropped():
+    raw = features()
+    with_constant = np.insert(raw, 1, 7.0, axis=1)
+    space = fit_space(with_constant, "rbf")
+    assert space.kept.tolist() == [0, 2, 3, 4]
+    np.testing.assert_allclose(space.gram(), fit_space(raw, "rbf").gram(), atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", ["rbf", "polynomial"])
+@pytest.mark.parametrize("raw", [np.zeros((5, 3)), np.ones((1, 2)), np.full((2, 1), -4.0)])
+def test_modalities_that_never_vary_are_harmless(raw, kernel):
+    gram = fit_space(raw, kernel).gram()
+    np.testing.assert_array_equal(gram, np.ones_like(gram))
+
+
+def test_mostly_equal_recordings_have_a_width():
+    raw = np.zeros((20, 1))
+    raw[3] = 1.0
+    space = fit_space(raw, "rbf")
+    assert 0 < space.width < np.inf
+    assert np.isfinite(space.gram()).all()
+
+
+def test_decisions_are_weighted_sums_of_kernels():
+    raw, dual, bias = features(), np.random.default_rng(1).normal(size=(2, 12)), np.array([0.5, 0])
+    space = fit_space(raw, "rbf")
+    found = ModalityClassifier("color", space, dual, bias).decisions(raw[:3])
+    np.testing.assert_allclose(found, space.gram()[:3] @ dual.T + bias, atol=1e-12)

@@ -1,0 +1,172 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import Instance, load_dataset
+from meal_bayes.datasets.percepts import BIN_EDGES, load_percepts, round_log_odds
+from meal_bayes.domain import Query
+from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.perception import DEFAULT, PAPER, RecordedPercepts, build_percept_table
+from meal_bayes.perception.leave_out import each_object, kernel_problem
+from meal_bayes.perception.modality import fit_space
+from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
+
+ALL = replace(DEFAULT, believable_only=False)
+RECIPES = pytest.mark.parametrize(
+    "settings", [DEFAULT, replace(PAPER, folds=4)], ids=["default", "paper"]
+)
+
+
+def bins_of(log_odds):
+    """Histogram of (R,P) in the fine bins, (P,L)."""
+    place = np.searchsorted(BIN_EDGES, round_log_odds(log_odds))
+    return np.array([np.bincount(column, minlength=8) for column in place.T])
+
+
+def test_held_out_outputs_are_the_nested_ones(make):
+    dataset = make(1)
+    table = build_percept_table(dataset, perception=ALL)
+    expected = round_log_odds(held_out_log_odds(dataset, settings=ALL))
+    np.testing.assert_array_equal(np.isnan(table.log_odds), np.isnan(expected))
+    np.testing.assert_allclose(table.log_odds, expected, atol=1e-2)
+
+
+def test_the_training_side_is_that_of_a_robot_without_the_object(make):
+    dataset = make(2, objects=8)
+    table = build_percept_table(dataset, perception=ALL)
+    grams = np.stack(
+        [fit_space(dataset.features["lift", m].reshape(16, -1), "rbf").gram() for m in "abc"]
+    )
+    objects = np.repeat(np.arange(8), 2)
+    truth = np.repeat(dataset.labels == 1, 2, axis=0)
+    for held_out in range(8):
+        rest = objects != held_out
+        problem = kernel_problem(grams[:, rest][:, :, rest], truth[rest], objects[rest], ALL.noise)
+        outputs = each_object(problem, ALL)
+        for other in range(8):
+            found = table.training_bins[held_out, other, :, 1]
+            if other == held_out:
+                assert found.sum() == 0
+            else:
+                expected = bins_of(outputs[objects[rest] == other])
+                np.testing.assert_array_equal(found, expected)
+
+
+@RECIPES
+def test_labels_of_the_held_out_object_do_not_reach_its_table(make, relabel, settings):
+    dataset = make(3)
+    labels = dataset.labels.copy()
+    labels[4] = 1 - labels[4]
+    before = build_percept_table(dataset, perception=settings)
+    after = build_percept_table(relabel(dataset, labels), perception=settings)
+    np.testing.assert_allclose(before.log_odds[4], after.log_odds[4], atol=1e-2)
+    np.testing.assert_array_equal(before.training_bins[4], after.training_bins[4])
+    assert not np.array_equal(before.training_bins[5], after.training_bins[5])
+
+
+@RECIPES
+def test_every_recording_of_the_others_is_counted_once(make, settings):
+    table = build_percept_table(make(4), perception=settings)
+    total = table.training_bins.sum(axis=-1)
+    assert (total[:, :, :, 2:] == 0).all()  # reinit and ask
+    off_diagonal = ~np.eye(10, dtype=bool)
+    assert (total[off_diagonal][:, :, :2] == 2).all()
+    assert (total[~off_diagonal] == 0).all()
+    assert np.isfinite(table.log_odds[:, :, :2]).all()
+
+
+@RECIPES
+def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relabel, settings):
+    dataset = make(5)
+    labels = dataset.labels.copy()
+    labels[3, 0] = -1
+    table = build_percept_table(relabel(dataset, labels), perception=settings)
+    assert np.isfinite(table.log_odds[3, :, :2]).all()
+    known = np.delete(np.arange(10), 3)
+    assert (table.training_bins[3, known, 0, :2].sum(axis=-1) == 2).all()
+    assert (table.training_bins[known, 3, 0].sum(axis=-1) == 0).all()
+    # The other attribute, whose labels are all known, is as it was.
+    whole = build_percept_table(dataset, perception=settings)
+    np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])
+
+
+@RECIPES
+def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
+    dataset = make(6)
+    whole = build_percept_table(dataset, perception=settings)
+    steps = []
+    part = build_percept_table(
+        dataset,
+        perception=settings,
+        attributes=["heavy"],
+        objects=["object_03", "object_07"],
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    assert steps == [(1, 2), (2, 2)]
+    held = [2, 6]
+    np.testing.assert_allclose(part.log_odds[held, :, :, 1], whole.log_odds[held, :, :, 1])
+    np.testing.assert_array_equal(part.training_bins[held, :, 1], whole.training_bins[held, :, 1])
+    assert np.isnan(part.log_odds[..., 0]).all()
+    assert np.isnan(part.log_odds[0]).all()
+    assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == held
+    with pytest.raises(SettingsError, match=r"holds nothing on \['red'\]"):
+        RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
+
+
+def test_names_that_do_not_exist_are_refused(make):
+    dataset = make(6)
+    with pytest.raises(QueryError, match="Unknown attribute 'hevy'"):
+        build_percept_table(dataset, attributes=["hevy"])
+    with pytest.raises(SettingsError, match="Unknown object"):
+        build_percept_table(dataset, objects=["object_99"])
+    with pytest.raises(SettingsError, match="Unknown perception"):
+        build_percept_table(dataset, perception="svm")
+    with pytest.raises(SettingsError, match="name at least one"):
+        build_percept_table(dataset, attributes=[])
+
+
+def test_provenance_tells_how_the_table_was_made(make):
+    first, again = (build_percept_table(make(7)).provenance for _ in range(2))
+    other = build_percept_table(make(8), perception="paper").provenance
+    assert first == again
+    assert set(first) == {"package", "perception", "source", "recordings_sha256", "command"}
+    assert first["recordings_sha256"] != other["recordings_sha256"]
+    assert first["command"] == "meal-bayes data percepts --dataset toy"
+    assert other["command"].endswith("--perception paper")
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("name", "step"), [("roc36", 18), ("ispy32", 16), ("cy101", 50)])
+def test_shipped_tables_can_be_made_again(recordings, name, step):
+    dataset, shipped = load_dataset(name, root=recordings), load_percepts(name)
+    objects = dataset.objects[::step]
+    attributes = dataset.domain.attributes[::7]
+    made = build_percept_table(dataset, objects=objects, attributes=attributes)
+    held, columns = np.arange(0, len(dataset.objects), step), np.arange(len(attributes)) * 7
+    assert shipped.objects == dataset.objects
+    np.testing.assert_array_equal(shipped.labels, dataset.labels)
+    found, expected = (
+        table.log_odds[held][..., columns].astype(float) for table in (made, shipped)
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-2)
+    found, expected = (table.training_bins[held][:, :, columns] for table in (made, shipped))
+    assert (found != expected).mean() < 1e-4  # an output on the very edge of a bin may fall over
+    assert made.provenance["recordings_sha256"] == shipped.provenance["recordings_sha256"]
+    assert made.provenance["source"] == shipped.provenance["source"]
+
+
+@pytest.mark.real_data
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101"])
+def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
+    dataset = load_dataset(name, root=recordings)
+    sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
+    true = (dataset.labels == 1).sum(axis=0)
+    asked = np.minimum(true, len(dataset.objects) - true) > dataset.domain.asked_minimum
+    kappa = []
+    for seed in range(1 if name == "cy101" else 2):
+        shuffled = permuted(dataset, np.random.default_rng(seed))
+        counts = held_out_counts(held_out_log_odds(shuffled), shuffled.labels)
+        kappa.append(counts.kappa()[np.ix_(asked, sensing)].mean())
+    assert abs(np.mean(kappa)) < 0.03
