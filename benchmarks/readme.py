@@ -15,7 +15,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -58,11 +58,7 @@ PAPER_RUN = Run(
     "CY101, the paper's agent with the paper's classifiers",
     f"{_CY101} --agent morc --perception paper",
 )
-BLOCKS: dict[str, Callable[[], str]] = {
-    "demo": lambda: demo_block(),
-    "results": lambda: "\n\n".join(map(table_of, RUNS)),
-    "paper-classifiers": lambda: table_of(PAPER_RUN),
-}
+BLOCKS = ("demo", "results", "paper-classifiers")
 
 
 def main() -> int:
@@ -74,10 +70,18 @@ def main() -> int:
     if options.check:
         return check_demo()
     for name in [options.only] if options.only else ["demo", "results"]:
-        content = BLOCKS[name]()
+        new = content(name)
         text = README.read_text(encoding="utf-8")
-        README.write_text(replaced(text, name, content), encoding="utf-8")
+        README.write_text(replaced(text, name, new), encoding="utf-8")
     return 0
+
+
+def content(name: str) -> str:
+    """Make what belongs into a block."""
+    if name == "demo":
+        return demo_block()
+    runs = RUNS if name == "results" else (PAPER_RUN,)
+    return "\n\n".join(map(table_of, runs))
 
 
 def check_demo() -> int:
@@ -101,10 +105,10 @@ def block(text: str, name: str) -> str:
     return str(found[0])
 
 
-def replaced(text: str, name: str, content: str) -> str:
+def replaced(text: str, name: str, new: str) -> str:
     """Put new content between the two comments."""
     old = f"<!-- {name} -->\n{block(text, name)}<!-- /{name} -->"
-    return text.replace(old, f"<!-- {name} -->\n{content.rstrip()}\n<!-- /{name} -->")
+    return text.replace(old, f"<!-- {name} -->\n{new.rstrip()}\n<!-- /{name} -->")
 
 
 def run(command: str) -> str:

@@ -1,5 +1,6 @@
 """`meal-bayes demo`: one trial on the recordings of a real robot, told step by step."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,13 +54,12 @@ def demo(seed: int, logs: Path) -> None:
 
 
 def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
-    console.print(
-        Text(
-            "A robot meets an object it has never learned from, and is asked about it. It tries "
-            "one behavior after another, updates its belief by Bayes' rule, and answers once the "
-            "next percept would cost more than it is worth."
-        )
+    text = (
+        "A robot meets an object it has never learned from, and is asked about it. It tries one "
+        "behavior after another, updates its belief by Bayes' rule, and answers once the next "
+        "percept would cost more than it is worth."
     )
+    console.print(Text(textwrap.fill(text, console.width)))
     console.print()
     right = table.domain.report_reward
     sensing = sum(bool(behavior.modalities) for behavior in table.domain.behaviors)

@@ -52,11 +52,13 @@ class Program(Section):
         _leave(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Keep a broken pipe from click, which would end with the code of a failure."""
+        """Keep interruptions from click, which would say more of them than there is to say."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
             _close_output()
+            raise click.Abort from None
+        except KeyboardInterrupt:
             raise click.Abort from None
 
 

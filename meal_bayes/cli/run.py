@@ -84,7 +84,7 @@ def offline(
     """
     from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
 
-    named = tuple(name for text in agents for name in text.split(","))
+    named = tuple(name.strip() for text in agents for name in text.split(","))
     config = OfflineConfig(
         dataset=dataset,
         attributes=attributes,
@@ -112,7 +112,7 @@ def offline(
 
 def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
     """Run what is not there yet, telling how far it is."""
-    from meal_bayes.experiments import run_offline
+    from meal_bayes.experiments import offline_tasks, run_offline
     from meal_bayes.experiments.percepts import percepts_for
 
     if config.perception == "default":
@@ -122,6 +122,7 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
             table = percepts_for(
                 config.dataset, config.perception, on_progress=advance, on_note=note
             )
+    offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
     if any(searches(name, table.domain) for name in config.agents):
         prepare_planner()
     counted = _Count()

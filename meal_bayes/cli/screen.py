@@ -96,7 +96,13 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     )
     with Progress(*columns, console=console, transient=True, expand=True) as bars:
         task = bars.add_task(what, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+        def advance(done: int, total: int) -> None:
+            if bars.tasks[0].total is None:  # what was there before must not count as speed
+                bars.reset(task, completed=done, total=total)
+            bars.update(task, completed=done, total=total)
+
+        yield advance
 
 
 def _lines(console: Console, what: str, unit: str) -> Advance:

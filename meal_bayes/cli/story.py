@@ -4,7 +4,6 @@ import math
 import textwrap
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +13,7 @@ from meal_bayes.cli.screen import Signs, signs_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from meal_bayes.agents import Step, Task, Trial
@@ -65,7 +65,7 @@ class Story:
         print_facts(self._console, ending(trial), verdict_style(trial))
 
     def _why(self, decision: "Decision", x: int) -> None:
-        possible = np.flatnonzero(self._momdp.legal[x])
+        possible = self._momdp.legal[x].nonzero()[0]
         if len(possible) == 1:
             only, here = self._momdp.behavior_names[possible[0]], self._momdp.x_names[x]
             print_facts(self._console, {"possible": f"in {here} only {only}, or a report"})

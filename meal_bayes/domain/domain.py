@@ -32,7 +32,7 @@ class Domain:
 
     Raises
     ------
-    DomainError : repeated names, costs that are no time, effects of behaviors that do not exist,
+    DomainError : repeated names, costs that are no time, a reward that is not finite, effects of behaviors that do not exist,
         behaviors that are nowhere legal, words for attributes that do not exist.
     """
 
@@ -51,6 +51,10 @@ class Domain:
     def __post_init__(self) -> None:
         if not self.data:
             object.__setattr__(self, "data", self.name)
+        if not 0 <= self.report_reward < math.inf:
+            raise DomainError(
+                f"report_reward is {self.report_reward}; give a finite number, 0 or more."
+            )
         _check_unique("attribute", tuple(name.lower() for name in self.attributes))
         _check_unique("behavior", self.behavior_names)
         for behavior in self.behaviors:

@@ -66,6 +66,8 @@ def domain_from_table(table: object) -> Domain:
     """
     if not isinstance(table, dict):
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
+    if "extends" in table:
+        raise DomainError("Only a TOML file can extend another; give all keys.")
     try:
         return _build(table)
     except (OverflowError, ValueError) as error:  # inf and nan are numbers in TOML

@@ -53,11 +53,13 @@ def percepts_for(
     source(domain.data)
     path = cached_table(domain.data, perception)
     if not _readable(path, domain):
+        recordings = load_dataset(domain.data)
         (on_note or log.info)(
             f"computing the {perception} percepts of {domain.data} from its recordings, once; "
             f"kept in {path}"
         )
-        _compute(domain.data, perception, path, on_progress)
+        table = build_percept_table(recordings, perception=perception, progress=on_progress)
+        _keep(table, path)
     return load_percepts(path, domain=domain)
 
 
@@ -77,10 +79,7 @@ def _readable(path: Path, domain: Domain) -> bool:
     return True
 
 
-def _compute(
-    data: str, perception: str, path: Path, on_progress: Callable[[int, int], None] | None
-) -> None:
-    table = build_percept_table(load_dataset(data), perception=perception, progress=on_progress)
+def _keep(table: PerceptTable, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.stem}.{os.getpid()}.part")
     save_percepts(table, draft)

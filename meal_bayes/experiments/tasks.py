@@ -35,7 +35,7 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
 
     Raises
     ------
-    SettingsError : more attributes than can be asked, or no trials.
+    SettingsError : more attributes than can be asked or than any object has labels of, no trials.
     """
     names = askable(table)
     if not 1 <= n_attributes <= len(names):
@@ -45,6 +45,13 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
         )
     if trials < 1:
         raise SettingsError(f"{trials} trials asked; give at least 1.")
+    columns = [table.domain.attribute_index(name) for name in names]
+    labelled = int((table.labels[:, columns] >= 0).sum(axis=1).max())
+    if n_attributes > labelled:
+        raise SettingsError(
+            f"{n_attributes} attributes asked, but no object has labels of more than {labelled} "
+            "of those that can be asked; ask fewer, or label more."
+        )
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
     groups = list(table.domain.groups.values())
     if groups and n_attributes <= len(groups):
@@ -68,18 +75,27 @@ def _uniform(
 ) -> Iterator[_Pair]:
     objects = range(len(table.objects))
     known = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
-    if len(objects) * math.comb(len(names), n) > _LISTED:  # too many for one ever to come twice
-        return _labelled(_draws(len(objects), names, n, rng), known)
+    pairs = len(objects) * math.comb(len(names), n)
+    if pairs > _LISTED:
+        return _labelled(_draws(len(objects), names, n, pairs, rng), known)
     listed = list(itertools.product(objects, itertools.combinations(names, n)))
     return _labelled(_rounds(listed, rng), known)
 
 
 def _draws(
-    n_objects: int, names: tuple[str, ...], n: int, rng: np.random.Generator
+    n_objects: int, names: tuple[str, ...], n: int, pairs: int, rng: np.random.Generator
 ) -> Iterator[_Pair]:
+    """Draw pairs one by one, none twice before all have come."""
+    drawn: set[_Pair] = set()
     while True:
         chosen = sorted(rng.choice(len(names), size=n, replace=False))
-        yield int(rng.integers(n_objects)), tuple(names[i] for i in chosen)
+        pair = int(rng.integers(n_objects)), tuple(names[i] for i in chosen)
+        if pair in drawn:
+            continue
+        drawn.add(pair)
+        yield pair
+        if len(drawn) == pairs:
+            drawn.clear()
 
 
 def _labelled(pairs: Iterator[_Pair], known: dict[str, NDArray[np.bool_]]) -> Iterator[_Pair]:
@@ -92,18 +108,25 @@ def _grouped(
     """ROC36: alternate between queries that describe the object and queries that do not."""
     own: list[_Pair] = []
     other: list[_Pair] = []
-    value = dict(zip(table.domain.attributes, (table.labels == 1).T, strict=True))
+    labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
     for held_out in range(len(table.objects)):
         for chosen in itertools.combinations(groups, n):
             for attributes in itertools.product(*chosen):
-                fits = all(value[name][held_out] for name in attributes)
-                (own if fits else other).append((held_out, attributes))
+                values = [int(labels[name][held_out]) for name in attributes]
+                if min(values) >= 0:
+                    (own if all(values) else other).append((held_out, attributes))
+    if not own and not other:
+        raise SettingsError(
+            f"No object has labels of an attribute of each of {n} groups; label more."
+        )
+    if not own or not other:
+        return _rounds(own + other, rng)
     both = zip(_rounds(own, rng), _rounds(other, rng), strict=True)
     return itertools.chain.from_iterable(both)
 
 
 def _rounds(pairs: list[_Pair], rng: np.random.Generator) -> Iterator[_Pair]:
     """Every pair once in random order, then again in another."""
-    while True:
+    while pairs:
         for i in rng.permutation(len(pairs)):
             yield pairs[i]

@@ -5,7 +5,7 @@ In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decisio
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
 from meal_bayes.planners.greedy import Greedy
-from meal_bayes.planners.pomcp import POMCP
+from meal_bayes.planners.pomcp import POMCP, compile_kernels
 from meal_bayes.planners.solver import (
     Decision,
     History,
@@ -26,5 +26,6 @@ __all__ = [
     "RandomLegal",
     "Solver",
     "TreeEdge",
+    "compile_kernels",
     "unvalued",
 ]

@@ -93,8 +93,8 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         prior=np.log(np.clip(momdp.prior, 1e-9, 1)) - np.log(np.clip(1 - momdp.prior, 1e-9, 1)),
         flip=momdp.misperception.copy(),
         direct=momdp.direct.copy(),
-        correct=momdp.correct,
-        incorrect=momdp.incorrect,
+        correct=float(momdp.correct),
+        incorrect=float(momdp.incorrect),
         exit_value=-exits if momdp.abstain else np.full(size, -np.inf),
     )
 

@@ -13,14 +13,16 @@ from meal_bayes.planners.search import (
     Beliefs,
     Macros,
     Plans,
+    Work,
     grow_plans,
     plan_values,
+    room_for,
     tabulate_errors,
 )
 
-_GROWN = 8  # beliefs an x for which plans are grown
+_GROWN = 3  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED = 32  # beliefs at which plans compete to be kept
-_LENGTH = 8  # greedy steps of a plan
+_LENGTH = 6  # greedy steps of a plan
 _KEPT = 28  # plans an x, besides one for every first behavior
 _GRID = 129  # points of an error table
 
@@ -64,25 +66,28 @@ def plans_for(problem: Compiled) -> Plans:
     spread = np.concatenate([np.zeros((1, n)), rng.uniform(-4.0, 4.0, (_JUDGED, n))])
     beliefs = Beliefs(np.repeat(problem.prior[None], len(spread), axis=0), spread)
     first = Beliefs(beliefs.told[:_GROWN].copy(), beliefs.felt[:_GROWN].copy())
-    moves = moves_of(problem)
+    moves, work = moves_of(problem), room_for(problem)
     found: list[set[Path]] = [
         {(int(a),) for a in np.flatnonzero(legal)} for legal in problem.legal
     ]
     for x in range(len(found)):
         if found[x]:
-            grown = grow_plans(problem, moves.macros, x, first, _LENGTH)
+            grown = np.full((_GROWN * problem.legal.shape[1], 3 * _LENGTH), -1)
+            grow_plans(problem, moves.macros, x, first, _LENGTH, work, grown)
             prefixes = {path for row in grown for path in _prefixes(moves, x, row)}
-            best = _winners(problem, moves, x, sorted(prefixes | found[x]), beliefs)
+            best = _winners(problem, moves, work, x, sorted(prefixes | found[x]), beliefs)
             for path in best:
                 _spread_suffixes(moves, x, path, found)
     groups = [
-        _winners(problem, moves, x, sorted(paths), beliefs) for x, paths in enumerate(found)
+        _winners(problem, moves, work, x, sorted(paths), beliefs) for x, paths in enumerate(found)
     ]
     plans = _arrays(problem, moves, groups)
     if problem.tabled:
         points = np.repeat(np.linspace(-SPAN, SPAN, _GRID)[:, None], n, axis=1)
         grid = Beliefs(points, np.zeros_like(points))
-        plans = plans._replace(errors=tabulate_errors(problem, plans, grid))
+        errors = np.empty((len(plans.action), n, _GRID))
+        tabulate_errors(problem, plans, grid, work, errors)
+        plans = plans._replace(errors=errors)
     return plans
 
 
@@ -174,14 +179,14 @@ def _spread_suffixes(moves: Moves, x: int, path: Path, found: list[set[Path]]) -
 
 
 def _winners(
-    problem: Compiled, moves: Moves, x: int, paths: list[Path], beliefs: Beliefs
+    problem: Compiled, moves: Moves, work: Work, x: int, paths: list[Path], beliefs: Beliefs
 ) -> list[Path]:
     """Keep the paths from x that are best at one of the beliefs, and the best of each start."""
     if not paths:
         return []
     plans = _arrays(problem, moves, [paths if state == x else [] for state in range(len(moves.target))])
     values = np.full((len(beliefs.told), len(paths)), -np.inf)
-    plan_values(problem, plans, x, beliefs, values)
+    plan_values(problem, plans, x, beliefs, work, values)
     wins = np.bincount(values.argmax(axis=1), minlength=len(paths))
     kept = {int(j) for j in np.argsort(-wins, kind="stable")[:_KEPT] if wins[j]}
     for a in np.unique(plans.action):

@@ -16,12 +16,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numba import config
 
+from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, best_report, report_value
+from meal_bayes.momdp import MOMDP, best_report, build_momdp, initial_belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.open_loop import plans_for
-from meal_bayes.planners.search import ENUMERATE, SAMPLED, Plans, Tree, search
+from meal_bayes.planners.search import ENUMERATE, SAMPLED, Beliefs, Plans, Tree, room_for, search
 from meal_bayes.planners.solver import Decision, History, TreeEdge
 
 _LOGGED = 40  # edges of the second level that a decision keeps
@@ -48,6 +50,10 @@ class POMCP:
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
         """Prepare the leaf: the plan library of this MOMDP."""
+        compile_kernels()
+        return self._prepare(momdp)
+
+    def _prepare(self, momdp: MOMDP) -> "POMCPPolicy":
         problem = compile_momdp(momdp)
         return POMCPPolicy(momdp, self, problem, plans_for(problem))
 
@@ -68,17 +74,18 @@ class POMCPPolicy:
         width = 2 * int(outcomes if outcomes <= ENUMERATE else SAMPLED) + 2
         nodes = min(self.settings.room, (self.settings.simulations + 1) * width + 1)
         tree = _room(nodes + width, len(momdp.query), momdp.n_behaviors)
+        work = room_for(self.problem)
+        work.told[:], work.felt[:] = belief.told, belief.felt
         done = search(
             self.problem,
             self.plans,
             tree,
+            work,
             belief.x,
-            belief.told + 0.0,
-            belief.felt + 0.0,
             belief.seen.astype(np.float64),
             belief.seen[0].sum(axis=1).astype(np.float64),
             self.settings.simulations,
-            self.settings.exploration * (momdp.correct - momdp.incorrect),
+            self.settings.exploration * float(momdp.correct - momdp.incorrect),
             rng,
         )
         return _decision(self, history, tree, int(done))
@@ -144,8 +151,7 @@ def _room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
     return Tree(
         size=np.zeros(1, np.int64),
         x=np.empty(nodes, np.int64),
-        told=np.empty((nodes, n_attributes)),
-        felt=np.empty((nodes, n_attributes)),
+        beliefs=Beliefs(np.empty((nodes, n_attributes)), np.empty((nodes, n_attributes))),
         value=np.empty(nodes),
         stop=np.empty(nodes),
         visits=np.empty(nodes, np.int64),
@@ -157,3 +163,21 @@ def _room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
         child_p=np.empty(nodes),
         levels=np.empty((nodes, n_attributes), np.int64),
     )
+
+
+@lru_cache(maxsize=1)
+def compile_kernels() -> None:
+    """Compile the kernels, or load what an earlier process compiled; the first `solve` does it.
+
+    LLVM's full effort takes twice as long and makes nothing faster here, so less is asked for, and
+    for these kernels only.
+    """
+    before = config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE
+    config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = 1, 0, 0
+    try:
+        domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
+        even = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+        momdp = build_momdp(domain, Query(domain.attributes[:1]), even + [[[0.1, -0.1], [-0.1, 0.1]]])
+        POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
+    finally:
+        config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = before

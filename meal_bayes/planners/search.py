@@ -19,6 +19,11 @@ ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
 SAMPLED = 24  # children of an edge with more
 
 
+# Nothing here allocates, so there are no references to count, half of what there would be to
+# compile: callers bring the room (`Work`).
+_kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+
+
 class Plans(NamedTuple):
     """Open-loop plans, grouped by the x they start from."""
 
@@ -41,10 +46,25 @@ class Macros(NamedTuple):
 
 
 class Beliefs(NamedTuple):
-    """Beliefs to value plans at; a `Tree` has these two fields as well."""
+    """Factored beliefs, a row each."""
 
-    told: NDArray[np.float64]  # (B,N)
-    felt: NDArray[np.float64]  # (B,N)
+    told: NDArray[np.float64]  # (B,N) log-odds of the truth: prior, answers, independent percepts
+    felt: NDArray[np.float64]  # (B,N) log-odds of what the object seems to be
+
+
+class Work(NamedTuple):
+    """Room for one caller's intermediate results."""
+
+    weights: NDArray[np.float64]  # (4,OUTCOMES) joint outcomes and counts
+    yes: NDArray[np.float64]  # (N,E) yes-percepts seen
+    total: NDArray[np.float64]  # (E,) percepts seen
+    seen: NDArray[np.float64]  # (N,E,K)
+    told: NDArray[np.float64]  # (N,)
+    felt: NDArray[np.float64]  # (N,)
+    levels: NDArray[np.int64]  # (N,)
+    uses: NDArray[np.int64]  # (2,E) percepts of a plan, and of the plan with one step more
+    useful: NDArray[np.bool_]  # (E,)
+    path: NDArray[np.int64]  # (DEPTH,2) nodes and behaviors of a descent
 
 
 class Tree(NamedTuple):
@@ -52,8 +72,7 @@ class Tree(NamedTuple):
 
     size: NDArray[np.int64]  # (1,) nodes in use
     x: NDArray[np.int64]  # (S,)
-    told: NDArray[np.float64]  # (S,N) log-odds of the truth: prior, answers, independent percepts
-    felt: NDArray[np.float64]  # (S,N) log-odds of what the object seems to be
+    beliefs: Beliefs  # (S,N)
     value: NDArray[np.float64]  # (S,) best of report, exit and edges
     stop: NDArray[np.float64]  # (S,) value of the best report or exit, exact
     visits: NDArray[np.int64]  # (S,)
@@ -66,7 +85,7 @@ class Tree(NamedTuple):
     levels: NDArray[np.int64]  # (S,N) percept that led here, -1 for "none"
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _sigmoid(log_odds):
     if log_odds >= 0:
         return 1.0 / (1.0 + np.exp(-log_odds))
@@ -74,7 +93,7 @@ def _sigmoid(log_odds):
     return e / (1.0 + e)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _soften(log_odds, error):
     """What log-odds at one end of a symmetric channel tell of its other end."""
     if error == 0.0:
@@ -84,30 +103,30 @@ def _soften(log_odds, error):
     return sign * np.log((1.0 - error + error * small) / (error + (1.0 - error) * small))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _truth(problem, tree, row, i):
-    """Pr(attribute i is true) at a node (or a row of any struct with `told` and `felt`)."""
-    return _sigmoid(tree.told[row, i] + _soften(tree.felt[row, i], problem.flip[i]))
+@_kernel
+def _truth(problem, beliefs, row, i):
+    """Pr(attribute i is true)."""
+    return _sigmoid(beliefs.told[row, i] + _soften(beliefs.felt[row, i], problem.flip[i]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _seeming(problem, tree, row, i):
+@_kernel
+def _seeming(problem, beliefs, row, i):
     """Pr(attribute i seems true), which percepts but a person's answers depend on."""
-    return _sigmoid(tree.felt[row, i] + _soften(tree.told[row, i], problem.flip[i]))
+    return _sigmoid(beliefs.felt[row, i] + _soften(beliefs.told[row, i], problem.flip[i]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def stop_value(problem, x, tree, row):
+@_kernel
+def stop_value(problem, x, beliefs, row):
     """Value of ending now: the most probable report, or the exit where that is better."""
     certainty = 1.0
-    for i in range(tree.told.shape[1]):
-        b = _truth(problem, tree, row, i)
+    for i in range(beliefs.told.shape[1]):
+        b = _truth(problem, beliefs, row, i)
         certainty *= max(b, 1.0 - b)
     value = problem.incorrect + (problem.correct - problem.incorrect) * certainty
     return max(value, problem.exit_value[x])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _yes_counts(problem, i, v, e, k, yes, total, out):
     """Pr(j of the next k percepts say yes | v, percepts seen), j = 0..k: a Polya urn."""
     levels = problem.confusion.shape[3]
@@ -128,7 +147,7 @@ def _yes_counts(problem, i, v, e, k, yes, total, out):
             out[j] = w * (1.0 - q)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _plan_error(problem, uses, plan, i, beliefs, row, yes, total, scratch):
     """Exact Bayes error E min(b, 1-b) of attribute i after a plan (percepts cut to yes/no).
 
@@ -171,24 +190,27 @@ def _plan_error(problem, uses, plan, i, beliefs, row, yes, total, scratch):
     return error
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def tabulate_errors(problem, plans, grid):
-    """Error of every plan and attribute over a grid of beliefs, (J,N,G); for tabled problems."""
-    n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
-    size = grid.told.shape[0]
-    out = np.empty((plans.action.shape[0], n, size))
-    yes, total = np.zeros((n, n_behaviors)), np.zeros(n_behaviors)
-    scratch = np.empty((4, OUTCOMES))
+@_kernel
+def tabulate_errors(problem, plans, grid, work, out):
+    """Error of every plan and attribute over a grid of beliefs -> out (J,N,G); if tabled."""
+    _clear(work)
     for plan in range(out.shape[0]):
-        for i in range(n):
-            for g in range(size):
+        for i in range(out.shape[1]):
+            for g in range(out.shape[2]):
                 out[plan, i, g] = _plan_error(
-                    problem, plans.uses, plan, i, grid, g, yes, total, scratch
+                    problem, plans.uses, plan, i, grid, g, work.yes, work.total, work.weights
                 )
-    return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
+def _clear(work):
+    for e in range(work.total.shape[0]):
+        work.total[e] = 0.0
+        for i in range(work.yes.shape[0]):
+            work.yes[i, e] = 0.0
+
+
+@_kernel
 def _table_error(errors, plan, i, log_odds):
     size = errors.shape[2]
     if abs(log_odds) >= SPAN:
@@ -199,7 +221,7 @@ def _table_error(errors, plan, i, log_odds):
     return (1.0 - f) * errors[plan, i, g] + f * errors[plan, i, g + 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, floor):
     """-sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)].
 
@@ -230,7 +252,7 @@ def _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, floor):
     return base + g * gap * right
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def open_loop_values(problem, plans, x, beliefs, row, yes, total, scratch, out):
     """Best value of the plans from x by first behavior -> out[row] (E,), -inf where none."""
     for a in range(out.shape[1]):
@@ -242,94 +264,99 @@ def open_loop_values(problem, plans, x, beliefs, row, yes, total, scratch, out):
         out[row, a] = max(floor, value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def plan_values(problem, plans, x, beliefs, out):
+@_kernel
+def plan_values(problem, plans, x, beliefs, work, out):
     """Value of each plan from x at beliefs (B,N) before any percept -> out (B,J)."""
-    n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
-    yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
+    _clear(work)
     for row in range(beliefs.told.shape[0]):
         best = stop_value(problem, x, beliefs, row)
         for plan in range(plans.first[x], plans.first[x + 1]):
-            value = _plan_value(problem, plans, plan, beliefs, row, yes, total, scratch, best)
+            value = _plan_value(
+                problem, plans, plan, beliefs, row, work.yes, work.total, work.weights, best
+            )
             out[row, plan] = value
             best = max(best, value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _all_right(problem, uses, beliefs, row, yes, total, scratch):
+@_kernel
+def _all_right(problem, work, which, beliefs, row):
     right = 1.0
     for i in range(beliefs.told.shape[1]):
-        right *= 1.0 - _plan_error(problem, uses, 0, i, beliefs, row, yes, total, scratch)
+        right *= 1.0 - _plan_error(
+            problem, work.uses, which, i, beliefs, row, work.yes, work.total, work.weights
+        )
     return right
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def grow_plans(problem, macros, x, beliefs, length):
-    """Grow a plan from x greedily for each belief (B,N) -> its macros (B,L) padded by -1.
+@_kernel
+def grow_plans(problem, macros, x, beliefs, length, work, out):
+    """Grow plans from x greedily, one for each belief (B,N) and first percept -> out (B*E,L).
 
-    Each step goes to the percept (or two or three of it, where it repeats) that adds most log
-    probability of an all-right report per second.
+    Rows hold the percepts gone for in order, padded by -1. Each step after the first goes to the
+    percept (or two or three of it, where it repeats) that adds most log probability of an
+    all-right report per second; to fix the first in turn keeps expensive beginnings in play.
     """
     n, n_behaviors = problem.confusion.shape[0], problem.confusion.shape[1]
-    yes, total, scratch = np.zeros((n, n_behaviors)), np.zeros(n_behaviors), np.empty((4, OUTCOMES))
-    uses, trial = np.zeros((1, n_behaviors), np.int64), np.zeros((1, n_behaviors), np.int64)
-    out = np.full((beliefs.told.shape[0], 3 * length), -1, np.int64)
-    useful = np.zeros(n_behaviors, np.bool_)
+    uses, useful = work.uses, work.useful
+    _clear(work)
     for e in range(n_behaviors):
+        useful[e] = False
         for i in range(n):
             useful[e] = useful[e] or problem.informative[i, e]
-    for row in range(beliefs.told.shape[0]):
-        here, filled = x, 0
+    for plan in range(out.shape[0]):
+        row, forced = plan // n_behaviors, plan % n_behaviors
+        if macros.first[x, forced] < 0 or not useful[forced]:
+            continue
+        here, filled, right = x, 0, 1.0
         for e in range(n_behaviors):
             uses[0, e] = 0
-        right = _all_right(problem, uses, beliefs, row, yes, total, scratch)
-        for _ in range(length):
-            best, best_e, best_k = 1e-12, -1, 0
+        for step in range(length):
+            best, best_e, best_k = 1e-12, forced if step == 0 else -1, 1
             for e in range(n_behaviors):
-                if macros.first[here, e] < 0 or not useful[e]:
+                if step == 0 or macros.first[here, e] < 0 or not useful[e]:
                     continue
                 end = macros.end[here, e]
                 repeats = 3 if macros.end[end, e] == end and macros.first[end, e] == e else 1
                 for k in range(1, repeats + 1):
                     for other in range(n_behaviors):
-                        trial[0, other] = uses[0, other] + macros.uses[here, e, other]
-                    trial[0, e] += k - 1
-                    if trial[0, e] > problem.limit[e]:
+                        uses[1, other] = uses[0, other] + macros.uses[here, e, other]
+                    uses[1, e] += k - 1
+                    if uses[1, e] > problem.limit[e]:
                         break
                     price = macros.cost[here, e] + (k - 1) * problem.cost[end, e]
-                    gained = _all_right(problem, trial, beliefs, row, yes, total, scratch)
+                    gained = _all_right(problem, work, 1, beliefs, row)
                     rate = np.log(gained / right) / (price + 1e-6)
                     if rate > best:
                         best, best_e, best_k = rate, e, k
             if best_e < 0:
                 break
             for _ in range(best_k):
-                out[row, filled] = best_e
+                out[plan, filled] = best_e
                 filled += 1
                 for other in range(n_behaviors):
                     uses[0, other] += macros.uses[here, best_e, other]
                 here = macros.end[here, best_e]
-            right = _all_right(problem, uses, beliefs, row, yes, total, scratch)
-    return out
+            right = _all_right(problem, work, 0, beliefs, row)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _factor(problem, i, e, v, z, seen, total):
     c, s = problem.confusion[i, e, v, z], problem.precision[i, e, v]
     return c if np.isinf(s) else (s * c + seen[i, e, z]) / (s + total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _new_node(problem, plans, tree, x, told, felt, yes, total, p, scratch):
     """Append a node: exact stop value, open-loop lower bounds for its behaviors."""
     node = tree.size[0]
     tree.size[0] += 1
     tree.x[node], tree.child_p[node], tree.visits[node] = x, p, 0
     for i in range(told.shape[0]):
-        tree.told[node, i], tree.felt[node, i], tree.levels[node, i] = told[i], felt[i], -1
-    tree.stop[node] = stop_value(problem, x, tree, node)
+        tree.beliefs.told[node, i], tree.beliefs.felt[node, i], tree.levels[node, i] = told[i], felt[i], -1
+    tree.stop[node] = stop_value(problem, x, tree.beliefs, node)
     tree.value[node] = tree.stop[node]
-    open_loop_values(problem, plans, x, tree, node, yes, total, scratch, tree.edge_value)
+    beliefs, edges = tree.beliefs, tree.edge_value
+    open_loop_values(problem, plans, x, beliefs, node, yes, total, scratch, edges)
     for a in range(tree.edge_value.shape[1]):
         tree.edge_visits[node, a] = 0
         tree.children[node, a] = -1
@@ -338,12 +365,12 @@ def _new_node(problem, plans, tree, x, told, felt, yes, total, p, scratch):
     return node
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rng):
+@_kernel
+def _expand(problem, plans, tree, node, a, work, rng):
     """Make the children of an edge: every outcome, or a sample where there are too many."""
-    n, k_levels = seen.shape[0], seen.shape[2]
-    x = tree.x[node]
-    told, felt = np.empty(n), np.empty(n)
+    seen, yes, total, levels, scratch = work.seen, work.yes, work.total, work.levels, work.weights
+    told, felt = work.told, work.felt
+    n, k_levels, x = seen.shape[0], seen.shape[2], tree.x[node]
     joint = float(k_levels) ** n
     perceives = total[a] < problem.limit[a]
     tree.children[node, a] = tree.size[0]
@@ -352,7 +379,7 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
         mass, next_x = problem.branch_p[x, a, k], problem.branch_x[x, a, k]
         if not (problem.branch_sense[x, a, k] and perceives):
             for i in range(n):
-                told[i], felt[i] = tree.told[node, i], tree.felt[node, i]
+                told[i], felt[i] = tree.beliefs.told[node, i], tree.beliefs.felt[node, i]
             _new_node(problem, plans, tree, next_x, told, felt, yes, total, mass, scratch)
             continue
         sampled = joint > ENUMERATE
@@ -361,9 +388,9 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
             for i in range(n):
                 on_truth = problem.direct[a] or problem.flip[i] == 0.0
                 if on_truth:
-                    b = _truth(problem, tree, node, i)
+                    b = _truth(problem, tree.beliefs, node, i)
                 else:
-                    b = _seeming(problem, tree, node, i)
+                    b = _seeming(problem, tree.beliefs, node, i)
                 if sampled:
                     z = _draw_level(problem, i, a, b, seen, total[a], rng)
                 else:
@@ -373,8 +400,8 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
                 if not sampled:
                     p *= b * f1 + (1.0 - b) * f0
                 ratio = np.log(f1) - np.log(f0)
-                told[i] = tree.told[node, i] + (ratio if on_truth else 0.0)
-                felt[i] = tree.felt[node, i] + (0.0 if on_truth else ratio)
+                told[i] = tree.beliefs.told[node, i] + (ratio if on_truth else 0.0)
+                felt[i] = tree.beliefs.felt[node, i] + (0.0 if on_truth else ratio)
                 levels[i] = z
             if p <= 0.0:
                 continue
@@ -390,7 +417,7 @@ def _expand(problem, plans, tree, node, a, seen, yes, total, levels, scratch, rn
     tree.child_count[node, a] = tree.size[0] - tree.children[node, a]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _draw_level(problem, i, a, b, seen, total, rng):
     v = 1 if rng.random() < b else 0
     u, levels = rng.random(), seen.shape[2]
@@ -401,7 +428,7 @@ def _draw_level(problem, i, a, b, seen, total, rng):
     return levels - 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _back_up(problem, tree, node, a):
     """Edge value = cost, bonus and the exact expectation over its children; node value = best."""
     x, value = tree.x[node], 0.0
@@ -415,19 +442,19 @@ def _back_up(problem, tree, node, a):
     tree.value[node] = best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _step_reward(problem, tree, node, a, total):
     x = tree.x[node]
     reward = -problem.cost[x, a]
     if problem.shaped and total[a] < problem.limit[a]:
-        for i in range(tree.told.shape[1]):
-            b = _truth(problem, tree, node, i)
+        for i in range(tree.beliefs.told.shape[1]):
+            b = _truth(problem, tree.beliefs, node, i)
             mean = b * problem.bonus[i, a, 1] + (1.0 - b) * problem.bonus[i, a, 0]
             reward += problem.bonus_scale[x, a] * mean
     return reward
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _select(problem, tree, node, exploration):
     """UCB1 over the behaviors; ending has no variance and so gets no bonus. -1 = end."""
     x, best, best_score = tree.x[node], -1, tree.stop[node]
@@ -442,15 +469,11 @@ def _select(problem, tree, node, exploration):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def search(problem, plans, tree, x, told, felt, seen, total, simulations, exploration, rng):
-    """Grow the tree from a belief; return how many simulations were made."""
+@_kernel
+def search(problem, plans, tree, work, x, seen, total, simulations, exploration, rng):
+    """Grow the tree from the belief in `work.told`, `work.felt`; return the simulations made."""
     n, n_behaviors, k_levels = seen.shape
-    scratch = np.empty((4, OUTCOMES))
-    path, taken = np.empty(DEPTH, np.int64), np.empty(DEPTH, np.int64)
-    levels = np.zeros(n, np.int64)
-    here, yes = np.empty((n, n_behaviors, k_levels)), np.empty((n, n_behaviors))
-    count = np.empty(n_behaviors)
+    here, yes, count, path = work.seen, work.yes, work.total, work.path
     width = 2 * min(float(k_levels) ** n, ENUMERATE) + 2  # room that one expansion may need
     tree.size[0] = 0
     for done in range(simulations + 1):
@@ -462,7 +485,9 @@ def search(problem, plans, tree, x, told, felt, seen, total, simulations, explor
                     here[i, e, z] = seen[i, e, z]
                     yes[i, e] += seen[i, e, z] if z >= k_levels // 2 else 0.0
         if done == 0:
-            _new_node(problem, plans, tree, x, told, felt, yes, count, 1.0, scratch)
+            _new_node(
+                problem, plans, tree, x, work.told, work.felt, yes, count, 1.0, work.weights
+            )
             continue
         node, depth = 0, 0
         while depth < DEPTH:
@@ -471,10 +496,10 @@ def search(problem, plans, tree, x, told, felt, seen, total, simulations, explor
             if a < 0 or (tree.children[node, a] < 0 and tree.size[0] + width > tree.x.shape[0]):
                 break
             tree.edge_visits[node, a] += 1
-            path[depth], taken[depth] = node, a
+            path[depth, 0], path[depth, 1] = node, a
             depth += 1
             if tree.children[node, a] < 0:
-                _expand(problem, plans, tree, node, a, here, yes, count, levels, scratch, rng)
+                _expand(problem, plans, tree, node, a, work, rng)
                 break
             child, u = tree.children[node, a], rng.random()
             last = child + tree.child_count[node, a] - 1
@@ -484,12 +509,29 @@ def search(problem, plans, tree, x, told, felt, seen, total, simulations, explor
             if tree.levels[child, 0] >= 0:
                 for i in range(n):
                     z = tree.levels[child, i]
-                    here[i, a, z] += 1
-                    yes[i, a] += z >= k_levels // 2
-                count[a] += 1
+                    here[i, a, z] += 1.0
+                    yes[i, a] += 1.0 if z >= k_levels // 2 else 0.0
+                count[a] += 1.0
             node = child
         for t in range(depth - 1, -1, -1):
-            _back_up(problem, tree, path[t], taken[t])
+            _back_up(problem, tree, path[t, 0], path[t, 1])
         if tree.size[0] + width > tree.x.shape[0]:
             return done
     return simulations
+
+
+def room_for(problem: Compiled) -> Work:
+    """Make the room that the kernels need for a MOMDP."""
+    n, e, _, k = problem.confusion.shape
+    return Work(
+        weights=np.empty((4, OUTCOMES)),
+        yes=np.zeros((n, e)),
+        total=np.zeros(e),
+        seen=np.zeros((n, e, k)),
+        told=np.zeros(n),
+        felt=np.zeros(n),
+        levels=np.zeros(n, np.int64),
+        uses=np.zeros((2, e), np.int64),
+        useful=np.zeros(e, np.bool_),
+        path=np.zeros((DEPTH, 2), np.int64),
+    )

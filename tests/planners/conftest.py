@@ -74,13 +74,21 @@ class Expectimax:
     def positive(self, seen: Counts) -> list[float]:
         """Pr(attribute is true) given the percepts, from the definition."""
         out = []
-        for i, prior in enumerate(self.momdp.prior.tolist()):
-            weight = [1 - prior, prior]
-            for e, counts in enumerate(seen[i]):
-                for v in range(2):
-                    weight[v] *= self._likelihood(i, e, v, counts)
-            out.append(weight[1] / sum(weight))
+        for i in range(len(seen)):
+            joint = self._joint(i, seen[i])
+            out.append((joint[1][0] + joint[1][1]) / (sum(joint[0]) + sum(joint[1])))
         return out
+
+    def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
+        """Pr(is v, seems w, percepts), [v][w]; a person's answers tell of v, all else of w."""
+        prior, share = float(self.momdp.prior[i]), float(self.momdp.misperception[i])
+        joint = [[(1 - prior) * (1 - share), (1 - prior) * share], [prior * share, prior * (1 - share)]]
+        for e, counts in enumerate(seen):
+            for v in range(2):
+                for w in range(2):
+                    value = v if self.momdp.direct[e] else w
+                    joint[v][w] *= self._likelihood(i, e, value, counts)
+        return joint
 
     def _likelihood(self, i: int, e: int, v: int, counts: tuple[int, ...]) -> float:
         row, s = self.momdp.confusion[i, e, v].tolist(), float(self.momdp.precision[i, e, v])
@@ -149,18 +157,14 @@ class Expectimax:
     def percepts(self, seen: Counts, e: int) -> Iterator[tuple[float, Counts]]:
         """All percept vectors of a behavior: probability, counts afterwards."""
         n, k = len(self.momdp.query), self.momdp.levels
-        positive = self.positive(seen)
+        mass = [sum(map(sum, self._joint(i, seen[i]))) for i in range(n)]
         for levels in np.ndindex(*(k,) * n):
             p, after = 1.0, []
             for i, z in enumerate(levels):
                 counts = seen[i][e]
                 more = (*counts[:z], counts[z] + 1, *counts[z + 1 :])
-                chance = [
-                    self._likelihood(i, e, v, more) / self._likelihood(i, e, v, counts)
-                    for v in range(2)
-                ]
-                p *= (1 - positive[i]) * chance[0] + positive[i] * chance[1]
                 after.append((*seen[i][:e], more, *seen[i][e + 1 :]))
+                p *= sum(map(sum, self._joint(i, after[-1]))) / mass[i]
             yield p, tuple(after)
 
     def of_policy(self, policy: Policy, seed: int) -> float:
@@ -180,9 +184,13 @@ class Expectimax:
         return value(self.momdp.start, self.nothing_seen())
 
     def belief(self, x: int, seen: Counts) -> Belief:
-        """Give the belief as planners get it."""
-        odds = [math.log(b / (1 - b)) for b in self.positive(seen)]
-        return Belief(x, np.array(odds), np.array(seen))
+        """Give the belief as planners get it: by the filter, one percept after the other."""
+        belief = initial_belief(self.momdp)
+        for e in range(self.momdp.n_behaviors):
+            orders = [[z for z, k in enumerate(row[e]) for _ in range(k)] for row in seen]
+            for percept in zip(*orders, strict=True):
+                belief = update_belief(belief, self.momdp, Transition(e, x, np.array(percept)))
+        return belief.at(x)
 
 
 def noisy_roc36(n: int) -> MOMDP:

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,14 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop import moves_of, plans_for
-from meal_bayes.planners.search import OUTCOMES, SPAN, Plans, open_loop_values, tabulate_errors
+from meal_bayes.planners.search import (
+    OUTCOMES,
+    SPAN,
+    Beliefs,
+    Plans,
+    open_loop_values,
+    tabulate_errors,
+)
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 NO_TABLE = np.zeros((0, 0, 0))
@@ -22,15 +30,22 @@ def random_momdp(name, n, levels, rng, *, precision=np.inf, **options):
     return build_momdp(domain, Query(domain.attributes[:n]), confusion, precision, **options)
 
 
-def values_at(problem, plans, x, log_odds, seen=None):
+def values_at(problem, plans, x, told, seen=None, felt=None):
     """Best plan value by first behavior, (E,)."""
     n, n_behaviors, _, levels = problem.confusion.shape
     seen = np.zeros((n, n_behaviors, levels)) if seen is None else np.asarray(seen, dtype=float)
+    felt = np.zeros(n) if felt is None else felt
     yes, total = seen[..., levels // 2 :].sum(axis=2), seen[0].sum(axis=1)
-    out = np.empty((1, n_behaviors))
-    beliefs, scratch = np.array([log_odds], dtype=float), np.empty((4, OUTCOMES))
+    out, scratch = np.empty((1, n_behaviors)), np.empty((4, OUTCOMES))
+    beliefs = Beliefs(np.array([told], dtype=float), np.array([felt], dtype=float))
     open_loop_values(problem, plans, x, beliefs, 0, yes, total, scratch, out)
     return out[0]
+
+
+def grid_of(odds, n):
+    """Beliefs at these log-odds, the same for every attribute."""
+    points = np.repeat(np.asarray(odds, dtype=float)[:, None], n, axis=1)
+    return Beliefs(points, np.zeros_like(points))
 
 
 def one_plan(problem, uses, errors=NO_TABLE):
@@ -47,17 +62,20 @@ def one_plan(problem, uses, errors=NO_TABLE):
     )
 
 
-def kernel_error(momdp, uses, log_odds, seen=None):
+def kernel_error(momdp, uses, told, seen=None, felt=0.0):
     """Bayes error after a plan, from the value of the plan that costs nothing."""
     problem = compile_momdp(momdp)
-    value = values_at(problem, one_plan(problem, uses), 0, [log_odds], seen)[0]
+    value = values_at(problem, one_plan(problem, uses), 0, [told], seen, [felt])[0]
     return 1 - (value - momdp.incorrect) / (momdp.correct - momdp.incorrect)
 
 
-def brute_error(momdp, uses, log_odds, seen=None, *, cut=False):
-    """E min(b, 1-b) over every sequence of percepts, from the definition of the urn."""
+def brute_error(momdp, uses, told, seen=None, felt=0.0, *, cut=False):
+    """E min(b, 1-b) over every sequence of percepts, from the definition of the model.
+
+    Joint of truth v and seeming value w; answers are drawn from the urn of v, all else of w.
+    """
     e_of = [e for e, k in enumerate(uses) for _ in range(k)]
-    rows, precision = momdp.confusion[0], momdp.precision[0]
+    rows, precision, share = momdp.confusion[0], momdp.precision[0], momdp.misperception[0]
     before = np.zeros(rows.shape[::2]) if seen is None else np.array(seen[0], dtype=float)
     if cut:
         half = momdp.levels // 2
@@ -65,50 +83,56 @@ def brute_error(momdp, uses, log_odds, seen=None, *, cut=False):
             np.stack([a[..., :half].sum(axis=-1), a[..., half:].sum(axis=-1)], axis=-1)
             for a in (rows, before)
         )
-    prior = 1 / (1 + np.exp(-log_odds))
+    is_v, seems = ([1 / (1 + np.exp(x)), 1 / (1 + np.exp(-x))] for x in (told, felt))
+    start = np.array(
+        [[is_v[v] * (share if v != w else 1 - share) * seems[w] for w in (0, 1)] for v in (0, 1)]
+    )
+    start /= start.sum()
     error = 0.0
     for percepts in itertools.product(range(rows.shape[-1]), repeat=len(e_of)):
-        weight = [1 - prior, prior]
-        for v in range(2):
-            count = before.copy()
-            for e, z in zip(e_of, percepts, strict=True):
-                s, p = precision[e, v], rows[e, v, z]
-                known = np.isinf(s)
-                weight[v] *= p if known else (s * p + count[e, z]) / (s + count[e].sum())
-                count[e, z] += 1
-        error += min(weight)
+        joint, count = start.copy(), before.copy()
+        for e, z in zip(e_of, percepts, strict=True):
+            s, p = precision[e], rows[e, :, z]  # (2,) each
+            known = np.isinf(s)
+            finite = np.where(known, 1.0, s)
+            urn = np.where(known, p, (finite * p + count[e, z]) / (finite + count[e].sum()))
+            joint *= urn[:, None] if momdp.direct[e] else urn[None]
+            count[e, z] += 1
+        error += joint.sum(axis=1).min()
     return error
 
 
 @st.composite
 def gatherings(draw, levels=2, most=5):
-    """A `toy` problem of one attribute with percepts seen, a plan's percepts, and log-odds."""
+    """A `toy` problem of one attribute with percepts seen, a plan's percepts, and evidence."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     confusion = rng.dirichlet(np.ones(levels), (1, 3, 2))
     kinds = draw(st.lists(st.booleans(), min_size=6, max_size=6))
     precision = np.where(np.reshape(kinds, (1, 3, 2)), np.inf, rng.gamma(1.0, 8.0, (1, 3, 2)))
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), confusion, precision + 1e-3)
+    share = draw(st.just(0.0) | st.floats(1e-6, 0.4))
+    momdp = build_momdp(
+        load_domain("toy"), Query(("red",)), confusion, precision + 1e-3, misperception=share
+    )
+    momdp = replace(momdp, direct=np.array([False, draw(st.booleans()), False]))
     uses = draw(st.lists(st.integers(0, 3), min_size=2, max_size=2).filter(lambda u: sum(u) <= most))
     seen = np.zeros((1, 3, levels), dtype=int)
     seen[0, :2] = rng.integers(0, 3, (2, levels)) * draw(st.booleans())
-    return momdp, [*uses, 0], draw(st.floats(-6, 6)), seen
+    felt = draw(st.floats(-6, 6)) if share else 0.0
+    return momdp, [*uses, 0], draw(st.floats(-6, 6)), seen, felt
 
 
 @given(gatherings())
 @settings(deadline=None, max_examples=150)
 def test_error_is_exact(case):
-    momdp, uses, log_odds, seen = case
-    expected = brute_error(momdp, uses, log_odds, seen)
-    assert kernel_error(momdp, uses, log_odds, seen) == pytest.approx(expected, abs=1e-10)
+    assert kernel_error(*case) == pytest.approx(brute_error(*case), abs=1e-10)
 
 
 @given(gatherings(levels=4, most=3))
 @settings(deadline=None, max_examples=60)
 def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(case):
-    momdp, uses, log_odds, seen = case
-    found = kernel_error(momdp, uses, log_odds, seen)
-    assert found == pytest.approx(brute_error(momdp, uses, log_odds, seen, cut=True), abs=1e-10)
-    assert found >= brute_error(momdp, uses, log_odds, seen) - 1e-12
+    found = kernel_error(*case)
+    assert found == pytest.approx(brute_error(*case, cut=True), abs=1e-10)
+    assert found >= brute_error(*case) - 1e-12
 
 
 def test_percepts_beyond_the_limit_tell_nothing():
@@ -135,7 +159,7 @@ def test_certain_beliefs_have_no_error(small, precision):
     plan = one_plan(problem, [1, 2, 0])
     tables = [NO_TABLE]
     if np.isinf(precision):
-        tables.append(tabulate_errors(problem, plan, np.linspace(-SPAN, SPAN, 9)))
+        tables.append(tabulate_errors(problem, plan, grid_of(np.linspace(-SPAN, SPAN, 9), 2)))
     for table in tables:
         for log_odds in ([np.inf, -np.inf], [40.0, -800.0]):
             value = values_at(problem, plan._replace(errors=table), 0, log_odds)[0]
@@ -151,7 +175,7 @@ def test_tables_are_close_to_exact(name, levels):
     plans = plans_for(problem)
     grid = np.linspace(-SPAN, SPAN, plans.errors.shape[2])
     odds = np.concatenate([rng.uniform(-12, 12, 150), rng.choice(grid, 20)])
-    exact = tabulate_errors(problem, plans, odds)  # (J,N,G), any points will do
+    exact = tabulate_errors(problem, plans, grid_of(odds, 2))  # (J,N,G), any points will do
     for i in range(2):
         table = np.array([np.interp(odds, grid, row) for row in plans.errors[:, i]])
         assert np.abs(table - exact[:, i]).max() <= TABLE_ERROR
@@ -240,11 +264,12 @@ def test_the_library_holds_nearly_the_best_plan(small, seed):
         assert max(ours, stop) >= max(best, stop) - 2.0  # of 200 between right and wrong
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1])
 @pytest.mark.parametrize(
     ("n", "levels", "finite"), [(1, 2, False), (2, 2, False), (2, 2, True), (1, 4, True)]
 )
-def test_plan_values_are_lower_bounds(small, n, levels, finite):
-    momdp = small.toy(n + levels, n, levels, finite=finite, limit=2)
+def test_plan_values_are_lower_bounds(small, n, levels, finite, share):
+    momdp = small.toy(n + levels, n, levels, finite=finite, limit=2, misperception=share)
     optimum = small.expectimax(momdp)
     optimum.value(momdp.start, optimum.nothing_seen())
     problem = compile_momdp(momdp)
@@ -255,8 +280,9 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite):
     for x, seen in reached:
         belief = optimum.belief(x, seen)
         best = optimum.value(x, seen)
-        assert values_at(problem, exact, x, belief.log_odds, belief.seen).max() <= best + 1e-9
-        tabled = values_at(problem, plans, x, belief.log_odds, belief.seen).max()
+        state = belief.told, belief.seen, belief.felt
+        assert values_at(problem, exact, x, *state).max() <= best + 1e-9
+        tabled = values_at(problem, plans, x, *state).max()
         assert tabled <= best + n * TABLE_ERROR * (momdp.correct - momdp.incorrect)
 
 

@@ -22,7 +22,14 @@ from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop import _arrays, moves_of
 
 TABLE_ERROR = 0.025  # of right minus wrong: the error tables' interpolation
-PROBLEMS = [(0, 2, 2, False), (1, 2, 2, True), (2, 1, 4, False), (3, 1, 4, True)]
+PROBLEMS = {
+    "independent": {"seed": 0, "n": 2, "levels": 2, "finite": False, "limit": 3},
+    "dispersed": {"seed": 1, "n": 2, "levels": 2, "finite": True, "limit": 2},
+    "four levels": {"seed": 2, "n": 1, "levels": 4, "finite": False, "limit": 3},
+    "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
+    "misperceived": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2}
+    | {"misperception": [0.05, 0.2]},
+}
 
 
 def search(momdp, simulations, seed=0, *, history=None, **settings):
@@ -42,6 +49,14 @@ def same(one, other):
     )
 
 
+def hopeless(n, **options):
+    """Build a query of ROC36 of which no behavior tells anything."""
+    domain = load_domain("roc36")
+    confusion = np.full((n, len(domain.behaviors), 2, 2), 0.5)
+    query = Query(domain.attributes[:n])
+    return build_momdp(domain, query, confusion, discount=1.0, **options)
+
+
 def ispy32_of(n, rate=(0.9, 0.1), **options):
     """Build a query of n attributes of ISPY32, all behaviors alike."""
     domain = load_domain("ispy32")
@@ -52,7 +67,7 @@ def ispy32_of(n, rate=(0.9, 0.1), **options):
 
 def excess(momdp):
     """How far a value may lie above the optimum: not at all, but for the error tables."""
-    tabled = np.isinf(momdp.precision).all()
+    tabled = np.isinf(momdp.precision).all() and not momdp.misperception.any()
     return TABLE_ERROR * (momdp.correct - momdp.incorrect) if tabled else 1e-9
 
 
@@ -63,10 +78,8 @@ class TestAgainstTheOptimum:
         """Make problems with their exact solutions, each once."""
 
         @cache
-        def make(seed, n, levels, finite, abstain=False, discount=0.99):
-            momdp = small.toy(
-                seed, n, levels, finite=finite, limit=3, abstain=abstain, discount=discount
-            )
+        def make(problem, **options):
+            momdp = small.toy(**PROBLEMS[problem], **options)
             optimum = small.expectimax(momdp)
             return momdp, optimum, optimum.value(momdp.start, optimum.nothing_seen())
 
@@ -76,21 +89,21 @@ class TestAgainstTheOptimum:
     @pytest.mark.parametrize("problem", PROBLEMS)
     @pytest.mark.parametrize("simulations", [30, 300, 3000])
     def test_the_value_approaches_it_from_below(self, solved, problem, abstain, simulations):
-        momdp, _, best = solved(*problem, abstain)
+        momdp, _, best = solved(problem, abstain=abstain)
         value = best_value(search(momdp, simulations))
         assert value <= best + excess(momdp)
         assert value >= best - 100 / np.sqrt(simulations)  # of 200 between right and wrong
 
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_without_discount(self, solved, problem):
-        momdp, _, best = solved(*problem, discount=1.0)
+        momdp, _, best = solved(problem, discount=1.0)
         value = best_value(search(momdp, 3000))
-        assert best - 2.0 <= value <= best + excess(momdp)
+        assert best - 3.0 <= value <= best + excess(momdp)
 
     def test_shaping(self, small):
         bonus = np.zeros((2, 3, 2))
         bonus[:, :2] = np.random.default_rng(5).uniform(-1, 6, (2, 2, 2))
-        momdp = replace(small.toy(5, 2, 2, finite=True, limit=2), bonus=bonus)
+        momdp = replace(small.toy(5, 2, 2, finite=True, limit=2, misperception=0.1), bonus=bonus)
         optimum = small.expectimax(momdp)
         best = optimum.value(momdp.start, optimum.nothing_seen())
         plain = small.expectimax(replace(momdp, bonus=0 * bonus))
@@ -120,24 +133,25 @@ class TestAgainstTheOptimum:
 
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_its_policy_is_worth_at_most_the_optimum_and_nearly_that(self, solved, problem):
-        momdp, optimum, best = solved(*problem)
+        momdp, optimum, best = solved(problem)
         policy = POMCP(300).solve(momdp, np.random.default_rng(0))
         worth = optimum.of_policy(policy, 0)
         assert best - 1.0 <= worth <= best + 1e-9
 
     @pytest.mark.statistical
     def test_more_simulations_lose_less(self, solved):
-        """Exact worth of the policies, the mean loss over problems and seeds of the search."""
+        """Exact worth of the policies, the mean loss over the problems."""
         losses = []
-        for simulations in (0, 10, 100, 1000):
+        for simulations in (0, 10, 100):
             loss = []
             for problem in PROBLEMS:
-                momdp, optimum, best = solved(*problem)
+                momdp, optimum, best = solved(problem)
                 policy = POMCP(simulations).solve(momdp, np.random.default_rng(0))
-                loss += [best - optimum.of_policy(policy, seed) for seed in range(2)]
+                loss.append(best - optimum.of_policy(policy, 0))
             losses.append(np.mean(loss))
         assert (np.diff(losses) <= 0.05).all(), losses
-        assert losses[0] > 10 * losses[-1]
+        assert losses[0] > 2 * losses[-1]
+        assert losses[-1] < 0.5
 
 
 class TestWithoutThese:
@@ -212,11 +226,18 @@ class TestWithoutThese:
     @pytest.mark.statistical
     @pytest.mark.parametrize(("n", "floor"), [(1, 425), (2, 360), (3, 185)])
     def test_worth_on_the_noisy_robot(self, small, n, floor):
-        """SARSOP: 441, 386, 99 in 5 s; open-loop feedback 431, 375, 207; textbook POMCP fails."""
+        """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""
         momdp = small.noisy_roc36(n)
         policy = POMCP(30).solve(momdp, np.random.default_rng(0))
-        returns = small.returns(momdp, policy, 40, 1)
+        returns = small.returns(momdp, policy, 30, 1)
         assert returns.mean() > floor
+
+    @pytest.mark.statistical
+    def test_worth_of_open_loop_feedback(self, small):
+        """Without simulations; plans that never leave a loop would be worth 260."""
+        momdp = small.noisy_roc36(2)
+        policy = POMCP(0).solve(momdp, np.random.default_rng(0))
+        assert small.returns(momdp, policy, 60, 1).mean() > 350
 
 
 class TestDecisions:
@@ -224,8 +245,7 @@ class TestDecisions:
         for momdp in (toy, ispy32_of(8, limit=5), small.toy(9, 2, 4, finite=True)):
             one, other = search(momdp, 60, 3), search(momdp, 60, 3)
             assert same(one, other)
-        different = [search(toy, 60, seed).visits.tolist() for seed in range(8)]
-        assert len(set(map(tuple, different))) > 1
+        assert len({search(toy, 60, seed).tree for seed in range(8)}) > 1
 
     def test_other_searches_between_change_nothing(self, small, toy):
         policy = POMCP(60).solve(toy, np.random.default_rng(0))
@@ -240,29 +260,27 @@ class TestDecisions:
         assert one.tree == kept[2]
 
     @pytest.mark.parametrize("n", [1, 2, 3])
-    def test_only_who_may_abstains(self, n):
-        hopeless = {"rate": (0.5, 0.5), "limit": 5}
-        for simulations in (0, 40):
-            answer = search(ispy32_of(n, **hopeless), simulations)
-            assert answer.action >= 10
-            momdp = ispy32_of(n, **hopeless, abstain=True)
-            ending = search(momdp, simulations)
-            if n == 1:  # a coin costs nothing
-                assert ending.action >= 10
-                assert ending.values[-1] == pytest.approx(0.0)
-            else:
-                assert momdp.behavior_names[ending.action] == "hold"  # 1 s, the cheapest
-                assert ending.values[-1] == -1.0
+    @pytest.mark.parametrize("simulations", [0, 40])
+    def test_only_who_may_abstains(self, n, simulations):
+        answer = search(hopeless(n), simulations)
+        assert answer.action == 12  # the report of the belief's most probable values
+        assert answer.values[-1] == pytest.approx(-500 + 1000 / 2**n)
+        ending = search(hopeless(n, abstain=True), simulations)
+        if n == 1:  # a coin costs nothing
+            assert ending.action == 12
+        else:
+            assert hopeless(n).behavior_names[ending.action] == "hold"  # 1 s, the cheapest
+            assert ending.values[-1] == -1.0
 
     def test_abstaining_is_the_cheapest_exit_of_each_x(self):
-        momdp = ispy32_of(3, rate=(0.5, 0.5), abstain=True)
+        momdp = hopeless(3, abstain=True)
         for x in range(1, 6):
-            belief = initial_belief(momdp)
-            history = History(Belief(x, belief.log_odds, belief.seen))
+            history = History(initial_belief(momdp).at(x))
             assert momdp.behavior_names[search(momdp, 10, history=history).action] == "look"
 
     def test_published_diagrams_have_no_exit(self, small):
-        momdp = small.momdp("roc36_published", {"heavy": {}, "blue": {}, "beans": {}}, abstain=True)
+        rates = {"heavy": {}, "blue": {}, "beans": {}}
+        momdp = small.momdp("roc36_published", rates, abstain=True, discount=1.0)
         decision = search(momdp, 20)
         assert decision.action >= momdp.n_behaviors
         assert decision.values[-1] == pytest.approx(-375.0)
@@ -274,12 +292,14 @@ class TestDecisions:
         monkeypatch.setattr(
             Belief, "certainty", property(lambda belief: certainty(belief) * (1 + error))
         )
-        momdp = ispy32_of(2, abstain=True)
+        momdp, reports = ispy32_of(2, abstain=True), 0
         for odds in np.linspace(3.0, 12.0, 10):
             sure = Belief(0, np.array([odds, -odds]), initial_belief(momdp).seen)
             decision = search(momdp, 5, history=History(sure))
+            reports += decision.values[-1] == best_value(decision)
             if decision.values[-1] == best_value(decision):
                 assert decision.action == momdp.n_behaviors + 2
+        assert reports > 0
 
     def test_eighty_one_attributes(self):
         domain = load_domain("ispy32")
@@ -347,10 +367,10 @@ from meal_bayes.planners import POMCP, History
 
 for levels in (2, 10):  # every percept vector gets a child; or a sample of them
     rng = np.random.default_rng(levels)
-    rows = rng.dirichlet(np.ones(levels), (2, 3, 2))
+    rows = rng.dirichlet(np.full(levels, 0.5), (2, 3, 2))
     domain = load_domain("toy")
-    momdp = build_momdp(domain, Query(domain.attributes), rows, 9.0, limit=2, abstain=True)
-    decision = POMCP(6).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+    momdp = build_momdp(domain, Query(domain.attributes), rows, 30.0, limit=2)
+    decision = POMCP(12).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
     print(decision.action, *decision.visits, *(f"{v:.9g}" for v in decision.values), rng.random())
     for edge in decision.tree:
         print(*edge[:5], f"{edge.value:.9g}")

@@ -1,0 +1,117 @@
+"""The held-out object is held out: nothing the table says of it enters what is known without it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import Knowledge, knowledge_without
+from meal_bayes.datasets import load_percepts
+from meal_bayes.perception import table_counts
+from meal_bayes.posterior import ConfusionPosterior
+
+HELD_OUT = 3
+
+
+def numbers(knowledge):
+    """All that is known, in one vector."""
+    posterior = knowledge.posterior
+    parts = [posterior.mean, posterior.precision, posterior.counts, posterior.prior]
+    rest = [knowledge.base_rates, [knowledge.misperception]]
+    return np.concatenate([np.ravel(part) for part in (*parts, *rest)])
+
+
+def is_held_out(learn, table, change_object):
+    """Whether changing the object's labels and recordings changes nothing that is known."""
+    changed = change_object(table, HELD_OUT)
+    assert not np.array_equal(changed.labels, table.labels)
+    assert not np.array_equal(changed.training_bins, table.training_bins)
+    return np.array_equal(numbers(learn(table)), numbers(learn(changed)))
+
+
+@pytest.mark.parametrize("object_level", [False, True])
+@pytest.mark.parametrize("levels", [2, 4])
+def test_the_held_out_object_enters_nowhere(table, make, object_level, levels):
+    def learn(table):
+        return knowledge_without(table, HELD_OUT, levels=levels, object_level=object_level)
+
+    assert is_held_out(learn, table, make.change_object)
+
+
+def test_real_tables_hold_the_object_out(make):
+    def learn(table):
+        return knowledge_without(table, HELD_OUT)
+
+    assert is_held_out(learn, load_percepts("roc36"), make.change_object)
+
+
+def test_every_other_object_does_enter(table, make):
+    before = numbers(knowledge_without(table, HELD_OUT))
+    for other in range(len(table.objects)):
+        after = numbers(knowledge_without(make.change_object(table, other), HELD_OUT))
+        assert np.array_equal(before, after) == (other == HELD_OUT)
+
+
+def leaky_labels(table):
+    """Base rates of all objects, the held-out one among them."""
+    knowledge = knowledge_without(table, HELD_OUT)
+    positive = (table.labels == 1).sum(axis=0)
+    return replace(knowledge, base_rates=(positive + 1) / (len(table.objects) + 2))
+
+
+def leaky_counts(table):
+    """Training-side counts of another held-out object, in which this one counts."""
+    knowledge = knowledge_without(table, HELD_OUT)
+    counts = table_counts(table, HELD_OUT + 1)
+    return replace(knowledge, posterior=ConfusionPosterior.from_objects(counts))
+
+
+def leaky_recordings(table):
+    """Confusion of all held-out outputs, the object's own among them."""
+    knowledge = knowledge_without(table, HELD_OUT)
+    yes = np.nan_to_num(table.log_odds, nan=0.0) > 0  # (O,R,E,P)
+    truth = table.labels[:, None, None, :] == 1
+    counts = np.stack(
+        [[(said & is_v).sum(axis=(0, 1)) for said in (~yes, yes)] for is_v in (~truth, truth)]
+    ).transpose(3, 2, 0, 1)  # (P,E,2,K)
+    return replace(knowledge, posterior=ConfusionPosterior.from_counts(counts))
+
+
+@pytest.mark.parametrize("leak", [leaky_labels, leaky_counts, leaky_recordings])
+def test_a_leak_would_be_found(table, make, leak):
+    assert not is_held_out(leak, table, make.change_object)
+
+
+def test_base_rates_are_laplace_s_of_the_known_labels(table):
+    labels = np.array(table.labels)
+    labels[0, 0], labels[5, 0] = -1, -1
+    knowledge = knowledge_without(replace(table, labels=labels), HELD_OUT)
+    others = np.delete(labels[:, 0], HELD_OUT)
+    expected = ((others == 1).sum() + 1) / ((others >= 0).sum() + 2)
+    assert knowledge.base_rates[0] == pytest.approx(expected)
+    others = np.delete(labels[:, 1], HELD_OUT)
+    assert knowledge.base_rates[1] == pytest.approx(((others == 1).sum() + 1) / 9)
+
+
+def test_the_paper_s_reading_takes_percepts_as_independent(table):
+    knowledge = knowledge_without(table, HELD_OUT, object_level=False)
+    assert np.isinf(knowledge.posterior.dispersion).all()
+    assert knowledge.misperception == 0.0
+    total = table_counts(table, HELD_OUT).total()
+    np.testing.assert_array_equal(knowledge.posterior.counts, total)
+    np.testing.assert_allclose(
+        knowledge.posterior.mean, (total + 1) / (total + 1).sum(axis=-1, keepdims=True)
+    )
+
+
+def test_ours_lets_objects_differ(table):
+    knowledge = knowledge_without(table, HELD_OUT)
+    assert np.isfinite(knowledge.posterior.dispersion).all()
+    assert 0 < knowledge.misperception < 0.5
+
+
+def test_knowledge_cannot_be_written_to(table):
+    knowledge = knowledge_without(table, 0)
+    assert isinstance(knowledge, Knowledge)
+    with pytest.raises(ValueError, match="read-only"):
+        knowledge.base_rates[0] = 1.0

@@ -1,0 +1,99 @@
+"""`ask` answers, in words and as JSON, and logs what it did."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.trial_log import log_info, read_trials
+
+QUESTION = "Is it crimson, and is it full?"
+OWN = ("ask", QUESTION, "--dataset", "kitchen.npz", "--object", "red_jar", "--agent", "greedy")
+
+
+def test_an_answer_in_words(run):
+    result = run("ask", "Is it heavy?", "--object", "heavy_blue_beans", "--agent", "greedy")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert lines[0].split() == ["behavior", "s", "heavy"]
+    assert lines[1].split()[:2] == ["before", "any"]
+    assert "  answer     heavy" in lines
+    assert "  verdict    right" in lines
+    assert max(map(len, lines)) <= 80
+    (path,) = Path("logs").glob("ask-heavy_blue_beans-*.mcap")
+    assert str(path) in result.stderr
+
+
+def test_own_table_and_synonyms(run, table):
+    told = json.loads(run(*OWN, "--json").stdout)
+    assert told["config"] == {
+        "command": "ask", "question": QUESTION, "dataset": "kitchen.npz", "object": "red_jar",
+        "agent": "greedy", "seed": 0,
+    }  # fmt: skip
+    trial = told["trial"]
+    assert trial["attributes"] == ["red", "full"]
+    assert trial["report"] == trial["truth"] == {"red": True, "full": True}
+    assert trial["success"] is True
+    assert trial["reward"] == pytest.approx(100 - trial["cost_s"])
+    assert trial["cost_s"] == pytest.approx(sum(step["cost_s"] for step in trial["steps"]))
+    assert trial["steps"][-1]["action"] == "report red, full"
+    assert trial["steps"][0]["percept"] == {"red": 1, "full": 1}
+    assert trial["belief"] == trial["steps"][-1]["belief"]
+
+
+def test_the_log_holds_the_trial(run, table):
+    told = json.loads(run(*OWN, "--json", "--seed", "3").stdout)
+    (trial,) = read_trials(told["log"])
+    assert trial.agent == "greedy"
+    assert trial.cost == told["trial"]["cost_s"]
+    header = log_info(told["log"]).header
+    assert header["config"] == told["config"]
+    assert header["seed"] == 3
+
+
+def test_equal_commands_write_equal_logs(run, table):
+    logs = []
+    for folder in ("one", "two"):
+        path = Path(json.loads(run(*OWN, "--json", "--logs", folder).stdout)["log"])
+        assert path.parent == Path(folder)
+        logs.append((path.name, path.read_bytes()))
+    assert logs[0] == logs[1]
+    other = Path(json.loads(run(*OWN, "--json", "--seed", "1").stdout)["log"])
+    assert other.name != logs[0][0]
+
+
+def test_a_giving_up_is_told(run):
+    result = run("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "random", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["trial"]["report"] in ({"heavy": True}, {"heavy": False})
+
+
+def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
+    from dataclasses import replace
+
+    from meal_bayes.datasets.percepts import save_percepts
+
+    odd = "../../red jar\n"
+    save_percepts(replace(table, objects=(odd, *table.objects[1:])), "odd.npz")
+    result = run(
+        "ask", "red", "--dataset", "odd.npz", "--object", odd, "--agent", "greedy", "--json"
+    )
+    path = Path(json.loads(result.stdout)["log"])
+    assert path.parent == Path("logs")
+    assert path.name.startswith("ask-.._.._red_jar_-")
+    assert path.is_file()
+
+
+def test_an_unknown_truth_is_told(fails, table):
+    from dataclasses import replace
+
+    from meal_bayes.datasets.percepts import save_percepts
+
+    labels = table.labels.copy()
+    labels[0, 0] = -1
+    save_percepts(replace(table, labels=labels), "hidden.npz")
+    told = fails(
+        "ask", "red", "--dataset", "hidden.npz", "--object", "red_mug", "--agent", "greedy"
+    )
+    assert "'red_mug'" in told
+    assert "'red'" in told

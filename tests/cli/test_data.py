@@ -1,0 +1,155 @@
+"""`data`: what there is, fetching it from a mirror, and tables of one's own recordings."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import download, load_dataset, load_percepts
+from meal_bayes.perception import build_percept_table
+
+HOME = "shiqizhang6/perception_pomdp/4ab4abf1a47ce184f0327d3c143533d482c2604c/data/icra2014"
+
+
+@pytest.fixture
+def mirror(tmp_path, monkeypatch, run):
+    """Make a mirror of one file whose digest stands in the registry."""
+    path = tmp_path / "mirror" / HOME / "objects.txt"
+    path.parent.mkdir(parents=True)
+    path.write_text("light_brown_rice")
+    rows = {f"{HOME}/objects.txt": hashlib.sha256(path.read_bytes()).hexdigest()}
+    monkeypatch.setattr(download, "registry", lambda _data: rows)
+    monkeypatch.setattr("meal_bayes.datasets.registry", lambda _data: rows)
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", str(tmp_path / "mirror"))
+    monkeypatch.delenv("MEAL_BAYES_OFFLINE")
+    return path
+
+
+def test_list_in_words_and_as_json(run):
+    text = run("data", "list").stdout
+    assert "roc36" in text
+    told = json.loads(run("data", "list", "--json").stdout)
+    assert [row["name"] for row in told["datasets"]] == ["roc36", "ispy32", "cy101"]
+    assert told["datasets"][0] == {
+        "name": "roc36", "objects": 36, "behaviors": 12, "attributes": 10, "recordings": 10,
+        "files": 23, "files_cached": 0,
+    }  # fmt: skip
+
+
+def test_list_tells_what_can_be_asked(run, table):
+    text = run("data", "list", "kitchen.npz").stdout
+    assert "red, full" in text
+    assert "lift 4 s" in text
+    told = json.loads(run("data", "list", "kitchen.npz", "--json").stdout)
+    assert told["behaviors"] == {"look": 1.0, "lift": 4.0}
+    assert told["objects"][0] == "red_mug"
+
+
+def test_fetch_then_verify(run, mirror):
+    missing = run("data", "verify", "roc36")
+    assert missing.exit_code == 1
+    assert "missing: " in missing.stdout
+    assert "meal-bayes data fetch roc36" in missing.stdout
+    assert run("data", "fetch", "roc36").exit_code == 0
+    sound = run("data", "verify", "roc36")
+    assert (sound.exit_code, sound.stdout) == (0, "roc36: 1 of 1 files are as published\n")
+
+
+def test_a_wrong_checksum_is_told(fails, mirror):
+    mirror.write_text("light_brown_beans")
+    told = fails("data", "fetch", "roc36")
+    assert "found SHA-256" in told
+    assert "the file was not kept" in told
+
+
+def test_no_network_and_no_cache_is_told(fails, run):
+    told = fails("data", "fetch", "roc36")
+    assert "MEAL_BAYES_OFFLINE" in told
+    assert "embedded percepts" in told
+
+
+def test_own_recordings_end_to_end(run, kitchen):
+    words = ("--dataset", "kitchen.toml", "--root", ".")
+    made = run("data", "percepts", *words, "--out", "tables/own.npz")
+    assert made.exit_code == 0
+    assert made.stdout == "tables/own.npz: 8 objects, 2 behaviors, 2 attributes, 2 recordings\n"
+    saved = load_percepts("tables/own.npz")
+    built = build_percept_table(load_dataset("kitchen.toml", root="."))
+    assert saved.domain == built.domain
+    np.testing.assert_array_equal(saved.log_odds, built.log_odds)
+    asked = (
+        "ask",
+        "Is it red, and is it full?",
+        "--dataset",
+        "tables/own.npz",
+        "--agent",
+        "greedy",
+    )
+    told = json.loads(run(*asked, "--object", "red_jar", "--json").stdout)
+    assert told["trial"]["report"] == {"red": True, "full": True}
+    counted = ("run", "offline", "--dataset", "tables/own.npz", "--trials", "8", "--json")
+    told = json.loads(run(*counted, "--agent", "predefined_plus").stdout)
+    assert told["rows"][0]["accuracy"] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "found"),
+    [
+        ("look_color.csv", "red_jar,1,", "red_jar,", "columns"),
+        ("look_color.csv", "red_jar,1,", "red_jar,1,x", "expected a number"),
+        ("lift_force.csv", "red_jar,1,", "red_jar,1,nan #", "column 3"),
+        ("lift_force.csv", "red_jar,2,", "red_jar,1,", "again"),
+        ("labels.csv", "red_jar,1,1", "red_jar,1,2", "expected 1, 0 or nothing"),
+        ("kitchen.toml", "probability = 0.9", "probability = 1.9", "at most 1"),
+        ("kitchen.toml", 'to = "in_hand"', 'to = "on_table"', "'in_hand'"),
+        ("kitchen.toml", "cost = 4.0, ", "", "has no 'cost'"),
+        ("kitchen.toml", "report_reward", "[", "not valid TOML"),
+    ],
+)
+def test_bad_files_of_ones_own_are_told(fails, kitchen, file, old, new, found):
+    text = Path(file).read_text()
+    assert text.count(old) == 1
+    Path(file).write_text(text.replace(old, new))
+    words = ("--dataset", "kitchen.toml", "--root", ".", "--out", "own.npz")
+    assert found in fails("data", "percepts", *words)
+    assert not Path("own.npz").exists()
+
+
+def test_a_missing_recording_is_told(fails, kitchen):
+    rows = Path("lift_force.csv").read_text().splitlines()
+    Path("lift_force.csv").write_text("\n".join(rows[:-1]) + "\n")
+    words = ("--dataset", "kitchen.toml", "--root", ".", "--out", "own.npz")
+    assert "no row of recording 2 of green_bowl" in fails("data", "percepts", *words)
+
+
+def test_percepts_says_what_it_needs(fails, kitchen):
+    own = ("data", "percepts", "--dataset", "kitchen.toml")
+    assert "give --out" in fails(*own, "--root", ".")
+    assert "ends in .npz" in fails(*own, "--root", ".", "--out", "own.csv")
+    assert "give root=" in fails(*own, "--out", "own.npz")
+    assert "forbids the network" in fails("data", "percepts", "--dataset", "roc36")
+
+
+def test_a_table_made_again_is_compared(run, monkeypatch):
+    shipped = load_percepts("roc36")
+    monkeypatch.setattr("meal_bayes.datasets.load_dataset", lambda *_a, **_k: shipped)
+    words = ("data", "percepts", "--dataset", "roc36")
+    for shift, code, said in ((0.0, 0, "within 0.01"), (0.5, 1, "beyond 0.01")):
+        from dataclasses import replace
+
+        moved = replace(shipped, log_odds=shipped.log_odds + np.float16(shift))
+        monkeypatch.setattr(
+            "meal_bayes.perception.build_percept_table", lambda *_a, m=moved, **_k: m
+        )
+        result = run(*words)
+        assert result.exit_code == code
+        assert said in result.stdout
+
+
+@pytest.mark.real_data
+def test_the_shipped_roc36_table_is_made_again(run, recordings):
+    result = run("data", "percepts", "--dataset", "roc36", "--root", recordings)
+    assert result.exit_code == 0, result.output
+    assert "within 0.01" in result.stdout

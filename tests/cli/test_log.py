@@ -1,0 +1,87 @@
+"""`log`: what a file holds, one trial of it, whether it is sound, what a torn one still has."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.agents.asking import ask
+from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
+
+HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
+
+
+@pytest.fixture
+def log(run):
+    """Write a log of three trials."""
+    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
+    trials = [ask("heavy, beans", dataset="roc36", object=o, agent="greedy") for o in objects]
+    write_trials("a.mcap", trials, header=HEADER)
+    return Path("a.mcap")
+
+
+@pytest.fixture
+def torn(log):
+    """Cut the log in its last trial."""
+    path = Path("torn.mcap")
+    content = log.read_bytes()
+    for size in range(len(content), 0, -500):
+        path.write_bytes(content[:size])
+        if check_log(path).trials == 2:
+            break
+    return path
+
+
+def test_info(run, log):
+    text = run("log", "info", log).stdout
+    assert "3 trials" in text
+    assert "dataset roc36" in text
+    told = json.loads(run("log", "info", log, "--json").stdout)
+    assert told["path"] == "a.mcap"
+    assert told["trials"] == 3
+    assert told["format_version"] == FORMAT_VERSION
+    assert told["header"]["config"] == HEADER["config"]
+
+
+def test_show(run, log, fails):
+    first = run("log", "show", log)
+    assert first.exit_code == 0
+    assert "heavy_blue_beans" in first.stdout
+    assert "verdict    right" in first.stdout
+    assert "medium_green_glass" in run("log", "show", log, "--trial", "2").stdout
+    assert "holds 3 trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
+
+
+def test_check(run, log, torn):
+    sound = run("log", "check", log)
+    assert sound.exit_code == 0
+    assert "whole" in sound.stdout
+    broken = run("log", "check", torn, "--json")
+    assert broken.exit_code == 1
+    told = json.loads(broken.stdout)
+    assert told["whole"] is False
+    assert told["problems"]
+    assert "meal-bayes log recover torn.mcap" in run("log", "check", torn).stdout
+
+
+def test_recover(run, log, torn, fails):
+    told = json.loads(run("log", "recover", torn, "--json").stdout)
+    assert told["path"] == "torn.recovered.mcap"
+    saved = list(read_trials(told["path"]))
+    assert len(saved) == told["trials"] > 0
+    assert saved[0].cost == next(read_trials(log)).cost
+    assert "exists already" in fails("log", "recover", torn)
+    assert "whole trials saved" in run("log", "recover", torn, "--out", "b.mcap").stdout
+
+
+def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
+    assert "meal-bayes log recover torn.mcap" in fails("log", "show", torn, "--trial", "2")
+    Path("text.mcap").write_text("hello")
+    assert "text.mcap" in fails("log", "info", "text.mcap")
+    assert "text.mcap" in fails("log", "recover", "text.mcap")
+    monkeypatch.setattr(writer, "FORMAT_VERSION", FORMAT_VERSION + 1)
+    write_trials("new.mcap", read_trials(log), header=HEADER)
+    for command in ("info", "show", "check", "recover"):
+        told = fails("log", command, "new.mcap")
+        assert f"format {FORMAT_VERSION + 1}" in told
+        assert f"reads format {FORMAT_VERSION}" in told

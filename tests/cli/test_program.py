@@ -1,0 +1,166 @@
+"""The program as a whole: quick to start, quiet to end, every failure one line that teaches."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import click
+import pytest
+
+from meal_bayes.agents import AGENTS
+from meal_bayes.cli import main, options
+from meal_bayes.cli.program import Program
+
+ASK = ("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "greedy")
+
+
+def test_help_is_quick(start):
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = start("--help")
+    text, _ = process.communicate(timeout=60)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    assert process.returncode == 0
+    assert "meal-bayes demo" in text
+    assert spent < 0.5  # s of CPU
+
+
+def test_help_loads_no_room():
+    code = (
+        "import sys\nfrom meal_bayes.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'numpy', 'scipy', 'numba', 'mcap', 'sklearn'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def commands(group, path=()):
+    for name, command in group.commands.items():
+        yield (*path, name), command
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+
+
+@pytest.mark.parametrize("path", [path for path, _ in commands(main)], ids=" ".join)
+def test_every_command_has_help(run, path):
+    result = run(*path, "--help")
+    assert result.exit_code == 0
+    assert (
+        result.stdout.startswith(f"Usage: meal-bayes {' '.join(path)}")
+        or " ".join(path) in result.stdout.splitlines()[0]
+    )
+    assert all(len(line) <= 80 for line in result.stdout.splitlines())
+
+
+def test_short_helps_fit_in_their_line(run):
+    for path, command in commands(main):
+        if isinstance(command, click.Group):
+            assert "..." not in run(*path).stdout.split("Commands:")[1]
+    assert "..." not in run().stdout.split("Commands:")[1]
+
+
+def test_help_names_the_agents_that_exist():
+    assert options.AGENTS.replace(" or ", ", ").split(", ") == list(AGENTS)
+
+
+def test_version(run):
+    import meal_bayes
+
+    assert run("--version").stdout == f"meal-bayes {meal_bayes.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (("fly",), "No such command 'fly'"),
+        (("--wings",), "No such option '--wings'"),
+        (("run", "offlin"), "No such command 'offlin'"),
+        (("ask",), "Missing argument 'QUESTION'"),
+        (("ask", "heavy"), "Missing option '--object'"),
+        ((*ASK, "--seed", "-1"), "-1 is not in the range"),
+        ((*ASK, "--seed", "x"), "'x' is not a valid integer"),
+        (("run", "offline", "--percepts", "mod"), "'mod' is not one of 'recorded', 'model'"),
+        (("run", "offline", "--jobs", "0"), "0 is not in the range"),
+    ],
+)
+def test_usage_errors_point_to_the_help(fails, arguments, found):
+    told = fails(*arguments)
+    assert found in told
+    assert "Try: " in told
+    assert told.endswith(" --help\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (("ask", "heavy", "--object", "heavy_blue_bean"), "did you mean 'heavy_blue_beans'"),
+        (("ask", "heavvy", "--object", "heavy_blue_beans"), "did you mean 'heavy'"),
+        (("ask", "heavy,heavy", "--object", "heavy_blue_beans"), "names 'heavy' twice"),
+        (("ask", "", "--object", "heavy_blue_beans"), "expected"),
+        ((*ASK[:-1], "greedo"), "did you mean 'greedy'"),
+        ((*ASK, "--dataset", "rock36"), "did you mean 'roc36'"),
+        ((*ASK, "--dataset", "toy"), "data percepts"),
+        ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
+        (("run", "offline", "--dataset", "rock36"), "did you mean 'roc36'"),
+        (("run", "offline", "--agent", "greedo"), "did you mean 'greedy'"),
+        (("run", "offline", "--agent", "greedy,greedy"), "named twice"),
+        (("run", "offline", "--attributes", "11"), "give a number from 1 to 10"),
+        (("run", "offline", "--trials", "0"), "give at least 1"),
+        (("run", "offline", "--reward", "inf"), "give a finite number above 0"),
+        (("data", "fetch", "rock36"), "did you mean 'roc36'"),
+        (("data", "verify", "rock36"), "did you mean 'roc36'"),
+        (("data", "list", "rock36"), "did you mean 'roc36'"),
+        (("log", "info", "none.mcap"), "no log none.mcap"),
+    ],
+)
+def test_bad_input_is_told_with_the_way_out(fails, arguments, found):
+    assert found in fails(*arguments)
+
+
+def test_an_unwritable_place_is_told(fails, tmp_path):
+    (tmp_path / "file").touch()
+    assert "cannot be written" in fails(*ASK, "--logs", "file/logs")
+
+
+def test_what_nobody_foresaw_is_not_hidden():
+    @click.group(cls=Program)
+    def broken() -> None:
+        pass
+
+    @broken.command()
+    def now() -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        broken(["now"])
+
+
+def test_a_reader_that_goes_away_ends_it_quietly(start):
+    with start("data", "list", "cy101") as process:
+        process.stdout.close()
+        told = process.stderr.read()
+    assert process.returncode == 130
+    assert told == ""
+
+
+def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path):
+    process = start("run", "offline", "--trials", "20000", "--agent", "random_legal", "--jobs", "1")
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.rglob("unit-0000.mcap")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    out, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert "trials are kept; the same command goes on from there" in told
+    assert "Traceback" not in told
+
+
+def test_the_module_is_the_command(start):
+    process = start("--version")
+    assert process.communicate(timeout=60)[0].startswith("meal-bayes ")
+    assert process.returncode == 0

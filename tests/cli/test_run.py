@@ -1,0 +1,172 @@
+"""`run offline`: one JSON object, paired comparisons, resumed after whatever stopped it."""
+
+import json
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.datasets.percepts import save_percepts
+from meal_bayes.evaluation import compare
+from meal_bayes.trial_log import read_trials, salvage
+
+ROW = [
+    "agent", "trials", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward", "reward_se", "nll",
+    "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy", "seconds",
+]  # fmt: skip
+OFFLINE = ("run", "offline", "--trials", "12", "--agent", "greedy,predefined_plus")
+
+
+def test_json_is_one_object_with_every_field(run):
+    result = run(*OFFLINE, "--agent", "random", "--seed", "5", "--json")
+    assert result.exit_code == 0
+    assert result.stdout.count("\n") == 1
+    told = json.loads(result.stdout)
+    assert list(told) == ["config", "rows", "paired", "log"]
+    assert told["config"] == {
+        "dataset": "roc36", "attributes": 2, "trials": 12, "seed": 5, "percepts": "recorded",
+        "agents": ["greedy", "predefined_plus", "random"], "perception": "default", "reward": None,
+    }  # fmt: skip
+    assert [row["agent"] for row in told["rows"]] == told["config"]["agents"]
+    for row in told["rows"]:
+        assert list(row) == ROW
+        assert row["trials"] == 12
+        assert 0 <= row["accuracy"] <= 1
+        assert row["seconds"] > 0
+    assert told["paired"] == []
+    trials = [t for path in Path(told["log"]).rglob("*.mcap") for t in read_trials(path)]
+    assert len(trials) == 36
+
+
+def test_undefined_measures_are_null(run):
+    told = json.loads(run("run", "offline", "--trials", "1", "--agent", "greedy", "--json").stdout)
+    (row,) = told["rows"]
+    assert row["accuracy_se"] is None
+    assert row["cost_sd"] is None
+
+
+def test_the_table_fits_and_names_the_log(run):
+    result = run(*OFFLINE)
+    lines = result.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].split() == [
+        "agent",
+        "accuracy",
+        "cost,",
+        "s",
+        "reward",
+        "NLL",
+        "ECE",
+        "gave",
+        "up",
+    ]
+    assert lines[1].split()[0] == "greedy"
+    assert lines[2].split()[0] == "predefined_plus"
+    assert lines[3].startswith("12 trials an agent")
+    assert "trials in logs/offline-roc36-n2-seed0-" in result.stderr
+
+
+def test_agents_are_compared_with_the_papers(run, table):
+    words = ("run", "offline", "--dataset", "kitchen.npz", "--attributes", "1", "--trials", "12")
+    words = (*words, "--agent", "morc,greedy", "--agent", "random")
+    told = json.loads(run(*words, "--json").stdout)
+    assert [entry["agent"] for entry in told["paired"]] == ["greedy", "random"]
+    trials = [t for path in Path(told["log"]).rglob("*.mcap") for t in read_trials(path)]
+    for entry in told["paired"]:
+        expected = compare(trials, entry["agent"], "morc", measure="reward")
+        assert entry == {
+            "agent": entry["agent"], "against": "morc", "measure": "reward", **expected._asdict()
+        }  # fmt: skip
+    text = run(*words).stdout
+    assert "reward against morc" in text
+    assert "95 % interval" in text
+
+
+def test_percepts_and_reward_reach_the_trials(run):
+    words = ("run", "offline", "--trials", "3", "--agent", "predefined_plus", "--percepts", "model")
+    told = json.loads(run(*words, "--reward", "50", "--json").stdout)
+    (path,) = Path(told["log"]).rglob("*.mcap")
+    for trial in read_trials(path):
+        assert trial.momdp.correct == 50
+        assert trial.reward == pytest.approx((50 if trial.success else -50) - trial.cost)
+    assert told["config"]["percepts"] == "model"
+
+
+def test_a_second_call_computes_nothing_unless_fresh(run):
+    first = run(*OFFLINE, "--json")
+    folder = Path(json.loads(first.stdout)["log"])
+    stamps = {path: path.stat().st_mtime_ns for path in folder.rglob("*.mcap")}
+    again = run(*OFFLINE, "--json")
+    assert again.stdout == first.stdout
+    assert "24 of 24 trials are there already" in again.stderr
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.mcap")} == stamps
+    assert run(*OFFLINE, "--fresh").exit_code == 0
+    assert all(path.stat().st_mtime_ns > stamp for path, stamp in stamps.items())
+
+
+def test_another_table_of_the_same_name_is_another_run(run, table):
+    words = ("run", "offline", "--dataset", "kitchen.npz", "--attributes", "1", "--trials", "4")
+    words = (*words, "--agent", "greedy", "--json")
+    first = json.loads(run(*words).stdout)
+    save_percepts(replace(table, log_odds=-table.log_odds), "kitchen.npz")
+    second = json.loads(run(*words).stdout)
+    assert first["log"] != second["log"]
+    assert first["rows"][0]["accuracy"] == 1.0
+    assert second["rows"][0]["accuracy"] == 0.0
+
+
+def test_a_domain_of_any_name_stays_in_the_log_folder(run, table):
+    hostile = replace(table, domain=replace(table.domain, name="../../kit chen", data=""))
+    save_percepts(hostile, "hostile.npz")
+    words = ("run", "offline", "--dataset", "hostile.npz", "--attributes", "1", "--trials", "2")
+    told = json.loads(run(*words, "--agent", "greedy", "--json").stdout)
+    assert Path(told["log"]).parent == Path("logs")
+    assert Path(told["log"]).is_dir()
+
+
+def test_the_papers_classifiers_need_recordings(fails, table):
+    own = fails("run", "offline", "--dataset", "kitchen.npz", "--perception", "paper")
+    assert "is a percept table already" in own
+    public = fails("run", "offline", "--perception", "paper", "--agent", "greedy")
+    assert "MEAL_BAYES_OFFLINE forbids the network" in public
+
+
+def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path):
+    words = ("run", "offline", "--trials", "300", "--agent", "predefined_plus", "--json")
+    with start(*words) as process:
+        torn = wait_for_second_unit(tmp_path, process)
+        os.killpg(process.pid, signal.SIGKILL)
+    saved = list(salvage(torn))
+    assert saved
+    whole = torn.with_name("unit-0000.mcap")
+    stamp = whole.stat().st_mtime_ns
+    with start(*words) as again:
+        told, noted = again.communicate(timeout=120)
+    assert again.returncode == 0
+    assert json.loads(told)["rows"][0]["trials"] == 300
+    assert "100 of 300 trials are there already" in noted
+    assert whole.stat().st_mtime_ns == stamp
+    finished = list(read_trials(torn.with_suffix("")))
+    assert len(finished) == 100
+    assert [facts(trial) for trial in saved] == [facts(trial) for trial in finished[: len(saved)]]
+    assert not list(tmp_path.rglob("*.active"))
+
+
+def wait_for_second_unit(folder, process):
+    """Wait until the second unit holds trials but is not whole."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        assert process.poll() is None
+        for path in folder.rglob("unit-0001.mcap.active"):
+            if path.stat().st_size > 20_000:
+                return path
+        time.sleep(0.005)
+    raise AssertionError("no second unit within a minute")
+
+
+def facts(trial):
+    actions = [step.decision.action for step in trial.steps]
+    return trial.task.key, actions, trial.cost, trial.last_belief.positive.tolist()

@@ -1,0 +1,124 @@
+"""A trial in words: every outcome has its own, on every terminal."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from meal_bayes.agents import Step
+from meal_bayes.agents.asking import ask
+from meal_bayes.cli.screen import signs_of
+from meal_bayes.cli.story import (
+    bar,
+    best_options,
+    happened,
+    percept,
+    print_facts,
+    tell_briefly,
+    tell_trial,
+)
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.planners import Decision, unvalued
+
+
+def console(width=80, encoding="utf-8"):
+    return Console(
+        file=io.TextIOWrapper(io.BytesIO(), encoding=encoding), width=width, markup=False
+    )
+
+
+def printed(told):
+    told.file.seek(0)
+    return told.file.read()
+
+
+@pytest.fixture
+def momdp():
+    domain = load_domain("toy")
+    rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (2, 3, 1, 1))
+    return build_momdp(domain, Query(("red", "heavy")), rows, limit=2)
+
+
+def step(momdp, action, x, next_x, observation=None, seen=0):
+    belief = initial_belief(momdp)
+    counts = belief.seen.copy()
+    counts[:, action, 0] = seen
+    after = Belief(next_x, belief.log_odds, counts)
+    return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
+
+
+def test_every_outcome_has_its_words(momdp):
+    look, lift, reinit = range(3)
+    yes = np.array([1, 0], np.int8)
+    assert happened(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 -> x0"
+    assert happened(momdp, step(momdp, lift, 0, 0)) == "failed, x0 -> x0; nothing perceived"
+    assert "no recording is left" in happened(momdp, step(momdp, look, 0, 0, None, 2))
+    assert happened(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
+    assert happened(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
+    assert happened(momdp, step(momdp, look, 1, 2)).startswith("not legal here, which ends")
+    assert percept(momdp, yes) == "red: yes, heavy: no"
+
+
+def test_levels_have_words(momdp):
+    four = replace(momdp, confusion=np.full((2, 3, 2, 4), 0.25))
+    assert percept(four, np.array([0, 3])) == "red: surely no, heavy: surely yes"
+    six = replace(momdp, confusion=np.full((2, 3, 2, 6), 1 / 6))
+    assert percept(six, np.array([0, 5])) == "red: level 0, heavy: level 5"
+
+
+def test_the_best_options_hold_the_chosen_one():
+    values = np.array([5.0, np.nan, 9.0, 7.0, 6.0, 1.0])
+    decision = Decision(0, values, np.zeros(6), np.zeros(6))
+    assert best_options(decision) == [2, 3, 0, 5]
+    assert best_options(replace(decision, action=2)) == [2, 3, 4, 5]
+    assert best_options(replace(decision, values=np.full(6, np.nan))) == []
+
+
+def test_bars_go_from_empty_to_full():
+    signs = signs_of(console())
+    assert bar(0.0, signs).plain == signs.empty * 30
+    assert bar(1.0, signs).plain == signs.full * 30
+    assert bar(0.5, signs).plain.count(signs.full) == 15
+
+
+@pytest.mark.parametrize("agent", ["greedy", "predefined_plus", "random"])
+def test_a_trial_is_told_in_ascii_where_the_terminal_knows_no_more(agent):
+    trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent=agent)
+    told = console(encoding="ascii")
+    tell_trial(told, trial)
+    tell_briefly(told, trial)
+    text = printed(told)
+    assert text.isascii()
+    assert text.count("answer ") == 2
+    assert ("compares nothing" in text) == (agent != "greedy")
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_trial_without_a_report_is_told():
+    trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="greedy")
+    told = console()
+    tell_trial(told, replace(trial, report=None))
+    text = printed(told)
+    assert "none; every report was too risky" in text
+    assert "verdict" not in text
+
+
+def test_certainty_is_never_claimed():
+    trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="predefined_plus")
+    assert trial.last_belief.positive[0] > 0.9995
+    told = console()
+    tell_briefly(told, trial)
+    assert ">99.9 %" in printed(told)
+    assert "100.0 %" not in printed(told)
+
+
+def test_long_facts_wrap_beside_their_label():
+    told = console(width=40)
+    print_facts(told, {"label": "word " * 20, "other": "one\ntwo"})
+    lines = printed(told).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert lines[1].startswith(" " * 13 + "word")
+    assert lines[-1] == " " * 13 + "two"

@@ -1,0 +1,263 @@
+import os
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import Morc, load_agent
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.trial_log import read_header, read_trials
+
+AGENTS = ("random", "predefined_plus")
+CONFIG = OfflineConfig("roc36", 2, 130, AGENTS, seed=3)  # two units an agent
+
+
+def contents(folder):
+    """Bytes of all logs below a folder, by their relative names."""
+    return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    return run_offline(CONFIG, logs=tmp_path_factory.mktemp("logs"))
+
+
+class TestAFinishedRun:
+    def test_rows_are_paired(self, finished, roc36):
+        by_agent = {name: [] for name in AGENTS}
+        for trial in finished.trials():
+            by_agent[trial.agent].append(trial)
+        tasks = offline_tasks(roc36, 2, 130, 3)
+        for trials in by_agent.values():
+            assert [trial.task for trial in trials] == tasks
+        for task, *pair in zip(tasks, *by_agent.values(), strict=True):
+            columns = [roc36.domain.attribute_index(name) for name in task.query.attributes]
+            truth = roc36.labels[task.object_index, columns] == 1
+            for trial in pair:
+                np.testing.assert_array_equal(trial.truth, truth)
+
+    def test_trials_are_those_of_morc(self, finished, roc36):
+        morc = Morc(roc36, load_agent("predefined_plus"), 3)
+        (path,) = (p for p in finished.paths if p.match("predefined_plus/unit-0001.mcap"))
+        for trial in read_trials(path):
+            expected = morc.run(trial.task)
+            assert trial.cost == expected.cost
+            np.testing.assert_array_equal(trial.report, expected.report)
+            np.testing.assert_array_equal(
+                trial.last_belief.log_odds, expected.last_belief.log_odds
+            )
+
+    def test_units_lie_by_agent(self, finished):
+        names = [path.relative_to(finished.folder).as_posix() for path in finished.paths]
+        assert names == [f"{name}/unit-{k:04d}.mcap" for name in AGENTS for k in (0, 1)]
+        assert [sum(1 for _ in read_trials(path)) for path in finished.paths] == [100, 30] * 2
+        assert not list(finished.folder.rglob("*.active"))
+
+    def test_headers_tell_the_settings(self, finished):
+        for path in finished.paths:
+            header = read_header(path)
+            assert header["seed"] == 3
+            assert header["config"] == CONFIG.as_dict() | {"agents": [path.parent.name]}
+
+    def test_times_are_kept_beside(self, finished):
+        assert set(finished.seconds) == set(AGENTS)
+        assert all(0 < seconds < 60 for seconds in finished.seconds.values())
+
+
+class TestRunningAgain:
+    def test_what_is_whole_is_not_run_again(self, finished):
+        before = {path: path.stat().st_mtime_ns for path in finished.paths}
+        again = run_offline(CONFIG, logs=finished.folder.parent)
+        assert again.paths == finished.paths
+        assert again.seconds == finished.seconds
+        assert {path: path.stat().st_mtime_ns for path in again.paths} == before
+
+    def test_only_what_is_missing_is_run(self, finished):
+        before = contents(finished.folder)
+        lost = finished.paths[1]
+        times = {path: path.stat().st_mtime_ns for path in finished.paths if path != lost}
+        lost.unlink()
+        steps = []
+        run_offline(
+            CONFIG, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
+        )
+        assert steps == [(230, 260), (260, 260)]
+        assert contents(finished.folder) == before
+        assert {path: path.stat().st_mtime_ns for path in times} == times
+
+    def test_unfinished_units_are_replaced(self, finished):
+        before = contents(finished.folder)
+        whole = finished.paths[0]
+        torn = whole.with_name(whole.name + ".active")
+        torn.write_bytes(whole.read_bytes()[:5000])
+        whole.unlink()
+        run_offline(CONFIG, logs=finished.folder.parent)
+        assert contents(finished.folder) == before
+        assert not torn.exists()
+
+    def test_fresh_runs_everything_again(self, finished):
+        before = contents(finished.folder)
+        steps = []
+        run_offline(
+            CONFIG,
+            logs=finished.folder.parent,
+            fresh=True,
+            on_progress=lambda *step: steps.append(step),
+        )
+        assert [done for done, _ in steps] == [0, 100, 200, 230, 260]
+        assert contents(finished.folder) == before
+
+    def test_fresh_leaves_other_agents_alone(self, finished):
+        one = OfflineConfig("roc36", 2, 130, ("random",), seed=3)
+        kept = {path: path.stat().st_mtime_ns for path in finished.paths[2:]}
+        again = run_offline(one, logs=finished.folder.parent, fresh=True)
+        assert again.folder == finished.folder
+        assert {path: path.stat().st_mtime_ns for path in kept} == kept
+        assert {trial.agent for trial in again.trials()} == {"random"}
+
+    def test_more_agents_join_the_folder(self, finished):
+        more = OfflineConfig("roc36", 2, 130, ("predefined", *AGENTS), seed=3)
+        steps = []
+        run = run_offline(
+            more, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
+        )
+        assert run.folder == finished.folder
+        assert steps[0] == (260, 390)
+        assert run.paths[2:] == finished.paths
+
+    def test_removed_times_are_unknown(self, finished):
+        timing = finished.paths[0].with_name("unit-0000.timing.csv")
+        kept = timing.read_text(encoding="utf-8")
+        timing.unlink()
+        try:
+            again = run_offline(CONFIG, logs=finished.folder.parent)
+        finally:
+            timing.write_text(kept, encoding="utf-8")
+        assert np.isnan(again.seconds["random"])
+        assert again.seconds["predefined_plus"] > 0
+
+
+def test_two_processes_write_the_same_files(finished, tmp_path):
+    run = run_offline(CONFIG, logs=tmp_path, jobs=2)
+    assert run.folder.name == finished.folder.name
+    assert contents(run.folder) == {
+        name: data
+        for name, data in contents(finished.folder).items()
+        if name.parts[0] in AGENTS
+    }
+
+
+def test_changed_settings_use_another_folder(tmp_path):
+    changes = (
+        {},
+        {"attributes": 1},
+        {"trials": 3},
+        {"seed": 1},
+        {"percepts": "model"},
+        {"reward": 50.0},
+        {"dataset": "roc36_published"},
+    )
+    base = {"dataset": "roc36", "attributes": 2, "trials": 2, "agents": ("random",)}
+    folders = [
+        run_offline(OfflineConfig(**(base | change)), logs=tmp_path).folder for change in changes
+    ]
+    assert len(set(folders)) == len(changes)
+    for folder, change in zip(folders, changes, strict=True):
+        config = OfflineConfig(**(base | change))
+        (path,) = folder.rglob("*.mcap")
+        assert len(list(read_trials(path))) == config.trials
+
+
+def test_changed_code_uses_another_folder(tmp_path, monkeypatch):
+    config = OfflineConfig("roc36", 2, 1, ("random",))
+    folders = []
+    for digest in ("one", "other"):
+        monkeypatch.setattr(
+            "meal_bayes.experiments.store.code_digest", lambda digest=digest: digest
+        )
+        folders.append(run_offline(config, logs=tmp_path).folder)
+    assert folders[0] != folders[1]
+
+
+def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
+    config = OfflineConfig("roc36", 2, 20, ("random",))
+    run, calls = Morc.run, []
+
+    def failing(self, task, **options):
+        calls.append(task)
+        if len(calls) == 8:
+            raise RuntimeError("the power went")
+        return run(self, task, **options)
+
+    monkeypatch.setattr(Morc, "run", failing)
+    with pytest.raises(RuntimeError, match="the power went"):
+        run_offline(config, logs=tmp_path)
+    assert not list(tmp_path.rglob("*.mcap"))
+    assert len(list(tmp_path.rglob("*.mcap.active"))) == 1
+    monkeypatch.setattr(Morc, "run", run)
+    assert len(list(run_offline(config, logs=tmp_path).trials())) == 20
+
+
+def test_progress_climbs_to_the_end(tmp_path):
+    steps = []
+    run_offline(CONFIG, logs=tmp_path, on_progress=lambda *step: steps.append(step))
+    assert steps[0] == (0, 260)
+    assert steps[-1] == (260, 260)
+    assert all(one[0] < other[0] for one, other in pairwise(steps))
+
+
+def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
+    config = OfflineConfig(
+        "roc36", 1, 5, ("predefined",), percepts="model", reward=42.0
+    )
+    for trial in run_offline(config, logs=tmp_path).trials():
+        assert trial.reward == pytest.approx((42.0 if trial.success else -42.0) - trial.cost)
+        assert np.isinf(trial.momdp.limit).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"agents": ("bayes", "bayess")}, "did you mean 'bayes'"),
+        ({"agents": ("bayes", "bayes")}, "named twice"),
+        ({"agents": ()}, "No agent named"),
+        ({"seed": -1}, "seed is -1"),
+        ({"reward": 0.0}, "reward is 0"),
+        ({"reward": float("nan")}, "reward is nan"),
+        ({"reward": float("inf")}, "reward is inf"),
+    ],
+)
+def test_configs_are_checked(wrong, message):
+    with pytest.raises(SettingsError, match=message):
+        OfflineConfig("roc36", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"dataset": "rok36"}, "'roc36'"),
+        ({"dataset": "toy"}, "No percept table ships for 'toy'"),
+        ({"attributes": 11}, "give a number from 1 to 10"),
+        ({"trials": 0}, "0 trials asked"),
+        ({"perception": "papr"}, "did you mean 'paper'"),
+        ({"percepts": "modell"}, "did you mean 'model'"),
+    ],
+)
+def test_what_cannot_be_run_leaves_no_log(tmp_path, wrong, message):
+    config = OfflineConfig(**({"dataset": "roc36", "trials": 2, "agents": ("random",)} | wrong))
+    with pytest.raises(SettingsError, match=message):
+        run_offline(config, logs=tmp_path)
+    assert not list(tmp_path.rglob("*.mcap*"))
+
+
+@pytest.mark.parametrize("jobs", [0, -2])
+def test_jobs_are_processes(tmp_path, jobs):
+    with pytest.raises(SettingsError, match="1 or more"):
+        run_offline(CONFIG, logs=tmp_path, jobs=jobs)
+
+
+def test_logs_may_be_named_by_a_text(tmp_path):
+    config = OfflineConfig("roc36", 1, 1, ("random",))
+    run = run_offline(config, logs=os.fspath(tmp_path / "deep" / "logs"))
+    assert run.folder.parent == tmp_path / "deep" / "logs"

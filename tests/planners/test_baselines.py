@@ -1,0 +1,151 @@
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
+from meal_bayes.planners import History, Predefined, Random, RandomLegal
+
+
+def played(momdp, steps, cost=0.0):
+    """History after (behavior, next x, percept or None)."""
+    belief, actions, perceived, moved = initial_belief(momdp), [], [], []
+    for name, next_x, percept in steps:
+        action = momdp.behavior_names.index(name)
+        observation = None if percept is None else np.array(percept)
+        belief = update_belief(belief, momdp, Transition(action, next_x, observation))
+        actions.append(action)
+        perceived.append(percept is not None)
+        moved.append(next_x)
+    return History(belief, tuple(actions), tuple(perceived), tuple(moved), cost)
+
+
+def choice(solver, momdp, history, seed=0):
+    """Name of the behavior decided on, or "report"."""
+    rng = np.random.default_rng(seed)
+    action = solver.solve(momdp, rng).decide(history, rng).action
+    if action < momdp.n_behaviors:
+        return momdp.behavior_names[action]
+    assert action == best_report(momdp, history.belief)
+    return "report"
+
+
+def assert_frequency(hits, n, p, sigma=5.0):
+    assert abs(hits / n - p) <= sigma * np.sqrt(p * (1 - p) / n)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(("x", "legal"), [(0, ["look", "lift"]), (1, ["reinit"])])
+def test_random_is_uniform_over_reports_and_legal_behaviors(toy, x, legal):
+    policy, rng, n = Random().solve(toy, None), np.random.default_rng(1), 6000
+    history = History(initial_belief(toy).at(x))
+    drawn = Counter(policy.decide(history, rng).action for _ in range(n))
+    expected = {toy.behavior_names.index(name) for name in legal} | {3, 4, 5, 6}
+    assert set(drawn) == expected
+    for action in expected:
+        assert_frequency(drawn[action], n, 1 / len(expected))
+
+
+def test_random_draws_among_more_reports_than_integers(small):
+    domain = load_domain("ispy32")
+    momdp = small.momdp(domain, {name: {} for name in domain.attributes})
+    policy, rng = Random().solve(momdp, None), np.random.default_rng(2)
+    drawn = [policy.decide(small.start(momdp), rng).action for _ in range(50)]
+    assert len(set(drawn)) == 50
+    ones = np.mean([momdp.query.values_of(a - momdp.n_behaviors) for a in drawn], axis=0)
+    assert 0.3 < ones.mean() < 0.7
+    assert (ones > 0).all()
+
+
+@pytest.mark.statistical
+def test_random_legal_is_uniform_over_legal_behaviors(small):
+    domain = load_domain("ispy32")
+    momdp = small.momdp(domain, {"heavy": {}})
+    policy, rng, n = RandomLegal(50.0).solve(momdp, None), np.random.default_rng(3), 4000
+    history = History(initial_belief(momdp).at(1), cost=49.9)
+    drawn = Counter(momdp.behavior_names[policy.decide(history, rng).action] for _ in range(n))
+    assert set(drawn) == {"press", "push", "grasp", "ask"}
+    for hits in drawn.values():
+        assert_frequency(hits, n, 0.25)
+
+
+@pytest.mark.parametrize(("cost", "ends"), [(0.0, False), (49.9, False), (50.0, True), (70, True)])
+def test_random_legal_reports_once_the_budget_is_spent(toy, cost, ends):
+    found = choice(RandomLegal(50.0), toy, played(toy, [("look", 0, [1, 0])], cost))
+    assert (found == "report") == ends
+
+
+def test_random_legal_overruns_by_its_last_behavior_at_most(toy):
+    """The last behavior begins below the budget; reports come as soon as it is spent."""
+    policy, rng = RandomLegal(20.0).solve(toy, None), np.random.default_rng(4)
+    over = 0
+    for _ in range(200):
+        x, cost, last = 0, 0.0, 0.0
+        while True:
+            history = History(initial_belief(toy).at(x), cost=cost)
+            action = policy.decide(history, rng).action
+            if action >= toy.n_behaviors:
+                break
+            assert toy.legal[x, action]
+            last = float(toy.cost[action])
+            cost += last
+            x = int(toy.transition[action, x].argmax())
+        assert 20.0 <= cost < 20.0 + last
+        over += cost > 20.0
+    assert over > 20
+
+
+def test_predefined_takes_each_behavior_once_then_reports(small):
+    momdp = small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.2)}})
+    sequence = ("look", "grasp", "lift_slow")
+    steps = [("look", 1, [0]), ("grasp", 2, [1]), ("lift_slow", 3, [1])]
+    for done, expected in enumerate([*sequence, "report"]):
+        for persistent in (False, True):
+            solver = Predefined(sequence, persistent)
+            assert choice(solver, momdp, played(momdp, steps[:done])) == expected
+
+
+def test_predefined_ends_before_what_is_not_legal(small):
+    momdp = small.momdp("roc36", {"heavy": {}})
+    failed = played(momdp, [("look", 1, [0]), ("grasp", 1, None)])
+    assert choice(Predefined(("look", "grasp", "lift_slow")), momdp, failed) == "report"
+    assert choice(Predefined(("look", "grasp", "tap")), momdp, failed) == "tap"
+    assert choice(Predefined(("grasp",)), momdp, small.start(momdp)) == "report"
+
+
+def test_predefined_plus_repeats_what_failed(small):
+    momdp = small.momdp("roc36", {"heavy": {}})
+    plus = Predefined(("look", "grasp", "lift_slow"), persistent=True)
+    steps = [("look", 1, [0]), ("grasp", 1, None), ("grasp", 1, None), ("grasp", 2, [1])]
+    chosen = [choice(plus, momdp, played(momdp, steps[:k])) for k in range(5)]
+    assert chosen == ["look", "grasp", "grasp", "grasp", "lift_slow"]
+
+
+def test_predefined_plus_goes_on_after_loops_and_moves_without_percept(small):
+    loops = small.momdp("ispy32", {"heavy": {}})
+    plus = Predefined(("look", "press", "grasp"), persistent=True)
+    pressed = [("look", 1, [0]), ("press", 1, [1])]
+    assert choice(plus, loops, played(loops, pressed)) == "grasp"
+    assert choice(plus, loops, played(loops, [pressed[0], ("press", 1, None)])) == "press"
+    toy = small.momdp("toy", small.rates)
+    again = Predefined(("lift", "reinit", "look"), persistent=True)
+    moved = played(toy, [("lift", 1, [1, 1]), ("reinit", 0, None)])
+    assert choice(again, toy, moved) == "look"
+
+
+@pytest.mark.parametrize("sequence", [(), ("look", "juggle")])
+def test_predefined_sequences_are_checked(toy, sequence):
+    with pytest.raises(SettingsError, match="predefined"):
+        Predefined(sequence).solve(toy, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("solver", [Random(), RandomLegal(), Predefined(("look",))])
+def test_what_is_not_compared_has_no_value(toy, small, solver):
+    rng = np.random.default_rng(5)
+    decision = solver.solve(toy, rng).decide(small.start(toy), rng)
+    assert np.isnan(decision.values).all()
+    assert np.isnan(decision.value_se).all()
+    assert not decision.visits.any()
+    assert decision.tree == ()

@@ -1,0 +1,166 @@
+"""The public API: few names, each loaded with its room when it is first used."""
+
+import ast
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import meal_bayes
+from meal_bayes.agents import load_agent
+from meal_bayes.datasets import load_percepts
+from meal_bayes.datasets.percepts import save_percepts
+from meal_bayes.errors import MealBayesError, QueryError, SettingsError
+
+SOURCE = Path(meal_bayes.__file__)
+HEAVY = {"scipy", "numba", "sklearn", "pymc", "arviz", "mcap", "google", "joblib", "pooch",
+         "matplotlib", "rerun", "click", "rich"}  # fmt: skip
+QUESTION = {"dataset": "roc36", "object": "heavy_green_beans", "agent": "greedy"}
+
+
+def loaded_after(code: str) -> set[str]:
+    """Top-level modules that a fresh interpreter holds after some code."""
+    show = "import sys; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split())
+
+
+def test_the_import_loads_only_numpy_at_most():
+    new = loaded_after("import meal_bayes") - loaded_after("pass") - set(sys.stdlib_module_names)
+    assert new <= {"meal_bayes", "numpy"}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "meal_bayes.load_domain('roc36')",
+        "meal_bayes.Query(('heavy',))",
+        "meal_bayes.load_percepts('roc36')",
+        "meal_bayes.build_momdp",
+        "meal_bayes.MealBayesError",
+        "dir(meal_bayes)",
+    ],
+)
+def test_light_names_load_no_heavy_library(code):
+    assert not loaded_after(f"import meal_bayes\n{code}") & HEAVY
+
+
+def test_every_name_is_found_and_documented():
+    for name in meal_bayes.__all__:
+        value = getattr(meal_bayes, name)
+        assert value.__doc__, name
+        assert value.__name__ == name
+        assert value.__module__.startswith("meal_bayes.")
+    assert 15 <= len(meal_bayes.__all__) <= 25
+    assert set(meal_bayes.__all__) <= set(dir(meal_bayes))
+    assert "__version__" in dir(meal_bayes)
+
+
+def test_type_checkers_see_the_same_names():
+    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert sorted(seen) == sorted(meal_bayes.__all__)
+    for name, module in seen.items():
+        assert f"meal_bayes.{meal_bayes._HOME[name]}" == module
+
+
+def test_an_unknown_name_is_told():
+    with pytest.raises(AttributeError, match="no attribute 'asc'; its names are: POMCP,"):
+        _ = meal_bayes.asc
+    with pytest.raises(ImportError):
+        exec("from meal_bayes import asc")  # noqa: S102
+
+
+def test_the_version_is_a_text():
+    assert re.fullmatch(r"\d+\.\d+\..+|unreleased", meal_bayes.__version__)
+
+
+def test_the_shape_alphabet_stands_here():
+    letters = re.findall(r"^([A-Z])    ", meal_bayes.__doc__, re.MULTILINE)
+    assert "".join(letters) == "PNEMDORXYKLAZTS"
+
+
+def test_errors_are_one_family():
+    from meal_bayes import errors
+
+    kinds = [value for value in vars(errors).values() if isinstance(value, type)]
+    assert all(issubclass(kind, MealBayesError) for kind in kinds)
+    assert meal_bayes.MealBayesError is MealBayesError
+
+
+def test_ask_answers_the_same_again_and_tells_each_step():
+    steps = []
+    first = meal_bayes.ask("Is it heavy?", **QUESTION, on_step=steps.append)
+    again = meal_bayes.ask(["heavy"], **QUESTION)
+    assert isinstance(first, meal_bayes.Trial)
+    assert tuple(steps) == first.steps
+    assert [s.decision.action for s in again.steps] == [s.decision.action for s in steps]
+    assert first.cost == again.cost
+    assert first.task.query == meal_bayes.Query(("heavy",))
+
+
+def test_ask_takes_a_name_a_path_or_a_table(tmp_path):
+    table = load_percepts("roc36")
+    save_percepts(table, tmp_path / "t.npz")
+    costs = [
+        meal_bayes.ask("heavy, beans", **{**QUESTION, "dataset": source}).cost
+        for source in ("roc36", table, tmp_path / "t.npz", str(tmp_path / "t.npz"))
+    ]
+    assert len(set(costs)) == 1
+
+
+def test_ask_takes_a_recipe_a_reward_and_drawn_percepts():
+    recipe = replace(load_agent("greedy"), name="mine", base_rates=True)
+    trial = meal_bayes.ask("heavy", **{**QUESTION, "agent": recipe}, reward=80.0, percepts="model")
+    assert trial.agent == "mine"
+    assert trial.momdp.correct == -trial.momdp.incorrect == 80.0
+    assert trial.momdp.prior[0] != 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "found"),
+    [
+        ({"dataset": "rock36"}, SettingsError, "did you mean 'roc36'"),
+        ({"object": "heavy_green_bean"}, SettingsError, "did you mean 'heavy_green_beans'"),
+        ({"agent": "greedo"}, SettingsError, "did you mean 'greedy'"),
+        ({"seed": -1}, SettingsError, "0 or more"),
+        ({"percepts": "drawn"}, SettingsError, "Unknown percepts"),
+        ({"question": "Is it heavvy?"}, QueryError, "did you mean 'heavy'"),
+        ({"question": "heavy and heavy"}, QueryError, "twice"),
+        ({"question": []}, QueryError, "names no attribute"),
+    ],
+)
+def test_ask_tells_what_is_wrong(change, kind, found):
+    with pytest.raises(kind, match=found):
+        meal_bayes.ask(**{"question": "heavy", **QUESTION, **change})
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"seed": -1}, "seed is -1"),
+        ({"reward": 0.0}, "reward is 0"),
+        ({"reward": float("nan")}, "reward is nan"),
+        ({"agents": ()}, "No agent named"),
+    ],
+)
+def test_a_config_tells_what_is_wrong(change, found):
+    with pytest.raises(SettingsError, match=found):
+        meal_bayes.OfflineConfig("roc36", **change)
+
+
+def test_run_offline_needs_a_process(tmp_path):
+    config = meal_bayes.OfflineConfig("roc36", trials=1, agents=("greedy",))
+    with pytest.raises(SettingsError, match="jobs is 0"):
+        meal_bayes.run_offline(config, logs=tmp_path, jobs=0)
