@@ -1,4 +1,7 @@
-"""The one family of errors a user meets; every message says what was found, expected, and how to mend it."""
+"""The one family of errors a user meets.
+
+Every message says what was found, what was expected, and how to mend it.
+"""
 
 
 class MealBayesError(Exception):
@@ -37,5 +40,5 @@ class LogVersionError(LogError):
     """A trial log written in another format version."""
 
 
-class ImpossibleObservation(MealBayesError):  # noqa: N818  the field's word for it
+class ImpossibleObservation(MealBayesError):  # the field's word for it
     """A percept that has probability zero under every attribute value still believed in."""

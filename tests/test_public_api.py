@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import meal_bayes
+from meal_bayes import errors
 from meal_bayes.agents import load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percepts import save_percepts
@@ -79,7 +80,7 @@ def test_an_unknown_name_is_told():
     with pytest.raises(AttributeError, match="no attribute 'asc'; its names are: POMCP,"):
         _ = meal_bayes.asc
     with pytest.raises(ImportError):
-        exec("from meal_bayes import asc")  # noqa: S102
+        exec("from meal_bayes import asc")
 
 
 def test_the_version_is_a_text():
@@ -92,8 +93,6 @@ def test_the_shape_alphabet_stands_here():
 
 
 def test_errors_are_one_family():
-    from meal_bayes import errors
-
     kinds = [value for value in vars(errors).values() if isinstance(value, type)]
     assert all(issubclass(kind, MealBayesError) for kind in kinds)
     assert meal_bayes.MealBayesError is MealBayesError

@@ -73,7 +73,7 @@ class Morc:
         return self._policies[key]
 
     def knowledge(self, held_out: int) -> Knowledge:
-        """What is known without an object."""
+        """Learn from all objects but one, once."""
         if held_out not in self._knowledge:
             self._knowledge[held_out] = knowledge_without(
                 self.table,

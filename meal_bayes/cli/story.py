@@ -123,32 +123,35 @@ def tell_trial(console: Console, trial: "Trial") -> None:
 
 
 def tell_briefly(console: Console, trial: "Trial") -> None:
-    """Tell a finished trial in a line a step: percept and belief of each attribute."""
+    """Tell a finished trial in a line a step: percept and belief of each attribute, in percent."""
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("", justify="right")
-    table.add_column("behavior")
+    table.add_column("behavior", no_wrap=True)
     table.add_column("s", justify="right")
-    for name in names:
-        table.add_column(name)
     words = _words(momdp)
-    before = [f"{'':<{len(words[-1])}} {_percent(p)}" for p in trial.first_belief.positive]
-    table.add_row("", Text("before any", "dim"), "", *before)
+    width = len(words[-1])
+    for name in names:
+        table.add_column(f"{name}, %")
+    first = [_cell("", p, width) for p in trial.first_belief.positive]
+    table.add_row("", Text("before any", "dim"), "", *first)
     for number, step in enumerate(trial.steps, start=1):
-        action, seen = step.decision.action, step.observation
+        action = step.decision.action
         if action >= momdp.n_behaviors:
             continue
-        told = [""] * len(names) if seen is None else [words[z] for z in seen]
-        cells = [
-            f"{word:<{len(words[-1])}} {_percent(p)}"
-            for word, p in zip(told, step.belief.positive, strict=True)
-        ]
-        failed = seen is None and momdp.informative[action].max() > 0
-        name = momdp.behavior_names[action] + (", nothing perceived" if failed else "")
-        table.add_row(str(number), name, f"{step.cost:.1f}", *cells)
+        nothing = "-" if momdp.informative[action].max() > 0 else ""
+        seen = step.observation
+        told = [nothing] * len(names) if seen is None else [words[z] for z in seen]
+        pairs = zip(told, step.belief.positive, strict=True)
+        cells = [_cell(word, p, width) for word, p in pairs]
+        table.add_row(str(number), momdp.behavior_names[action], f"{step.cost:.1f}", *cells)
     console.print(table)
     console.print()
     print_facts(console, ending(trial), verdict_style(trial))
+
+
+def _cell(word: str, p: float, width: int) -> str:
+    return f"{word:<{width}} {_percent(p).removesuffix(' %')}"
 
 
 def print_facts(

@@ -32,8 +32,9 @@ class Domain:
 
     Raises
     ------
-    DomainError : repeated names, costs that are no time, a reward that is not finite, effects of behaviors that do not exist,
-        behaviors that are nowhere legal, words for attributes that do not exist.
+    DomainError : repeated names, costs that are no time, a reward that is not finite, effects of
+        behaviors that do not exist, behaviors that are nowhere legal, words for attributes that do
+        not exist.
     """
 
     name: str

@@ -66,7 +66,7 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
 def _task(table: PerceptTable, index: int, pair: _Pair) -> Task:
     held_out, attributes = pair
     name = table.objects[held_out]
-    key = (table.domain.data, index, name, *attributes)
+    key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
     return Task(f"{index:05d} {name}", Query(attributes), held_out, name, key)
 
 

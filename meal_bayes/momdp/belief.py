@@ -42,7 +42,7 @@ class Belief:
         set_frozen(self, felt=freeze(felt), misperception=freeze(share))
 
     def at(self, x: int) -> "Belief":
-        """The same belief at another x."""
+        """Move to another x, believing the same."""
         return Belief(x, self.told, self.seen, self.felt, self.misperception)
 
     @property

@@ -12,7 +12,7 @@ _USES = 7  # percepts of one behavior that the table of first counts goes to
 
 
 class Compiled(NamedTuple):
-    """Folding: repeating a failed behavior until it succeeds is optimal, as failure changes nothing.
+    """Failures are folded in: to repeat until success is optimal, as failure changes nothing.
 
     With cost c, discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
     cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).

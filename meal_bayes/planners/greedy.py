@@ -34,7 +34,7 @@ class GreedyPolicy:
     moves: Moves
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the first behavior on the way to the best bits per second; values are net worth."""
+        """Choose the first behavior on the way to the most bits per second; values are worth."""
         momdp, belief = self.momdp, history.belief
         stop = report_value(momdp, belief)
         values = np.full(momdp.n_behaviors + 1, np.nan)
@@ -53,7 +53,7 @@ class GreedyPolicy:
             if net > 0 and rate > best_rate:
                 best_rate, action = rate, first
         exact = np.where(np.isnan(values), np.nan, 0.0)
-        return Decision(action, values, exact, np.zeros(len(values)))
+        return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))
 
 
 def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
@@ -70,4 +70,4 @@ def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
 
 
 def _entropy(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    return -(rows * np.log2(np.clip(rows, 1e-300, None))).sum(axis=-1)
+    return np.asarray(-(rows * np.log2(np.clip(rows, 1e-300, None))).sum(axis=-1))

@@ -130,9 +130,11 @@ def _find_moves(problem: Compiled) -> Moves:
         cost=np.zeros((size, n_behaviors)),
         uses=np.zeros((size, n_behaviors, n_behaviors), dtype=np.int64),
     )
-    nothing = np.zeros(n_behaviors, dtype=np.int64)
-    start_of = {(x, ()): Walked(x, 0.0, 1.0, nothing, nothing * 0.0) for x in range(size)}
-    moves = Moves(target, senses, paths, macros, start_of)
+    nothing, unweighted = np.zeros(n_behaviors, dtype=np.int64), np.zeros(n_behaviors)
+    walked: dict[tuple[int, Path], Walked] = {
+        (x, ()): Walked(x, 0.0, 1.0, nothing, unweighted) for x in range(size)
+    }
+    moves = Moves(target, senses, paths, macros, walked)
     for row, path in paths.items():
         macros.first[row] = path[0]
         walked = _walk(problem, moves, row[0], path)
@@ -184,7 +186,8 @@ def _winners(
     """Keep the paths from x that are best at one of the beliefs, and the best of each start."""
     if not paths:
         return []
-    plans = _arrays(problem, moves, [paths if state == x else [] for state in range(len(moves.target))])
+    groups = [paths if state == x else [] for state in range(len(moves.target))]
+    plans = _arrays(problem, moves, groups)
     values = np.full((len(beliefs.told), len(paths)), -np.inf)
     plan_values(problem, plans, x, beliefs, work, values)
     wins = np.bincount(values.argmax(axis=1), minlength=len(paths))

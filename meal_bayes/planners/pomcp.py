@@ -107,7 +107,7 @@ def _decision(policy: POMCPPolicy, history: History, tree: Tree, done: int) -> D
 
 
 def _ending(exit_value: float, momdp: MOMDP, history: History) -> int:
-    """The best report, or the cheapest illegal behavior where that is worth more (abstaining)."""
+    """Take the best report, or the cheapest illegal behavior if worth more (abstaining)."""
     if exit_value <= report_value(momdp, history.belief):
         return best_report(momdp, history.belief)
     costs = np.where(momdp.legal[history.belief.x], np.inf, momdp.cost)
@@ -115,7 +115,7 @@ def _ending(exit_value: float, momdp: MOMDP, history: History) -> int:
 
 
 def _spread(tree: Tree) -> np.ndarray:
-    """Standard error of the root's edges were their children sampled as often as visited."""
+    """Give the standard error that sampling an edge's children as often as visited would have."""
     errors = np.zeros(tree.edge_value.shape[1])
     for a in np.flatnonzero(tree.children[0] >= 0):
         first = tree.children[0, a]
@@ -127,7 +127,7 @@ def _spread(tree: Tree) -> np.ndarray:
 
 
 def _top(tree: Tree) -> tuple[TreeEdge, ...]:
-    """The first two levels of the tree, the most visited of the second."""
+    """Take the first two levels of the tree, of the second the most visited."""
     edges = [
         TreeEdge(1, -1, int(a), (), int(tree.edge_visits[0, a]), float(tree.edge_value[0, a]))
         for a in np.flatnonzero(tree.edge_visits[0])

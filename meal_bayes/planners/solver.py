@@ -71,4 +71,4 @@ class Solver(Protocol):
 def unvalued(momdp: MOMDP, action: int) -> Decision:
     """Make the decision of a policy that compares nothing."""
     nothing = np.full(momdp.n_behaviors + 1, np.nan)
-    return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1))
+    return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1, dtype=np.int64))

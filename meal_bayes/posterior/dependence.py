@@ -73,4 +73,4 @@ def log_likelihood(
     alpha = s[..., None] * mean
     urn = gammaln(s) - gammaln(s + counts.sum(axis=-1))
     urn = urn + (gammaln(alpha + counts) - gammaln(alpha)).sum(axis=-1)
-    return np.where(known, (counts * np.log(mean)).sum(axis=-1), urn)
+    return np.asarray(np.where(known, (counts * np.log(mean)).sum(axis=-1), urn))

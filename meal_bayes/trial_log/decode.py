@@ -206,7 +206,7 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
 def _belief(message: Any, replayed: NDArray[Any], misperception: NDArray[Any]) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
-    told, felt = (np.array(list(values), dtype=np.float64) for values in (message.told, message.felt))
+    told, felt = (np.array(list(odds), dtype=np.float64) for odds in (message.told, message.felt))
     return Belief(message.belief_x, told, seen, felt, misperception)
 
 

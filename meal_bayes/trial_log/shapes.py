@@ -39,8 +39,10 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     n, e = len(momdp.query), momdp.n_behaviors
     if not 0 <= belief.x < len(momdp.x_names):
         yield f"{where} is in x {belief.x}, expected 0 to {momdp.terminal}"
-    if belief.log_odds.shape != (n,):
-        yield f"{where} has log-odds of shape {belief.log_odds.shape}, expected {(n,)}"
+    for name in ("told", "felt", "misperception"):
+        found = getattr(belief, name).shape
+        if found != (n,):
+            yield f"{where} has {name} of shape {found}, expected {(n,)}"
     if belief.seen.shape != (n, e, momdp.levels):
         found = belief.seen.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+import meal_bayes
 from meal_bayes.cli import main
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, save_percepts
 from meal_bayes.domain import load_domain
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(meal_bayes.__file__).resolve().parents[1]  # of the package that is tested
 DOMAIN = """
 name = "kitchen"
 attributes = ["red", "full"]
@@ -34,8 +35,16 @@ effects = [
     { from = "on_table", do = "lift", to = "in_hand", probability = 0.9 },
 ]
 """
-OBJECTS = {"red_mug": (1, 0), "red_can": (1, 1), "red_jar": (1, 1), "red_bowl": (1, 0),
-           "blue_mug": (0, 1), "blue_can": (0, 0), "green_jar": (0, 1), "green_bowl": (0, 0)}  # fmt: skip
+OBJECTS = {  # red, full
+    "red_mug": (1, 0),
+    "red_can": (1, 1),
+    "red_jar": (1, 1),
+    "red_bowl": (1, 0),
+    "blue_mug": (0, 1),
+    "blue_can": (0, 0),
+    "green_jar": (0, 1),
+    "green_bowl": (0, 0),
+}
 
 Command = Callable[..., Result]
 

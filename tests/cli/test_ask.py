@@ -1,10 +1,12 @@
 """`ask` answers, in words and as JSON, and logs what it did."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.trial_log import log_info, read_trials
 
 QUESTION = "Is it crimson, and is it full?"
@@ -15,7 +17,7 @@ def test_an_answer_in_words(run):
     result = run("ask", "Is it heavy?", "--object", "heavy_blue_beans", "--agent", "greedy")
     assert result.exit_code == 0
     lines = result.stdout.splitlines()
-    assert lines[0].split() == ["behavior", "s", "heavy"]
+    assert lines[0].split() == ["behavior", "s", "heavy,", "%"]
     assert lines[1].split()[:2] == ["before", "any"]
     assert "  answer     heavy" in lines
     assert "  verdict    right" in lines
@@ -69,10 +71,6 @@ def test_a_giving_up_is_told(run):
 
 
 def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
-    from dataclasses import replace
-
-    from meal_bayes.datasets.percepts import save_percepts
-
     odd = "../../red jar\n"
     save_percepts(replace(table, objects=(odd, *table.objects[1:])), "odd.npz")
     result = run(
@@ -85,10 +83,6 @@ def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
 
 
 def test_an_unknown_truth_is_told(fails, table):
-    from dataclasses import replace
-
-    from meal_bayes.datasets.percepts import save_percepts
-
     labels = table.labels.copy()
     labels[0, 0] = -1
     save_percepts(replace(table, labels=labels), "hidden.npz")

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -137,8 +138,6 @@ def test_a_table_made_again_is_compared(run, monkeypatch):
     monkeypatch.setattr("meal_bayes.datasets.load_dataset", lambda *_a, **_k: shipped)
     words = ("data", "percepts", "--dataset", "roc36")
     for shift, code, said in ((0.0, 0, "within 0.01"), (0.5, 1, "beyond 0.01")):
-        from dataclasses import replace
-
         moved = replace(shipped, log_odds=shipped.log_odds + np.float16(shift))
         monkeypatch.setattr(
             "meal_bayes.perception.build_percept_table", lambda *_a, m=moved, **_k: m

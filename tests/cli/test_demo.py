@@ -4,6 +4,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from meal_bayes.cli import main
 
@@ -11,8 +12,6 @@ from meal_bayes.cli import main
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     """Return what the demo prints in a terminal of 80 columns, and its folder."""
-    from click.testing import CliRunner
-
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("demo")
         patch.chdir(folder)

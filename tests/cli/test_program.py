@@ -10,6 +10,7 @@ import time
 import click
 import pytest
 
+import meal_bayes
 from meal_bayes.agents import AGENTS
 from meal_bayes.cli import main, options
 from meal_bayes.cli.program import Program
@@ -68,8 +69,6 @@ def test_help_names_the_agents_that_exist():
 
 
 def test_version(run):
-    import meal_bayes
-
     assert run("--version").stdout == f"meal-bayes {meal_bayes.__version__}\n"
 
 

@@ -111,8 +111,9 @@ def test_certainty_is_never_claimed():
     assert trial.last_belief.positive[0] > 0.9995
     told = console()
     tell_briefly(told, trial)
+    tell_trial(told, trial)
     assert ">99.9 %" in printed(told)
-    assert "100.0 %" not in printed(told)
+    assert "100.0" not in printed(told)
 
 
 def test_long_facts_wrap_beside_their_label():
