@@ -45,7 +45,7 @@ LIBRARIES: dict[str, set[str]] = {
     "pymc": {"posterior.hierarchical"},
     "arviz": {"posterior.idata"},
     # Two kernels: the tree search, and the nested stacking's many small Newton fits.
-    "numba": {"planners.search", "planners.tree", "perception.stacking"},
+    "numba": {"planners.leaf", "planners.search", "perception.stacking"},
     "mcap": {"trial_log"},
     "google": {"trial_log"},
     "zstandard": {"trial_log"},

@@ -22,6 +22,7 @@ class Agent:
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
+    searches: bool = False  # does its solver need the compiled kernels?
     discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
 
     def prepare(

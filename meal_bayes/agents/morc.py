@@ -37,9 +37,7 @@ class Morc:
     percepts: str = "recorded"
     reward: float | None = None  # r+ = -r-, the domain's by default
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
-    _policies: dict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
-        default_factory=dict
-    )
+    _policies: dict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:

@@ -39,10 +39,20 @@ AGENTS = {
         Agent("predefined_plus", _predefined_plus),
         Agent("greedy", _greedy),
         # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-        Agent("morc", _pomcp, abstain=True),
-        # Ours: objects differ from each other, prior from the training objects, and planning for
-        # the undiscounted reward that is reported (a discount of .99 takes 1 % a step from it).
-        Agent("bayes", _pomcp, object_level=True, base_rates=True, abstain=True, discount=1.0),
+        Agent("morc", _pomcp, searches=True, abstain=True),
+        # Ours: graded percepts, objects differ and may seem what they are not, prior from the
+        # training objects, and planning for the undiscounted reward that is reported.
+        Agent(
+            "bayes",
+            _pomcp,
+            searches=True,
+            object_level=True,
+            misperceives=True,
+            base_rates=True,
+            levels=4,
+            abstain=True,
+            discount=1.0,
+        ),
     )
 }
 

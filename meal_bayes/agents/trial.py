@@ -17,8 +17,8 @@ from meal_bayes.momdp import (
     initial_belief,
     update_belief,
 )
-from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.perception import Perceiver
+from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots import Robot
 from meal_bayes.seeds import stream
 

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from meal_bayes.agents import Step, Task, Trial
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.domain import Domain
 
 
 def answer(
@@ -41,7 +40,7 @@ def answer(
     from meal_bayes.trial_log import TrialWriter
 
     recipe = load_agent(agent)
-    if searches(agent, table.domain):
+    if recipe.searches:
         prepare_planner()
     start = time.perf_counter()
     morc = Morc(table, recipe, seed)
@@ -53,15 +52,6 @@ def answer(
     if story is not None:
         story.end(trial)
     return trial, path
-
-
-def searches(agent: str, domain: "Domain") -> bool:
-    """Tell whether an agent needs the compiled search."""
-    from meal_bayes.agents import load_agent
-    from meal_bayes.domain import Query
-    from meal_bayes.planners import POMCP
-
-    return isinstance(load_agent(agent).solver(domain, Query(domain.attributes[:1])), POMCP)
 
 
 def trial_facts(trial: "Trial") -> dict[str, object]:

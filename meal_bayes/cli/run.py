@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from meal_bayes.cli.answer import searches
 from meal_bayes.cli.options import (
     AGENTS,
     dataset_option,
@@ -112,6 +111,7 @@ def offline(
 
 def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
     """Run what is not there yet, telling how far it is."""
+    from meal_bayes.agents import load_agent
     from meal_bayes.experiments import offline_tasks, run_offline
     from meal_bayes.experiments.percepts import percepts_for
 
@@ -123,7 +123,7 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
                 config.dataset, config.perception, on_progress=advance, on_note=note
             )
     offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
-    if any(searches(name, table.domain) for name in config.agents):
+    if any(load_agent(name).searches for name in config.agents):
         prepare_planner()
     counted = _Count()
     try:

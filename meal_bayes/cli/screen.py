@@ -124,13 +124,6 @@ def _lines(console: Console, what: str, unit: str) -> Advance:
 def prepare_planner() -> None:
     """Compile the search, or load it where an earlier run did; tell what takes so long."""
     with patience("preparing the planner (the first run compiles it, about half a minute) ..."):
-        from meal_bayes.domain import Query, load_domain
-        from meal_bayes.momdp import build_momdp, initial_belief
-        from meal_bayes.planners import POMCP, History
-        from meal_bayes.seeds import stream
+        from meal_bayes.planners import compile_kernels
 
-        domain, query = load_domain("toy"), Query(("red",))
-        rows = [[[[0.9, 0.1], [0.2, 0.8]]] * len(domain.behaviors)]
-        momdp = build_momdp(domain, query, rows, precision=5.0, limit=3.0)
-        rng = stream(0, "prepare")
-        POMCP(simulations=2).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+        compile_kernels()

@@ -27,6 +27,8 @@ _OPTIONS = 3  # behaviors that are compared
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 _LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
+_SHORT_LEVELS = {2: ("no", "yes"), 4: ("no!", "no", "yes", "yes!")}
+_UNBOUNDED = 10_000  # characters
 
 
 class Story:
@@ -123,16 +125,19 @@ def tell_trial(console: Console, trial: "Trial") -> None:
 
 
 def tell_briefly(console: Console, trial: "Trial") -> None:
-    """Tell a finished trial in a line a step: percept and belief of each attribute, in percent."""
+    """Tell a finished trial in a line a step: percept and belief of each attribute, in percent.
+
+    With more attributes than the console is wide for, tell it as `tell_trial` does.
+    """
     names, momdp = trial.task.query.attributes, trial.momdp
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     table.add_column("", justify="right")
-    table.add_column("behavior", no_wrap=True)
+    table.add_column("behavior")
     table.add_column("s", justify="right")
-    words = _words(momdp)
-    width = len(words[-1])
+    words = _words(momdp, _SHORT_LEVELS)
+    width = max(map(len, words))
     for name in names:
-        table.add_column(f"{name}, %")
+        table.add_column(f"{name} %")
     first = [_cell("", p, width) for p in trial.first_belief.positive]
     table.add_row("", Text("before any", "dim"), "", *first)
     for number, step in enumerate(trial.steps, start=1):
@@ -145,6 +150,10 @@ def tell_briefly(console: Console, trial: "Trial") -> None:
         pairs = zip(told, step.belief.positive, strict=True)
         cells = [_cell(word, p, width) for word, p in pairs]
         table.add_row(str(number), momdp.behavior_names[action], f"{step.cost:.1f}", *cells)
+    whole = console.measure(table, options=console.options.update(max_width=_UNBOUNDED))
+    if whole.maximum > console.width:
+        tell_trial(console, trial)
+        return
     console.print(table)
     console.print()
     print_facts(console, ending(trial), verdict_style(trial))
@@ -207,7 +216,7 @@ def happened(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
 
 def percept(momdp: "MOMDP", observation: "NDArray[np.int8]") -> str:
     """Say in words what was perceived."""
-    words = _words(momdp)
+    words = _words(momdp, _LEVELS)
     pairs = zip(momdp.query.attributes, observation, strict=True)
     return ", ".join(f"{name}: {words[z]}" for name, z in pairs)
 
@@ -223,8 +232,8 @@ def best_options(decision: "Decision") -> list[int]:
     return [*best, end] if not math.isnan(values[end]) else best
 
 
-def _words(momdp: "MOMDP") -> tuple[str, ...]:
-    return _LEVELS.get(momdp.levels) or tuple(f"level {z}" for z in range(momdp.levels))
+def _words(momdp: "MOMDP", known: "Mapping[int, tuple[str, ...]]") -> tuple[str, ...]:
+    return known.get(momdp.levels) or tuple(f"level {z}" for z in range(momdp.levels))
 
 
 def _percent(p: float) -> str:

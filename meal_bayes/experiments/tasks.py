@@ -58,9 +58,7 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
         pairs = _grouped(table, groups, n_attributes, rng)
     else:
         pairs = _uniform(table, names, n_attributes, rng)
-    return [
-        _task(table, index, pair) for index, pair in enumerate(itertools.islice(pairs, trials))
-    ]
+    return [_task(table, index, pair) for index, pair in enumerate(itertools.islice(pairs, trials))]
 
 
 def _task(table: PerceptTable, index: int, pair: _Pair) -> Task:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.search import (
+from meal_bayes.planners.leaf import (
     SPAN,
     Beliefs,
     Macros,
@@ -67,9 +67,7 @@ def plans_for(problem: Compiled) -> Plans:
     beliefs = Beliefs(np.repeat(problem.prior[None], len(spread), axis=0), spread)
     first = Beliefs(beliefs.told[:_GROWN].copy(), beliefs.felt[:_GROWN].copy())
     moves, work = moves_of(problem), room_for(problem)
-    found: list[set[Path]] = [
-        {(int(a),) for a in np.flatnonzero(legal)} for legal in problem.legal
-    ]
+    found: list[set[Path]] = [{(int(a),) for a in np.flatnonzero(legal)} for legal in problem.legal]
     for x in range(len(found)):
         if found[x]:
             grown = np.full((_GROWN * problem.legal.shape[1], 3 * _LENGTH), -1)

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import config
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, best_report, build_momdp, initial_belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.leaf import Beliefs, Plans, lightly_optimized, room_for
 from meal_bayes.planners.open_loop import plans_for
-from meal_bayes.planners.search import ENUMERATE, SAMPLED, Beliefs, Plans, Tree, room_for, search
+from meal_bayes.planners.search import ENUMERATE, SAMPLED, Tree, search
 from meal_bayes.planners.solver import Decision, History, TreeEdge
 
 _LOGGED = 40  # edges of the second level that a decision keeps
@@ -40,7 +40,7 @@ class POMCP:
 
     simulations: int = 300  # a decision; 0 is open-loop feedback control
     exploration: float = 0.03  # UCB1's c, as a share of r+ - r-
-    room: int = 60_000  # nodes; the search ends when they are used up
+    room: int = 6_000  # nodes; the search ends when they are used up
 
     def __post_init__(self) -> None:
         if self.simulations < 0 or self.exploration < 0 or self.room < 1:
@@ -172,12 +172,8 @@ def compile_kernels() -> None:
     LLVM's full effort takes twice as long and makes nothing faster here, so less is asked for, and
     for these kernels only.
     """
-    before = config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE
-    config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = 1, 0, 0
-    try:
+    with lightly_optimized():
         domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
-        even = np.full((1, len(domain.behaviors), 2, 2), 0.5)
-        momdp = build_momdp(domain, Query(domain.attributes[:1]), even + [[[0.1, -0.1], [-0.1, 0.1]]])
+        rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
+        momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
         POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
-    finally:
-        config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = before

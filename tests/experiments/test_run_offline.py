@@ -44,9 +44,7 @@ class TestAFinishedRun:
             expected = morc.run(trial.task)
             assert trial.cost == expected.cost
             np.testing.assert_array_equal(trial.report, expected.report)
-            np.testing.assert_array_equal(
-                trial.last_belief.log_odds, expected.last_belief.log_odds
-            )
+            np.testing.assert_array_equal(trial.last_belief.log_odds, expected.last_belief.log_odds)
 
     def test_units_lie_by_agent(self, finished):
         names = [path.relative_to(finished.folder).as_posix() for path in finished.paths]
@@ -142,9 +140,7 @@ def test_two_processes_write_the_same_files(finished, tmp_path):
     run = run_offline(CONFIG, logs=tmp_path, jobs=2)
     assert run.folder.name == finished.folder.name
     assert contents(run.folder) == {
-        name: data
-        for name, data in contents(finished.folder).items()
-        if name.parts[0] in AGENTS
+        name: data for name, data in contents(finished.folder).items() if name.parts[0] in AGENTS
     }
 
 
@@ -208,9 +204,7 @@ def test_progress_climbs_to_the_end(tmp_path):
 
 
 def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
-    config = OfflineConfig(
-        "roc36", 1, 5, ("predefined",), percepts="model", reward=42.0
-    )
+    config = OfflineConfig("roc36", 1, 5, ("predefined",), percepts="model", reward=42.0)
     for trial in run_offline(config, logs=tmp_path).trials():
         assert trial.reward == pytest.approx((42.0 if trial.success else -42.0) - trial.cost)
         assert np.isinf(trial.momdp.limit).all()

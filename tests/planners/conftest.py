@@ -43,9 +43,7 @@ def momdp_of(
     return build_momdp(domain, Query(tuple(rates)), confusion, precision, **options)
 
 
-def random_toy(
-    seed: int, n: int, levels: int, *, finite: bool, **options: object
-) -> MOMDP:
+def random_toy(seed: int, n: int, levels: int, *, finite: bool, **options: object) -> MOMDP:
     """Build a `toy` problem with random rows (and precisions)."""
     rng, domain = np.random.default_rng(seed), load_domain("toy")
     confusion = rng.dirichlet(np.ones(levels), (n, 3, 2))
@@ -82,7 +80,10 @@ class Expectimax:
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
         """Pr(is v, seems w, percepts), [v][w]; a person's answers tell of v, all else of w."""
         prior, share = float(self.momdp.prior[i]), float(self.momdp.misperception[i])
-        joint = [[(1 - prior) * (1 - share), (1 - prior) * share], [prior * share, prior * (1 - share)]]
+        joint = [
+            [(1 - prior) * (1 - share), (1 - prior) * share],
+            [prior * share, prior * (1 - share)],
+        ]
         for e, counts in enumerate(seen):
             for v in range(2):
                 for w in range(2):
@@ -129,9 +130,7 @@ class Expectimax:
             if m.legal[x, e] and not (senses and sum(seen[0][e]) >= m.limit[e]):
                 yield e
 
-    def edge(
-        self, x: int, seen: Counts, e: int, value: Callable[[int, Counts], float]
-    ) -> float:
+    def edge(self, x: int, seen: Counts, e: int, value: Callable[[int, Counts], float]) -> float:
         """Value of a behavior, repeated until something comes of it."""
         m, idle, total = self.momdp, 0.0, 0.0
         for target, p in enumerate(m.transition[e, x].tolist()):
@@ -213,9 +212,7 @@ def noisy_roc36(n: int) -> MOMDP:
         ),
     )
     rates = {
-        attribute: {
-            row["name"]: (row["tpr"][i], row["fpr"][i]) for row in rows if "tpr" in row
-        }
+        attribute: {row["name"]: (row["tpr"][i], row["fpr"][i]) for row in rows if "tpr" in row}
         for i, attribute in enumerate(domain.attributes[:n])
     }
     return momdp_of(domain, rates, abstain=True)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop import moves_of, plans_for
-from meal_bayes.planners.search import (
+from meal_bayes.planners.leaf import (
     OUTCOMES,
     SPAN,
     Beliefs,
@@ -18,6 +17,7 @@ from meal_bayes.planners.search import (
     open_loop_values,
     tabulate_errors,
 )
+from meal_bayes.planners.open_loop import moves_of, plans_for
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 NO_TABLE = np.zeros((0, 0, 0))
@@ -114,7 +114,9 @@ def gatherings(draw, levels=2, most=5):
         load_domain("toy"), Query(("red",)), confusion, precision + 1e-3, misperception=share
     )
     momdp = replace(momdp, direct=np.array([False, draw(st.booleans()), False]))
-    uses = draw(st.lists(st.integers(0, 3), min_size=2, max_size=2).filter(lambda u: sum(u) <= most))
+    uses = draw(
+        st.lists(st.integers(0, 3), min_size=2, max_size=2).filter(lambda u: sum(u) <= most)
+    )
     seen = np.zeros((1, 3, levels), dtype=int)
     seen[0, :2] = rng.integers(0, 3, (2, levels)) * draw(st.booleans())
     felt = draw(st.floats(-6, 6)) if share else 0.0

@@ -351,9 +351,7 @@ class TestDecisions:
         assert np.isnan(decision.value_se[2])
         assert decision.visits[2] == 0
 
-    @pytest.mark.parametrize(
-        "wrong", [{"simulations": -1}, {"exploration": -0.1}, {"room": 0}]
-    )
+    @pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"room": 0}])
     def test_settings_are_checked(self, wrong):
         with pytest.raises(SettingsError, match="POMCP needs"):
             POMCP(**wrong)
