@@ -135,8 +135,8 @@ def _find_moves(problem: Compiled) -> Moves:
     moves = Moves(target, senses, paths, macros, walked)
     for row, path in paths.items():
         macros.first[row] = path[0]
-        walked = _walk(problem, moves, row[0], path)
-        macros.end[row], macros.cost[row], macros.uses[row] = walked.x, walked.cost, walked.uses
+        end = _walk(problem, moves, row[0], path)
+        macros.end[row], macros.cost[row], macros.uses[row] = end.x, end.cost, end.uses
     return moves
 
 

@@ -40,7 +40,7 @@ class POMCP:
 
     simulations: int = 300  # a decision; 0 is open-loop feedback control
     exploration: float = 0.03  # UCB1's c, as a share of r+ - r-
-    room: int = 6_000  # nodes; the search ends when they are used up
+    room: int = 4_000  # nodes; the search ends when they are used up
 
     def __post_init__(self) -> None:
         if self.simulations < 0 or self.exploration < 0 or self.room < 1:

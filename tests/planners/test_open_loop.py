@@ -15,6 +15,7 @@ from meal_bayes.planners.leaf import (
     Beliefs,
     Plans,
     open_loop_values,
+    room_for,
     tabulate_errors,
 )
 from meal_bayes.planners.open_loop import moves_of, plans_for
@@ -42,10 +43,14 @@ def values_at(problem, plans, x, told, seen=None, felt=None):
     return out[0]
 
 
-def grid_of(odds, n):
-    """Beliefs at these log-odds, the same for every attribute."""
+def table_of(problem, plans, odds):
+    """Errors of every plan and attribute at these log-odds, (J,N,G)."""
+    n = problem.confusion.shape[0]
     points = np.repeat(np.asarray(odds, dtype=float)[:, None], n, axis=1)
-    return Beliefs(points, np.zeros_like(points))
+    errors = np.empty((len(plans.action), n, len(points)))
+    grid = Beliefs(points, np.zeros_like(points))
+    tabulate_errors(problem, plans, grid, room_for(problem), errors)
+    return errors
 
 
 def one_plan(problem, uses, errors=NO_TABLE):
@@ -161,7 +166,7 @@ def test_certain_beliefs_have_no_error(small, precision):
     plan = one_plan(problem, [1, 2, 0])
     tables = [NO_TABLE]
     if np.isinf(precision):
-        tables.append(tabulate_errors(problem, plan, grid_of(np.linspace(-SPAN, SPAN, 9), 2)))
+        tables.append(table_of(problem, plan, np.linspace(-SPAN, SPAN, 9)))
     for table in tables:
         for log_odds in ([np.inf, -np.inf], [40.0, -800.0]):
             value = values_at(problem, plan._replace(errors=table), 0, log_odds)[0]
@@ -177,7 +182,7 @@ def test_tables_are_close_to_exact(name, levels):
     plans = plans_for(problem)
     grid = np.linspace(-SPAN, SPAN, plans.errors.shape[2])
     odds = np.concatenate([rng.uniform(-12, 12, 150), rng.choice(grid, 20)])
-    exact = tabulate_errors(problem, plans, grid_of(odds, 2))  # (J,N,G), any points will do
+    exact = table_of(problem, plans, odds)
     for i in range(2):
         table = np.array([np.interp(odds, grid, row) for row in plans.errors[:, i]])
         assert np.abs(table - exact[:, i]).max() <= TABLE_ERROR

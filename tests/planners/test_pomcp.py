@@ -32,9 +32,9 @@ PROBLEMS = {
 }
 
 
-def search(momdp, simulations, seed=0, *, history=None, **settings):
+def search(momdp, simulations, seed=0, *, history=None, room=500_000):
     rng = np.random.default_rng(seed)
-    policy = POMCP(simulations, **settings).solve(momdp, rng)
+    policy = POMCP(simulations, room=room).solve(momdp, rng)
     return policy.decide(history or History(initial_belief(momdp)), rng)
 
 
