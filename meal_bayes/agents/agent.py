@@ -8,7 +8,7 @@ import numpy as np
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, build_momdp
-from meal_bayes.planners import Policy, Solver
+from meal_bayes.planners import Policy, Solver, compile_kernels
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,11 @@ class Agent:
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
     searches: bool = False  # does its solver need the compiled kernels?
     discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
+
+    def warm_up(self) -> None:
+        """Have the kernels compiled, if the solver needs them; the first decision does it else."""
+        if self.searches:
+            compile_kernels()
 
     def prepare(
         self,

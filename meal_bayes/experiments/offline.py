@@ -17,7 +17,6 @@ from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.experiments.store import UNIT, Store
 from meal_bayes.experiments.tasks import offline_tasks
-from meal_bayes.planners import compile_kernels
 from meal_bayes.trial_log import TrialWriter, read_trials
 
 DEFAULT_AGENTS = (
@@ -129,8 +128,8 @@ def run_offline(
     done = total - sum(len(_slice(tasks, unit)) for unit in todo)
     if on_progress is not None:
         on_progress(done, total)
-    if any(load_agent(unit.agent).searches for unit in todo):
-        compile_kernels()  # once, before every process would
+    for agent in {unit.agent for unit in todo}:
+        load_agent(agent).warm_up()  # once, before every process would
     for finished in in_parallel(_run_unit, todo, jobs=jobs):
         done += finished
         if on_progress is not None:

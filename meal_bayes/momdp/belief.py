@@ -57,6 +57,13 @@ class Belief:
             return freeze(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     @property
+    def seeming(self) -> NDArray[np.float64]:
+        """Pr(the object seems to have the attribute), (N,): what percepts depend on."""
+        with np.errstate(over="ignore"):
+            log_odds = self.felt + soften(self.told, self.misperception)
+            return freeze(1.0 / (1.0 + np.exp(-log_odds)))
+
+    @property
     def joint(self) -> NDArray[np.float64]:
         """Pr(y) of every value vector, (Y,); small N only."""
         joint = np.ones(1)
@@ -87,10 +94,10 @@ def soften(log_odds: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray
 
     ln [(1 - error) e^L + error] / [error e^L + 1 - error], which stays within logit(1 - error).
     """
-    with np.errstate(divide="ignore"):
-        right, wrong = np.log1p(-error), np.log(error)
-    softened = np.logaddexp(log_odds + right, wrong) - np.logaddexp(log_odds + wrong, right)
-    return np.where(error > 0, softened, log_odds)
+    small = np.exp(-np.abs(log_odds))  # 0 at infinite log-odds, which a channel makes finite
+    wrong = np.where(error > 0, error, 0.5)  # a stand-in where there is no error
+    ratio = np.log((1 - wrong + wrong * small) / (wrong + (1 - wrong) * small))
+    return np.where(error > 0, np.sign(log_odds) * ratio, log_odds)
 
 
 def initial_belief(momdp: MOMDP) -> Belief:

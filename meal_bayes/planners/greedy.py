@@ -62,9 +62,10 @@ def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     weight = total[..., None] / (momdp.precision + total[..., None])
     share = belief.seen / np.maximum(total, 1)[..., None]
     rows = momdp.confusion + weight[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,2,K)
-    truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
-    mixed = np.einsum("nv,nevk->nek", truth, rows)
-    gain = _entropy(mixed) - np.einsum("nv,nev->ne", truth, _entropy(rows))
+    true = np.where(momdp.direct, belief.positive[:, None], belief.seeming[:, None])  # (N,E)
+    values = np.stack([1 - true, true], axis=-1)  # (N,E,2)
+    mixed = np.einsum("nev,nevk->nek", values, rows)
+    gain = _entropy(mixed) - np.einsum("nev,nev->ne", values, _entropy(rows))
     left = momdp.limit - total[0] > 0
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
 
