@@ -95,6 +95,11 @@ class PerceptTable:
             found = getattr(self, name).shape
             if found != shape:
                 raise DataError(f"Percept table: {name} has shape {found}; expected {shape}.")
+        if self.training_bins[np.arange(o), np.arange(o)].any():
+            raise DataError(
+                "Percept table: an object's own recordings stand among what is learned without it; "
+                "its training bins must be zero (build the table again)."
+            )
         if len(self.edges) % 2 == 0 or not (np.diff(self.edges) > 0).all():
             raise DataError("Percept table: expected an odd number of edges, each above the last.")
 

@@ -4,14 +4,16 @@ What departs from textbook POMCP, each because the textbook fails here:
 
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief (N log-odds; percept counts along the path), no particles.
-- New nodes are valued by open-loop plans with exact error rates, not by random roll-outs, so every
-  value in the tree is a lower bound and the search can only improve on the plans.
+- New nodes are valued by open-loop plans with exact error rates, not by random roll-outs: a lower
+  bound on what can be had there. (Nearly: under Eq. 8 errors are read off a table, to its
+  resolution, and on a diagram whose behaviors branch a plan follows the likeliest outcome.)
 - Percepts are sampled to decide where the tree grows; values are backed up as exact expectations
   over an edge's outcomes (sampled ones beyond 64). Under finite precision the outcome
   probabilities are the Dirichlet-multinomial predictive: the average over object rows sampled from
   their Dirichlet, without its variance.
 """
 
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -38,7 +40,7 @@ class POMCP:
     SettingsError : a negative number of simulations, or an exploration constant below 0.
     """
 
-    simulations: int = 300  # a decision; 0 is open-loop feedback control
+    simulations: int = 300  # a decision, at most; 0 is open-loop feedback control
     exploration: float = 0.03  # UCB1's c, as a share of r+ - r-
     room: int = 4_000  # nodes; the search ends when they are used up
 
@@ -144,9 +146,19 @@ def _top(tree: Tree) -> tuple[TreeEdge, ...]:
     return (*edges, *below[:_LOGGED])
 
 
-@lru_cache(maxsize=4)
+_rooms = threading.local()  # each thread searches in its own
+
+
 def _room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
-    """Scratch for one search; reused, as allocating it costs more than a short search."""
+    """Give room for one search; reused, as allocating it costs more than a short search."""
+    size, tree = getattr(_rooms, "last", (None, None))
+    if tree is None or size != (nodes, n_attributes, n_behaviors):
+        tree = _new_room(nodes, n_attributes, n_behaviors)
+        _rooms.last = (nodes, n_attributes, n_behaviors), tree
+    return tree
+
+
+def _new_room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
     edges = (nodes, n_behaviors)
     return Tree(
         size=np.zeros(1, np.int64),

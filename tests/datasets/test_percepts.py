@@ -278,3 +278,11 @@ def test_shipped_outputs_beat_the_bars(name):
     log_odds = table.log_odds[:, :, sensing].astype(float) + prior
     loss = np.logaddexp(0, np.where(truth[:, None, None], -log_odds, log_odds))
     assert np.mean(loss[..., asked]) <= BARS[name]
+
+
+def test_own_recordings_on_the_training_side_are_refused() -> None:
+    table = load_percepts("roc36")
+    bins = table.training_bins.copy()
+    bins[3, 3, 0, 0, 0] = 1
+    with pytest.raises(DataError, match="learned without it"):
+        replace(table, training_bins=bins)

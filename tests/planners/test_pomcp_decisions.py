@@ -175,7 +175,6 @@ def test_settings_are_checked(wrong):
         POMCP(**wrong)
 
 
-@pytest.mark.xfail(strict=True, reason="all searches of a process share one tree's memory")
 def test_threads_decide_alike(small):
     momdp = small.noisy_roc36(2)
     policy = POMCP(200).solve(momdp, np.random.default_rng(0))
