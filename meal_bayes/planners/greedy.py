@@ -34,7 +34,7 @@ class GreedyPolicy:
     moves: Moves
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the first behavior on the way to the most bits per second; values are worth."""
+        """Choose the first behavior on the way to the most bits per second."""
         momdp, belief = self.momdp, history.belief
         stop = report_value(momdp, belief)
         values = np.full(momdp.n_behaviors + 1, np.nan)

@@ -18,8 +18,6 @@ DEPTH = 60  # steps of one descent
 SPAN = 16.0  # log-odds covered by the error tables
 
 
-# Nothing here allocates, so there are no references to count, half of what there would be to
-# compile: callers bring the room (`Work`).
 @contextmanager
 def lightly_optimized() -> Iterator[None]:
     """Compile with less of LLVM's effort: half the time, and nothing here runs slower for it."""
@@ -31,6 +29,8 @@ def lightly_optimized() -> Iterator[None]:
         config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = before
 
 
+# Nothing here allocates, so there are no references to count, half of what there would be to
+# compile: callers bring the room (`Work`).
 kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
 
