@@ -1,4 +1,4 @@
-"""What all tests share: the recordings, where they are at hand."""
+"""What all tests share: recordings and reference models, where they are at hand."""
 
 import os
 from pathlib import Path
@@ -20,4 +20,14 @@ def recordings() -> Path:
     folder = Path(os.environ.get("MEAL_BAYES_DATA_URL", beside))
     if not folder.is_dir():
         missing(f"no real recordings in {folder}; set MEAL_BAYES_DATA_URL to a folder mirror")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def reference() -> Path:
+    """Return the folder of the reference models."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "reference"
+    folder = Path(os.environ.get("MEAL_BAYES_REFERENCE", beside))
+    if not folder.is_dir():
+        missing(f"no reference models in {folder}; set MEAL_BAYES_REFERENCE")
     return folder

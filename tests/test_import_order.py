@@ -43,9 +43,10 @@ ROOMS: dict[str, set[str]] = {
 LIBRARIES: dict[str, set[str]] = {
     "sklearn": {"perception"},
     "pymc": {"posterior.hierarchical"},
+    "pytensor": {"posterior.hierarchical"},  # what PyMC models are written in
     "arviz": {"posterior.idata"},
-    # Two kernels: the tree search, and the nested stacking's many small Newton fits.
-    "numba": {"planners.leaf", "planners.search", "perception.stacking"},
+    # Kernels of planning are all made by one function; the nested stacking has a kernel of its own.
+    "numba": {"planners.bayes_error", "perception.stacking"},
     "mcap": {"trial_log"},
     "google": {"trial_log"},
     "zstandard": {"trial_log"},

@@ -52,6 +52,12 @@ class Agent:
         domain = knowledge.domain
         columns = [domain.attribute_index(name) for name in query.attributes]
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
+        kinds = None
+        if self.misperceives and knowledge.degree is not None:
+            rows, within = knowledge.degree.select(confusion, precision)  # (N,E,M,K), (N,E,M)
+            # Percepts depend on the degree alone, whatever the truth: its rows stand twice.
+            confusion, precision = np.tile(rows, (1, 1, 2, 1)), np.tile(within, (1, 1, 2))
+            kinds = np.broadcast_to(knowledge.degree.kinds, (len(columns), 2, rows.shape[2]))
         momdp = build_momdp(
             domain,
             query,
@@ -61,8 +67,9 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
-            misperception=knowledge.misperception if self.misperceives else 0.0,
+            kinds=kinds,
             discount=self.discount,
             abstain=self.abstain,
+            counts=knowledge.posterior.counts[columns],
         )
         return momdp, self.solver(domain, query).solve(momdp, rng)

@@ -9,7 +9,7 @@ from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior, misperception
+from meal_bayes.posterior import ConfusionPosterior, SharedDegree, learn_degree
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Knowledge:
     domain: Domain
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]  # (P,) (n+ + 1) / (n + 2) of the training objects
-    misperception: float = 0.0  # share of objects that seem, to all percepts, what they are not
+    degree: SharedDegree | None = None  # what all percepts of an object share; None: only the truth
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))
@@ -44,8 +44,8 @@ def knowledge_without(
         return Knowledge(table.domain, ConfusionPosterior.from_counts(counts), base_rates)
     posterior = ConfusionPosterior.from_objects(counts)
     shown = table.training_levels(held_out, levels)  # the held-out object's row is zero
-    together = misperception(posterior, shown, table.labels, base_rates)
-    return Knowledge(table.domain, posterior, base_rates, together)
+    degree = learn_degree(posterior, shown, table.labels, base_rates)
+    return Knowledge(table.domain, posterior, base_rates, degree)
 
 
 def _base_rates(labels: NDArray[np.int8], held_out: int) -> NDArray[np.float64]:

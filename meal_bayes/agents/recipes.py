@@ -3,7 +3,18 @@
 from meal_bayes.agents.agent import Agent
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.planners import POMCP, Greedy, Predefined, Random, RandomLegal, Solver
+from meal_bayes.planners import (
+    POMCP,
+    Factored,
+    Greedy,
+    OpenLoop,
+    Predefined,
+    Random,
+    RandomLegal,
+    Solver,
+)
+
+_EXACT = 3  # attributes up to which the paper's problem is solved to the optimum
 
 
 def _random(domain: Domain, query: Query) -> Solver:
@@ -30,6 +41,14 @@ def _pomcp(domain: Domain, query: Query) -> Solver:
     return POMCP()
 
 
+def _optimal(domain: Domain, query: Query) -> Solver:
+    return Factored() if len(query) <= _EXACT else POMCP()
+
+
+def _open_loop(domain: Domain, query: Query) -> Solver:
+    return OpenLoop()
+
+
 AGENTS = {
     agent.name: agent
     for agent in (
@@ -39,7 +58,9 @@ AGENTS = {
         Agent("predefined_plus", _predefined_plus),
         Agent("greedy", _greedy),
         # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-        Agent("morc", _pomcp, searches=True, abstain=True),
+        Agent("morc", _optimal, searches=True, abstain=True),
+        # The same with the cheapest planner: microseconds a decision, any number of attributes.
+        Agent("olfc", _open_loop, searches=True, abstain=True),
         # Ours: graded percepts, objects differ and may seem what they are not, prior from the
         # training objects, and planning for the undiscounted reward that is reported.
         Agent(

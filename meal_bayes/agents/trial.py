@@ -150,7 +150,7 @@ def _report(
     momdp: MOMDP, belief: Belief, decision: Decision, truth: NDArray[np.bool_]
 ) -> tuple[Step, NDArray[np.bool_]]:
     report = momdp.query.values_of(decision.action - momdp.n_behaviors)
-    reward = momdp.correct if (report == truth).all() else momdp.incorrect
+    reward = float(momdp.report_reward((report == truth).astype(float)))
     last = belief.at(momdp.terminal)
     return Step(belief.x, decision, momdp.terminal, None, 0.0, reward, last), report
 

@@ -9,9 +9,13 @@ import click
 from meal_bayes.cli.ask import ask
 from meal_bayes.cli.data import data
 from meal_bayes.cli.demo import demo
+from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log
+from meal_bayes.cli.posterior import posterior
 from meal_bayes.cli.program import Program
+from meal_bayes.cli.report import report
 from meal_bayes.cli.run import run
+from meal_bayes.cli.view import view
 
 
 def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
@@ -24,7 +28,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 
 @click.group(
     cls=Program,
-    commands=[demo, ask, run, data, log],
+    commands=[demo, ask, run, view, report, posterior, data, log, export],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
 )

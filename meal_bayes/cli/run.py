@@ -197,8 +197,21 @@ def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, o
             "dim",
         )
     )
+    _print_beliefs(console, rows)
     if paired:
         _print_paired(console, paired)
+
+
+def _print_beliefs(console: Console, rows: "list[SummaryRow]") -> None:
+    console.print()
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("final belief", no_wrap=True)
+    for name in ("NLL", "Brier", "ECE", "ECE if calibrated"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        numbers = (row.nll, row.brier, row.ece, row.ece_calibrated)
+        table.add_row(row.agent, *(f"{number:.3f}" for number in numbers))
+    console.print(table)
 
 
 def _print_paired(console: Console, paired: "list[dict[str, object]]") -> None:

@@ -4,12 +4,16 @@ In: trials. Out: rows of measures (accuracy, cost, reward, calibration), with er
 trials of one object are not independent, and paired comparisons.
 """
 
+from meal_bayes.evaluation.calibration import (
+    brier,
+    calibration_error,
+    expected_calibration_error,
+    negative_log_likelihood,
+)
 from meal_bayes.evaluation.statistics import (
     Interval,
     bootstrap_interval,
-    calibration_error,
     clustered_se,
-    expected_calibration_error,
     paired_difference,
     wilson_interval,
 )
@@ -19,10 +23,12 @@ __all__ = [
     "Interval",
     "SummaryRow",
     "bootstrap_interval",
+    "brier",
     "calibration_error",
     "clustered_se",
     "compare",
     "expected_calibration_error",
+    "negative_log_likelihood",
     "paired_difference",
     "summarize",
     "wilson_interval",

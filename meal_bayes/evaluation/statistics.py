@@ -85,34 +85,6 @@ def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
     return Interval(share, float(np.sqrt(share * (1 - share) / n)), float(low), float(high))
 
 
-def calibration_error(positive: ArrayLike, truth: ArrayLike, *, bins: int = 10) -> float:
-    """Give the ECE: |mean belief - share true| of equal bins of the belief, weighted by their size.
-
-    >>> calibration_error([0.9, 0.9, 0.1, 0.1], [True, True, False, True])
-    0.25
-    """
-    b = np.asarray(positive, float)
-    gap = b - np.asarray(truth, float)
-    return float(np.abs(np.bincount(_bin(b, bins), gap)).sum() / len(b))
-
-
-def expected_calibration_error(
-    positive: ArrayLike, rng: np.random.Generator, *, bins: int = 10, draws: int = 200
-) -> float:
-    """Give the mean ECE that a calibrated belief of these values would show, by simulation.
-
-    The ECE is never 0 with few cases: only what exceeds this figure is miscalibration.
-    """
-    b = np.asarray(positive, float)
-    member = np.eye(bins)[_bin(b, bins)]  # (n,bins)
-    gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
-    return float(np.abs(gaps).sum(axis=1).mean() / len(b))
-
-
-def _bin(b: Array, bins: int) -> NDArray[np.intp]:
-    return np.minimum((b * bins).astype(np.intp), bins - 1)
-
-
 def _clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
     x = np.asarray(values, float)
     _, index = np.unique(np.asarray(clusters), return_inverse=True)

@@ -9,16 +9,14 @@ import numpy as np
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.statistics import (
-    Interval,
+from meal_bayes.evaluation.calibration import (
+    brier,
     calibration_error,
-    clustered_se,
     expected_calibration_error,
-    paired_difference,
+    negative_log_likelihood,
 )
+from meal_bayes.evaluation.statistics import Interval, clustered_se, paired_difference
 from meal_bayes.seeds import stream
-
-_CLIP = 1e-6  # of beliefs, in the logarithm
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -77,7 +75,6 @@ def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:
     reward = np.array([trial.reward for trial in trials])
     positive = np.concatenate([trial.last_belief.positive for trial in trials])
     truth = np.concatenate([trial.truth for trial in trials])
-    believed = np.clip(np.where(truth, positive, 1 - positive), _CLIP, 1 - _CLIP)
     return SummaryRow(
         agent=agent,
         trials=len(trials),
@@ -87,8 +84,8 @@ def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:
         cost_sd=float(cost.std(ddof=1)) if len(trials) > 1 else math.nan,
         reward=float(reward.mean()),
         reward_se=clustered_se(reward, clusters),
-        nll=float(-np.log(believed).mean()),
-        brier=float(((positive - truth) ** 2).mean()),
+        nll=float(negative_log_likelihood(positive, truth).mean()),
+        brier=float(brier(positive, truth).mean()),
         ece=calibration_error(positive, truth),
         ece_calibrated=expected_calibration_error(positive, stream(0, "calibrated belief")),
         abstained=float(1 - answered.mean()),

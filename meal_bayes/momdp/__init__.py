@@ -15,6 +15,10 @@ from meal_bayes.momdp.belief import (
 from meal_bayes.momdp.build import build_momdp
 from meal_bayes.momdp.flat import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
+from meal_bayes.momdp.pomdp_file import write_pomdp
+from meal_bayes.momdp.pomdp_reader import read_pomdp
+from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.momdp.reference import load_reference
 from meal_bayes.momdp.shaping import ITRS, observation_entropy, shape_reward
 
 __all__ = [
@@ -27,9 +31,13 @@ __all__ = [
     "build_momdp",
     "flatten",
     "initial_belief",
+    "load_reference",
     "observation_entropy",
     "percept_probabilities",
+    "read_pomdp",
     "report_value",
     "shape_reward",
     "update_belief",
+    "write_pomdp",
+    "write_pomdpx",
 ]

@@ -21,47 +21,31 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """The information state: x, the evidence on each attribute, and the percepts of this trial.
-
-    Evidence stands in two log-odds, as percepts may share an error: `told` is of the truth (the
-    prior, a person's answers, and all percepts where misperception is 0), `felt` of the value that
-    the object seems to have.
-    """
+    """The information state: x, the evidence on each attribute, and the percepts of this trial."""
 
     x: int
-    told: NDArray[np.float64]  # (N,) ln Pr(true) / Pr(false)
+    weight: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
     seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
-    felt: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,) zeros by default
-    misperception: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,) zeros by default
 
     def __post_init__(self) -> None:
-        nothing = np.zeros(np.shape(self.told))
-        felt = nothing if self.felt is None else self.felt
-        share = nothing if self.misperception is None else self.misperception
-        set_frozen(self, told=freeze(self.told), seen=freeze(self.seen, np.int64))
-        set_frozen(self, felt=freeze(felt), misperception=freeze(share))
+        set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
 
     def at(self, x: int) -> "Belief":
         """Move to another x, believing the same."""
-        return Belief(x, self.told, self.seen, self.felt, self.misperception)
+        return Belief(x, self.weight, self.seen)
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of the truth, (N,)."""
-        return freeze(self.told + soften(self.felt, self.misperception))
+        false, true = np.split(self.weight, 2, axis=1)
+        with np.errstate(divide="ignore"):
+            return freeze(_log_sum(true) - _log_sum(false))
 
     @property
     def positive(self) -> NDArray[np.float64]:
         """Pr(attribute is true), (N,)."""
         with np.errstate(over="ignore"):
             return freeze(1.0 / (1.0 + np.exp(-self.log_odds)))
-
-    @property
-    def seeming(self) -> NDArray[np.float64]:
-        """Pr(the object seems to have the attribute), (N,): what percepts depend on."""
-        with np.errstate(over="ignore"):
-            log_odds = self.felt + soften(self.told, self.misperception)
-            return freeze(1.0 / (1.0 + np.exp(-log_odds)))
 
     @property
     def joint(self) -> NDArray[np.float64]:
@@ -79,7 +63,12 @@ class Belief:
     @property
     def certainty(self) -> float:
         """Pr(the most probable value vector)."""
-        return float(np.prod(1.0 / (1.0 + np.exp(-np.abs(self.log_odds)))))
+        return float(self.right.prod())
+
+    @property
+    def right(self) -> NDArray[np.float64]:
+        """Pr(attribute's most probable value is the true one), (N,)."""
+        return freeze(1.0 / (1.0 + np.exp(-np.abs(self.log_odds))))
 
     @property
     def entropy(self) -> float:
@@ -89,31 +78,27 @@ class Belief:
         return float(-(p * np.log2(p) + q * np.log2(q)).sum())
 
 
-def soften(log_odds: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pass log-odds through a symmetric channel: what they tell of its other end.
-
-    ln [(1 - error) e^L + error] / [error e^L + 1 - error], which stays within logit(1 - error).
-    """
-    small = np.exp(-np.abs(log_odds))  # 0 at infinite log-odds, which a channel makes finite
-    wrong = np.where(error > 0, error, 0.5)  # a stand-in where there is no error
-    ratio = np.log((1 - wrong + wrong * small) / (wrong + (1 - wrong) * small))
-    return np.where(error > 0, np.sign(log_odds) * ratio, log_odds)
+def _log_sum(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum probabilities given by their logarithms, over the last axis."""
+    top = weight.max(axis=-1)
+    level = np.where(np.isneginf(top), 0.0, top)
+    return np.asarray(level + np.log(np.exp(weight - level[..., None]).sum(axis=-1)))
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
     """Belief at the start of a trial: x0, the prior, nothing seen."""
+    chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
-        log_odds = np.log(momdp.prior) - np.log1p(-momdp.prior)
+        weight = np.log(chance[:, :, None] * momdp.kinds).reshape(len(chance), -1)
     seen = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, log_odds, seen, misperception=momdp.misperception)
+    return Belief(momdp.start, weight, seen)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
-    The factor of each queried attribute is its Dirichlet-multinomial predictive given the percepts
+    The factor of each kind of object is its Dirichlet-multinomial predictive given the percepts
     already seen in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
-    Where percepts share an error, they condition the value that the object seems to have.
 
     Parameters
     ----------
@@ -131,16 +116,13 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     attributes = np.arange(len(momdp.query))
     seen = belief.seen[:, e]
     total = seen.sum(axis=1)
-    weight = total[:, None] / (momdp.precision[:, e] + total[:, None])  # (N,2), 0 at inf
     share = seen[attributes, levels] / np.maximum(total, 1)
-    mean = momdp.confusion[attributes, e, :, levels]  # (N,2)
-    factor = mean + weight * (share[:, None] - mean)
-    on_truth = momdp.direct[e] | (belief.misperception == 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.log(factor[:, 1]) - np.log(factor[:, 0])
-        told = np.where(on_truth, belief.told + ratio, belief.told)
-        felt = np.where(on_truth, belief.felt, belief.felt + ratio)
-    contradicted = np.isnan(told) | np.isnan(felt)
+    mean = momdp.confusion[attributes, e, :, levels]  # (N,C)
+    trust = total[:, None] / (momdp.precision[:, e] + total[:, None])  # (N,C), 0 at inf
+    with np.errstate(divide="ignore"):
+        weight = belief.weight + np.log(mean + trust * (share[:, None] - mean))
+        total_weight = _log_sum(weight)
+    contradicted = np.isneginf(total_weight)
     if contradicted.any():
         bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
         raise ImpossibleObservation(
@@ -149,7 +131,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.seen.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, told, counted, felt, belief.misperception)
+    return Belief(transition.next_x, weight - total_weight[:, None], counted)
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:
@@ -158,5 +140,5 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
-    """Give the best report's expected reward: r- + (r+ - r-) prod_i max(b_i, 1 - b_i)."""
-    return momdp.incorrect + (momdp.correct - momdp.incorrect) * belief.certainty
+    """Give the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
+    return float(momdp.report_reward(belief.right))

@@ -18,9 +18,11 @@ def build_momdp(
     correct: float | None = None,
     incorrect: float | None = None,
     limit: ArrayLike = np.inf,
-    misperception: ArrayLike = 0.0,
+    kinds: ArrayLike | None = None,
     discount: float = 0.99,
     abstain: bool = False,
+    additive: bool = False,
+    counts: ArrayLike | None = None,
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
 
@@ -28,32 +30,40 @@ def build_momdp(
     ----------
     domain : behaviors, costs, diagram.
     query : the N attributes asked.
-    confusion : (N,E,2,K) mean confusion matrices; behaviors that answer (ask) are filled in here:
+    confusion : (N,E,C,K) mean confusion matrices of the kinds of object, C = 2 (the truth) in the
+        paper. Behaviors that answer (ask) are filled in here, for all kinds of a truth alike:
         each attribute right with accuracy^(1/N), so the whole answer with the stated accuracy.
-    precision : (N,E,2) or a number; inf is the paper's Eq. 8.
+    precision : (N,E,C) or a number; inf is the paper's Eq. 8.
     prior : (N,) or a number; the paper's is uniform.
     correct, incorrect : rewards of a right and a wrong report, the domain's +-r by default.
     limit : (E,) or a number: recordings that can be perceived in one trial.
-    misperception : (N,) or a number: Pr(the object seems to have the other value), 0 in the paper.
+    kinds : (N,2,J) Pr(kind | truth), C = 2J; one kind a truth by default.
     discount : factor a step, in planning only.
     abstain : may a planner end the trial by an illegal behavior?
+    additive : is a report paid by the share of attributes right (the paper: all or nothing)?
+    counts : (N,E,2,K) labelled percepts that the rows were learned from, for who looks on.
     """
     arrays = domain.transitions()
     n, e = len(query), len(domain.behaviors)
     rows = np.array(confusion, dtype=float)
-    if rows.ndim != 4 or rows.shape[:3] != (n, e, 2):  # noqa: PLR2004
+    shares = np.ones((n, 2, 1)) if kinds is None else np.asarray(kinds, dtype=float)
+    if shares.ndim != 3:  # noqa: PLR2004
+        raise SettingsError(f"kinds has shape {shares.shape}; expected (N,2,J).")
+    c = 2 * shares.shape[-1]
+    if rows.ndim != 4 or rows.shape[:3] != (n, e, c):  # noqa: PLR2004
         raise SettingsError(
-            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, 2, levels)."
+            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} kinds of "
+            "object, levels)."
         )
-    weight = np.array(np.broadcast_to(precision, (n, e, 2)), dtype=float)
+    weight = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     percepts = np.array(np.broadcast_to(limit, (e,)), dtype=float)
     informative = arrays.informative.copy()
     for index, behavior in enumerate(domain.behaviors):
         if behavior.answer_accuracy is not None:
             right = behavior.answer_accuracy ** (1.0 / n)
             rows[:, index] = 0.0
-            rows[:, index, 0, 0] = rows[:, index, 1, -1] = right
-            rows[:, index, 0, -1] = rows[:, index, 1, 0] = 1.0 - right
+            rows[:, index, : c // 2, 0] = rows[:, index, c // 2 :, -1] = right
+            rows[:, index, : c // 2, -1] = rows[:, index, c // 2 :, 0] = 1.0 - right
             weight[:, index] = percepts[index] = np.inf
         elif not behavior.senses:
             informative[index] = 0.0
@@ -70,13 +80,14 @@ def build_momdp(
         confusion=rows,
         precision=weight,
         prior=np.broadcast_to(prior, (n,)),
+        kinds=shares,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         correct=reward if correct is None else correct,
         incorrect=-reward if incorrect is None else incorrect,
         bonus=np.zeros((n, e, 2)),
         limit=percepts,
-        misperception=np.broadcast_to(misperception, (n,)),
-        direct=np.array([behavior.answer_accuracy is not None for behavior in domain.behaviors]),
         discount=discount,
         abstain=abstain,
+        additive=additive,
+        counts=None if counts is None else np.asarray(counts, dtype=float),  # type: ignore[arg-type]
     )

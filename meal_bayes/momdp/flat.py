@@ -9,7 +9,7 @@ from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
 
-_MAX_ENTRIES = 20_000_000  # of O, 160 MB
+MAX_ENTRIES = 20_000_000  # of O, 160 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +52,14 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
     """
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query) + 1
     size = momdp.n_actions * momdp.n_states**2 * n_z
-    if size > _MAX_ENTRIES:
+    if size > MAX_ENTRIES:
         raise SettingsError(
             f"{len(momdp.query)} attributes make {size:.1g} observation probabilities; dense "
-            f"arrays end at {_MAX_ENTRIES:.0e}. Ask fewer attributes or use a factored planner."
+            f"arrays end at {MAX_ENTRIES:.0e}. Ask fewer attributes or use a factored planner."
+        )
+    if momdp.n_kinds > 2:  # noqa: PLR2004
+        raise SettingsError(
+            "A flat POMDP knows one kind of object a truth; build the MOMDP without `kinds`."
         )
     if not np.isinf(momdp.precision).all():
         raise SettingsError(
@@ -68,7 +72,7 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
         observation_names=_observation_names(momdp),
         transition=_transition(momdp, n_y),
         observation=_observation(momdp, n_y, n_z),
-        reward=_reward(momdp, n_y),
+        reward=reward_table(momdp, n_y),
         start=_start(momdp, n_y),
         discount=momdp.discount,
     )
@@ -109,18 +113,24 @@ def _observation(momdp: MOMDP, n_y: int, n_z: int) -> NDArray[np.float64]:
     return flat
 
 
-def _reward(momdp: MOMDP, n_y: int) -> NDArray[np.float64]:
-    """Eq. 4, and Eq. 11 where the MOMDP is shaped."""
+def reward_table(momdp: MOMDP, n_y: int) -> NDArray[np.float64]:
+    """Reward (S,A) of every action, `term` last: Eq. 4, and Eq. 11 where the MOMDP is shaped.
+
+    Parameters
+    ----------
+    momdp : the problem.
+    n_y : 2^N, value vectors.
+    """
     reward = np.zeros((momdp.terminal, n_y, momdp.n_actions))
     truth = momdp.query.values.astype(int)  # (Y,N)
+    agrees = (truth[:, None] == truth).astype(float)  # (Y,Y,N) report against truth
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     for x in range(momdp.terminal):
         # An illegal behavior that changes nothing is not executed, so it costs nothing.
         free = ~momdp.legal[x] & (momdp.transition[:, x, x] == 1)
         reward[x, :, : momdp.n_behaviors] = np.where(free, 0.0, -momdp.cost)
         reward[x, :, : momdp.n_behaviors] += np.where(momdp.legal[x], bonus, 0.0)
-        reward[x, :, momdp.n_behaviors :] = momdp.incorrect
-        reward[x, np.arange(n_y), momdp.n_behaviors + np.arange(n_y)] = momdp.correct
+        reward[x, :, momdp.n_behaviors :] = momdp.report_reward(agrees)
     return np.concatenate([reward.reshape(-1, momdp.n_actions), np.zeros((1, momdp.n_actions))])
 
 

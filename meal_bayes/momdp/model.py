@@ -16,9 +16,9 @@ class MOMDP:
 
     Arrays run over behaviors only: a report always leads to `term`, and 2^N of them need no table.
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
-    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. With
-    misperception, rows are those of the value that the object seems to have: a latent class that
-    all its percepts share, so that no number of them makes the robot surer than it may be.
+    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. Objects of one
+    truth may be of several kinds, J a truth: a latent class of an object that all its percepts
+    depend on, so that they may err together. Kinds 0 .. J-1 are false, J .. 2J-1 true; C = 2J.
     """
 
     query: Query
@@ -28,27 +28,30 @@ class MOMDP:
     transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior)
     informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x')
     legal: NDArray[np.bool_]  # (X,E)
-    confusion: NDArray[np.float64]  # (N,E,2,K) rows = truth, columns = percept level
-    precision: NDArray[np.float64]  # (N,E,2) Dirichlet weight of a row, inf = known exactly
+    confusion: NDArray[np.float64]  # (N,E,C,K) rows = kinds (the paper's: the truth), cols = levels
+    precision: NDArray[np.float64]  # (N,E,C) Dirichlet weight of a row, inf = known exactly
     prior: NDArray[np.float64]  # (N,) Pr(attribute is true) before the trial
+    kinds: NDArray[np.float64]  # (N,2,J) Pr(kind | truth); the paper's J is 1
     cost: NDArray[np.float64]  # (E,) s
     correct: float  # r+
     incorrect: float  # r-
     bonus: NDArray[np.float64]  # (N,E,2) shaping per attribute and its value (ITRS, Eq. 11)
     limit: NDArray[np.float64]  # (E,) percepts a trial, inf where they never run out
-    misperception: NDArray[np.float64]  # (N,) Pr(the object seems to have the other value, to
-    # every percept alike); 0 is the paper's: given the truth, behaviors err independently
-    direct: NDArray[np.bool_]  # (E,) does its percept tell of the truth itself (a person's answer)?
     discount: float = 0.99
     abstain: bool = False  # may a planner end a trial by an illegal behavior?
+    additive: bool = False  # is a report paid by the share of attributes right, or all or nothing?
+    counts: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,E,2,K) labelled percepts
+    # behind the rows, for who looks on; zeros where nobody tells
 
     def __post_init__(self) -> None:
-        for name in ("transition", "informative", "confusion", "precision", "prior", "cost"):
+        for name in ("transition", "informative", "confusion", "precision", "prior", "kinds"):
             set_frozen(self, **{name: freeze(getattr(self, name))})
-        set_frozen(self, bonus=freeze(self.bonus), limit=freeze(self.limit))
-        set_frozen(self, misperception=freeze(self.misperception))
+        set_frozen(self, cost=freeze(self.cost), bonus=freeze(self.bonus), limit=freeze(self.limit))
         set_frozen(self, legal=freeze(self.legal, np.bool_))
-        set_frozen(self, direct=freeze(self.direct, np.bool_))
+        if self.counts is None:
+            shape = (len(self.query), len(self.behavior_names), 2, *self.confusion.shape[3:])
+            set_frozen(self, counts=np.zeros(shape))
+        set_frozen(self, counts=freeze(self.counts))
         self._check()
 
     def _check(self) -> None:
@@ -58,24 +61,27 @@ class MOMDP:
                 f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
                 "levels, an even number, the upper half of which speaks for true."
             )
+        if self.kinds.ndim != 3:  # noqa: PLR2004
+            raise SettingsError(f"MOMDP.kinds has shape {self.kinds.shape}; expected (N,2,J).")
+        c = 2 * self.kinds.shape[2]
         expected = {
             "transition": (e, x, x),
             "informative": (e, x, x),
             "legal": (x, e),
-            "confusion": (n, e, 2, self.levels),
-            "precision": (n, e, 2),
+            "confusion": (n, e, c, self.levels),
+            "precision": (n, e, c),
             "prior": (n,),
+            "kinds": (n, 2, c // 2),
+            "counts": (n, e, 2, self.levels),
             "cost": (e,),
             "bonus": (n, e, 2),
             "limit": (e,),
-            "misperception": (n,),
-            "direct": (e,),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape
             if found != shape:
                 raise SettingsError(f"MOMDP.{name} has shape {found}; expected {shape}.")
-        for name in ("transition", "confusion"):
+        for name in ("transition", "confusion", "kinds"):
             rows = getattr(self, name)
             if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):
                 raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
@@ -83,10 +89,6 @@ class MOMDP:
             raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
         if not (self.precision > 0).all():
             raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
-        if not ((self.misperception >= 0) & (self.misperception < 0.5)).all():  # noqa: PLR2004
-            raise SettingsError(
-                f"MOMDP.misperception must lie in [0, 0.5), found {self.misperception}."
-            )
         if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
             raise SettingsError(
                 f"Need 0 < discount <= 1 and correct >= incorrect; found discount "
@@ -97,6 +99,17 @@ class MOMDP:
     def levels(self) -> int:
         """K, the levels of a percept; the upper half speaks for "true"."""
         return int(self.confusion.shape[-1])
+
+    @property
+    def n_kinds(self) -> int:
+        """C, kinds of objects: half of them false, half true."""
+        return int(2 * self.kinds.shape[2])
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """Mean confusion matrix by truth (N,E,2,K): over the kinds of object of each."""
+        split = self.confusion.reshape(*self.confusion.shape[:2], 2, -1, self.levels)
+        return np.asarray(np.einsum("nvj,nevjk->nevk", self.kinds, split))
 
     @property
     def n_behaviors(self) -> int:
@@ -117,6 +130,15 @@ class MOMDP:
     def n_actions(self) -> int:
         """|A| = E + 2^N."""
         return int(self.n_behaviors + 2 ** len(self.query))
+
+    def report_reward(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Reward of reports from Pr(attribute reported right) (..., N): 0 or 1 once it is known.
+
+        The paper's is all or nothing, r- + (r+ - r-) prod_i right_i; the additive one pays every
+        attribute its share, r- + (r+ - r-) mean_i right_i.
+        """
+        share = right.mean(axis=-1) if self.additive else right.prod(axis=-1)
+        return np.asarray(self.incorrect + (self.correct - self.incorrect) * share)
 
     def action_name(self, action: int) -> str:
         """Behavior name, or the words of a report."""

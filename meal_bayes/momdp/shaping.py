@@ -35,7 +35,7 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     More levels than two are summed to yes/no, so that alpha keeps its meaning. Behaviors that
     never give a percept have entropy 0.
     """
-    yes = momdp.confusion[..., momdp.levels // 2 :].sum(axis=-1)
+    yes = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)
     entropy = -(rows * np.log2(rows)).sum(axis=0)
     senses = momdp.informative.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)

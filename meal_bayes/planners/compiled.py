@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
 
-_INFORMATIVE = 1e-3  # rows that differ by less tell nothing worth computing
+_INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's kind are not planned with
 _USES = 7  # percepts of one behavior that the table of first counts goes to
 
 
@@ -27,19 +27,21 @@ class Compiled(NamedTuple):
     branch_p: NDArray[np.float64]  # (X,E,B) their probabilities given that something happens
     branch_x: NDArray[np.int64]  # (X,E,B) next x
     branch_sense: NDArray[np.bool_]  # (X,E,B) with a percept?
-    confusion: NDArray[np.float64]  # (N,E,2,K)
-    precision: NDArray[np.float64]  # (N,E,2)
-    informative: NDArray[np.bool_]  # (N,E) do the two rows differ?
-    fresh: NDArray[np.float64]  # (N,E,2,U,U) Pr(j of the first k percepts say yes): [k, j]
+    confusion: NDArray[np.float64]  # (N,E,C,K)
+    precision: NDArray[np.float64]  # (N,E,C)
+    informative: NDArray[np.bool_]  # (N,E) does a percept tell of the kind of object?
+    fresh: NDArray[np.float64]  # (N,E,C,U,U) Pr(j of the first k percepts say yes): [k, j]
+    affinity: NDArray[np.float64]  # (N,E,U) log sum_j sqrt(Pr(j | true) Pr(j | false)), k percepts
     bonus: NDArray[np.float64]  # (N,E,2)
     shaped: bool
     limit: NDArray[np.float64]  # (E,)
-    tabled: bool  # do log-odds alone say how a plan errs? (precisions inf, misperception 0)
-    prior: NDArray[np.float64]  # (N,) log-odds, finite
-    flip: NDArray[np.float64]  # (N,) misperception
-    direct: NDArray[np.bool_]  # (E,)
+    exact: NDArray[np.bool_]  # (E,) are its rows known, so that percepts seen tell nothing of them?
+    plain: bool  # are all rows known, and percepts never used up?
+    prior: NDArray[np.float64]  # (N,C) of the kinds, none of them 0
+    kinds: NDArray[np.float64]  # (N,C) Pr(kind | its truth)
     correct: float
     incorrect: float
+    additive: bool  # is a report paid by the share of attributes right?
     exit_value: NDArray[np.float64]  # (X,) of the cheapest illegal behavior, -inf where none
 
 
@@ -71,7 +73,12 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
                         branch_count[x, e] += 1
     ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
     exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
-    difference = np.abs(momdp.confusion[:, :, 1] - momdp.confusion[:, :, 0]).max(axis=-1)
+    fresh, n = _first_counts(momdp), len(momdp.query)
+    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
+    prior = (chance[:, :, None] * np.clip(momdp.kinds, 1e-12, 1.0)).reshape(n, -1)
+    counted = np.einsum(  # (N,E,2,U,U)
+        "nvj,nevjkl->nevkl", momdp.kinds, fresh.reshape(n, n_behaviors, 2, -1, *fresh.shape[3:])
+    )
     return Compiled(
         start=momdp.start,
         legal=legal,
@@ -84,24 +91,38 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         branch_sense=sense,
         confusion=momdp.confusion.copy(),
         precision=momdp.precision.copy(),
-        informative=difference > _INFORMATIVE,
-        fresh=_first_counts(momdp),
+        informative=_information(momdp) > _INFORMATIVE,
+        fresh=fresh,
+        affinity=np.log(np.sqrt(counted[:, :, 0] * counted[:, :, 1]).sum(axis=-1) + 1e-300),
         bonus=momdp.bonus.copy(),
         shaped=bool(momdp.bonus.any()),
         limit=momdp.limit.copy(),
-        tabled=bool(np.isinf(momdp.precision).all() and not momdp.misperception.any()),
-        prior=np.log(np.clip(momdp.prior, 1e-9, 1)) - np.log(np.clip(1 - momdp.prior, 1e-9, 1)),
-        flip=momdp.misperception.copy(),
-        direct=momdp.direct.copy(),
+        exact=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
+        plain=bool(np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()),
+        prior=prior / prior.sum(axis=1, keepdims=True),
+        kinds=momdp.kinds.reshape(n, -1).copy(),
         correct=float(momdp.correct),
         incorrect=float(momdp.incorrect),
+        additive=momdp.additive,
         exit_value=-exits if momdp.abstain else np.full(size, -np.inf),
     )
 
 
+def _information(momdp: MOMDP) -> NDArray[np.float64]:
+    """Mutual information of a percept and the kind of object at even odds of truth, bits, (N,E).
+
+    A percept that tells of the kind alone may make the next one worth more.
+    """
+    n, rows = len(momdp.query), momdp.confusion
+    share = 0.5 * momdp.kinds.reshape(n, 1, -1, 1)
+    mixed = (share * rows).sum(axis=2, keepdims=True)
+    ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
+    return np.asarray((share * rows * ratio).sum(axis=(2, 3)))
+
+
 def _first_counts(momdp: MOMDP) -> NDArray[np.float64]:
     """Beta-binomial (binomial, at infinite precision) counts of yes among the first percepts."""
-    yes = momdp.confusion[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,2)
+    yes = momdp.confusion[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,C)
     out = np.zeros((*yes.shape, _USES + 1, _USES + 1))
     out[..., 0, 0] = 1.0
     s = np.minimum(momdp.precision, 1e12)  # far beyond any count

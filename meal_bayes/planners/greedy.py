@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.open_loop import Moves, moves_of
+from meal_bayes.planners.plan_library import Moves, moves_of
 from meal_bayes.planners.solver import Decision, History
 
 
@@ -59,13 +59,14 @@ class GreedyPolicy:
 def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Mutual information of the next percept of each behavior and the attributes, bits, (E,)."""
     total = belief.seen.sum(axis=2)  # (N,E)
-    weight = total[..., None] / (momdp.precision + total[..., None])
+    trust = total[..., None] / (momdp.precision + total[..., None])  # (N,E,C)
     share = belief.seen / np.maximum(total, 1)[..., None]
-    rows = momdp.confusion + weight[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,2,K)
-    true = np.where(momdp.direct, belief.positive[:, None], belief.seeming[:, None])  # (N,E)
-    values = np.stack([1 - true, true], axis=-1)  # (N,E,2)
-    mixed = np.einsum("nev,nevk->nek", values, rows)
-    gain = _entropy(mixed) - np.einsum("nev,nev->ne", values, _entropy(rows))
+    rows = momdp.confusion + trust[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,C,K)
+    weight = np.exp(belief.weight)
+    joint = weight[:, None, :, None] * rows  # Pr(kind, level)
+    joint = joint.reshape(*total.shape, 2, -1, momdp.levels).sum(axis=3)  # Pr(truth, level)
+    true = weight.reshape(len(weight), 1, 2, -1).sum(axis=3)  # (N,1,2)
+    gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(*total.shape, -1))
     left = momdp.limit - total[0] > 0
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
 

@@ -4,9 +4,10 @@ What departs from textbook POMCP, each because the textbook fails here:
 
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief (N log-odds; percept counts along the path), no particles.
-- New nodes are valued by open-loop plans with exact error rates, not by random roll-outs: a lower
-  bound on what can be had there. (Nearly: under Eq. 8 errors are read off a table, to its
-  resolution, and on a diagram whose behaviors branch a plan follows the likeliest outcome.)
+- New nodes are not valued by random roll-outs. Where the marginals are the state (Eq. 8) and few
+  enough, the estimates of factored value iteration value them; everywhere else open-loop plans do,
+  with exact error rates: a lower bound that the search raises.
+  (Nearly, on a diagram whose behaviors branch: there a plan follows the likeliest outcome.)
 - Percepts are sampled to decide where the tree grows; values are backed up as exact expectations
   over an edge's outcomes (sampled ones beyond 64). Under finite precision the outcome
   probabilities are the Dirichlet-multinomial predictive: the average over object rows sampled from
@@ -14,6 +15,8 @@ What departs from textbook POMCP, each because the textbook fails here:
 """
 
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,14 +24,18 @@ import numpy as np
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, best_report, build_momdp, initial_belief, report_value
+from meal_bayes.momdp import MOMDP, build_momdp, initial_belief
+from meal_bayes.planners.bayes_error import lightly_optimized
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.leaf import Beliefs, Plans, lightly_optimized, room_for
-from meal_bayes.planners.open_loop import plans_for
-from meal_bayes.planners.search import ENUMERATE, SAMPLED, Tree, search
-from meal_bayes.planners.solver import Decision, History, TreeEdge
+from meal_bayes.planners.factored import Factored
+from meal_bayes.planners.factored_grid import Table, make_room
+from meal_bayes.planners.leaf import Plans, room_for
+from meal_bayes.planners.plan_library import no_plans, plans_for
+from meal_bayes.planners.search import ENUMERATE, SAMPLED, Leaf, Tree, search
+from meal_bayes.planners.solver import Decision, History, TreeEdge, choose
 
 _LOGGED = 40  # edges of the second level that a decision keeps
+_CHUNK = 8  # simulations between two looks at the clock, at first
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +44,42 @@ class POMCP:
 
     Raises
     ------
-    SettingsError : a negative number of simulations, or an exploration constant below 0.
+    SettingsError : a negative budget or exploration constant, or no room.
     """
 
-    simulations: int = 300  # a decision, at most; 0 is open-loop feedback control
-    exploration: float = 0.03  # UCB1's c, as a share of r+ - r-
+    simulations: int = 300  # a decision, at most
+    milliseconds: float | None = None  # of CPU a decision; then as many simulations as it takes
+    exploration: float = 0.03  # UCB1's c, as a share of r+ - r-; with a table at the leaf 0
     room: int = 4_000  # nodes; the search ends when they are used up
+    points: int = 50_000  # of a table at the leaf, at most; 0 = open-loop plans for every MOMDP
 
     def __post_init__(self) -> None:
-        if self.simulations < 0 or self.exploration < 0 or self.room < 1:
+        budget = self.simulations if self.milliseconds is None else self.milliseconds
+        if budget < 0 or self.exploration < 0 or self.room < 1 or self.points < 0:
             raise SettingsError(
-                f"POMCP needs simulations >= 0, exploration >= 0, room >= 1; found {self}."
+                f"POMCP needs a budget, exploration and points >= 0, and room >= 1; found {self}."
             )
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
-        """Prepare the leaf: the plan library of this MOMDP."""
+        """Prepare the leaf: a table over beliefs where one is near exact, or the plan library."""
         compile_kernels()
         return self._prepare(momdp)
 
     def _prepare(self, momdp: MOMDP) -> "POMCPPolicy":
         problem = compile_momdp(momdp)
-        return POMCPPolicy(momdp, self, problem, plans_for(problem))
+        table = self._table(momdp)
+        if table is not None:
+            return POMCPPolicy(momdp, self, problem, no_plans(problem), table)
+        return POMCPPolicy(momdp, self, problem, plans_for(problem), _no_table(momdp))
+
+    def _table(self, momdp: MOMDP) -> Table | None:
+        known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
+        if not self.points or not known or momdp.n_kinds > 2:  # noqa: PLR2004
+            return None
+        try:
+            return Factored(self.points).solve(momdp, np.random.default_rng(0)).near
+        except SettingsError:  # too many attributes, or shaping that promises without end
+            return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,52 +90,69 @@ class POMCPPolicy:
     settings: POMCP
     problem: Compiled
     plans: Plans
+    table: Table
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Search from the present belief and take the best lower bound."""
-        momdp, belief = self.momdp, history.belief
+        """Search from the present belief and take the best value."""
+        begin = time.thread_time()
+        momdp, belief, settings = self.momdp, history.belief, self.settings
         outcomes = float(momdp.levels) ** len(momdp.query)
         width = 2 * int(outcomes if outcomes <= ENUMERATE else SAMPLED) + 2
-        nodes = min(self.settings.room, (self.settings.simulations + 1) * width + 1)
-        tree = _room(nodes + width, len(momdp.query), momdp.n_behaviors)
-        work = room_for(self.problem)
-        work.told[:], work.felt[:] = belief.told, belief.felt
-        done = search(
-            self.problem,
-            self.plans,
-            tree,
-            work,
-            belief.x,
-            belief.seen.astype(np.float64),
-            belief.seen[0].sum(axis=1).astype(np.float64),
-            self.settings.simulations,
-            self.settings.exploration * float(momdp.correct - momdp.incorrect),
-            rng,
-        )
-        return _decision(self, history, tree, int(done))
+        nodes = settings.room
+        if settings.milliseconds is None:
+            nodes = min(nodes, (settings.simulations + 1) * width + 1)
+        tree = _room((nodes + width, *belief.weight.shape, momdp.n_behaviors))
+        work = room_for(self.problem, self.plans)
+        work.weight[:] = np.exp(belief.weight)
+        tree.size[0] = 0
+        tabled = len(self.table.value) > 0
+        exploration = 0.0 if tabled else settings.exploration
+        leaf = Leaf(self.plans, self.table, make_room(self.table, momdp.levels))
+
+        def grow(simulations: int) -> int:
+            made = search(
+                self.problem,
+                leaf,
+                tree,
+                work,
+                belief.x,
+                belief.seen.astype(np.float64),
+                simulations,
+                exploration * float(momdp.correct - momdp.incorrect),
+                rng,
+            )
+            return int(made)
+
+        if settings.milliseconds is None:
+            done = grow(settings.simulations)
+        else:
+            done = _within(begin + 1e-3 * settings.milliseconds, grow)
+        exit_value = float(self.problem.exit_value[belief.x])
+        action, values = choose(momdp, belief, tree.edge_value[0], exit_value)
+        visits = np.append(tree.edge_visits[0], tree.visits[0] - tree.edge_visits[0].sum())
+        exact = np.where(np.isnan(values), np.nan, 0.0)
+        exact[:-1][tree.edge_visits[0] > 0] = _spread(tree)[tree.edge_visits[0] > 0]
+        return Decision(action, values, exact, visits, _top(tree), done)
 
 
-def _decision(policy: POMCPPolicy, history: History, tree: Tree, done: int) -> Decision:
-    momdp = policy.momdp
-    values = np.append(tree.edge_value[0], tree.stop[0])
-    values[np.isneginf(values)] = np.nan
-    visits = np.append(tree.edge_visits[0], tree.visits[0] - tree.edge_visits[0].sum())
-    action, best = momdp.n_behaviors, int(np.nanargmax(values))
-    if best < momdp.n_behaviors and values[best] > values[-1]:
-        action = best
-    else:
-        action = _ending(float(policy.problem.exit_value[history.belief.x]), momdp, history)
-    exact = np.where(np.isnan(values), np.nan, 0.0)
-    exact[:-1][tree.edge_visits[0] > 0] = _spread(tree)[tree.edge_visits[0] > 0]
-    return Decision(action, values, exact, visits, _top(tree), done)
+def _within(end: float, grow: Callable[[int], int]) -> int:
+    """Grow a tree until this thread's CPU clock shows `end`, s; return the simulations made."""
+    begin, done, chunk = time.thread_time(), 0, _CHUNK
+    while True:
+        made = grow(chunk)
+        done += made
+        now = time.thread_time()
+        left = int(0.9 * (end - now) * done / max(now - begin, 1e-9))
+        if made < chunk or left < 1:
+            return done
+        chunk = min(left, 4 * chunk)
 
 
-def _ending(exit_value: float, momdp: MOMDP, history: History) -> int:
-    """Take the best report, or the cheapest illegal behavior if worth more (abstaining)."""
-    if exit_value <= report_value(momdp, history.belief):
-        return best_report(momdp, history.belief)
-    costs = np.where(momdp.legal[history.belief.x], np.inf, momdp.cost)
-    return int(costs.argmin())
+def _no_table(momdp: MOMDP) -> Table:
+    value = np.zeros((0, 0), np.float32)
+    value.setflags(write=False)
+    n, e = len(momdp.query), momdp.n_behaviors
+    return Table(np.ones(n, np.int64), np.ones((n, 1)), np.zeros((n, e), np.bool_), value)
 
 
 def _spread(tree: Tree) -> np.ndarray:
@@ -138,6 +177,8 @@ def _top(tree: Tree) -> tuple[TreeEdge, ...]:
     for parent, edge in enumerate(edges):
         first = int(tree.children[0, edge.action])
         for child in range(first, first + int(tree.child_count[0, edge.action])):
+            if not tree.visits[child]:  # never opened, so without edges
+                continue
             levels = tuple(int(z) for z in tree.levels[child] if z >= 0)
             for a in np.flatnonzero(tree.edge_visits[child]):
                 visits, value = int(tree.edge_visits[child, a]), float(tree.edge_value[child, a])
@@ -149,21 +190,21 @@ def _top(tree: Tree) -> tuple[TreeEdge, ...]:
 _rooms = threading.local()  # each thread searches in its own
 
 
-def _room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
+def _room(size: tuple[int, ...]) -> Tree:
     """Give room for one search; reused, as allocating it costs more than a short search."""
-    size, tree = getattr(_rooms, "last", (None, None))
-    if tree is None or size != (nodes, n_attributes, n_behaviors):
-        tree = _new_room(nodes, n_attributes, n_behaviors)
-        _rooms.last = (nodes, n_attributes, n_behaviors), tree
+    held, tree = getattr(_rooms, "last", (None, None))
+    if tree is None or held != size:
+        tree = _new_room(*size)
+        _rooms.last = size, tree
     return tree
 
 
-def _new_room(nodes: int, n_attributes: int, n_behaviors: int) -> Tree:
+def _new_room(nodes: int, n_attributes: int, n_kinds: int, n_behaviors: int) -> Tree:
     edges = (nodes, n_behaviors)
     return Tree(
         size=np.zeros(1, np.int64),
         x=np.empty(nodes, np.int64),
-        beliefs=Beliefs(np.empty((nodes, n_attributes)), np.empty((nodes, n_attributes))),
+        weight=np.empty((nodes, n_attributes, n_kinds)),
         value=np.empty(nodes),
         stop=np.empty(nodes),
         visits=np.empty(nodes, np.int64),
@@ -189,3 +230,4 @@ def compile_kernels() -> None:
         rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
         momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
         POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
+        plans_for(compile_momdp(momdp))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
 
 
 class TreeEdge(NamedTuple):
@@ -72,3 +72,28 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
     """Make the decision of a policy that compares nothing."""
     nothing = np.full(momdp.n_behaviors + 1, np.nan)
     return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1, dtype=np.int64))
+
+
+def choose(
+    momdp: MOMDP, belief: Belief, values: NDArray[np.float64], exit_value: float
+) -> tuple[int, NDArray[np.float64]]:
+    """Take the most valuable behavior, or end where none is worth more than that.
+
+    Parameters
+    ----------
+    momdp, belief : the problem and the present belief.
+    values : (E,) of the behaviors, -inf where not legal.
+    exit_value : of the cheapest illegal behavior; -inf where a planner may not abstain by it.
+
+    Returns
+    -------
+    The action, and the values (E+1,) of all behaviors (nan for -inf) and of ending.
+    """
+    stop = report_value(momdp, belief)
+    best = int(values.argmax())
+    every = np.append(np.where(np.isneginf(values), np.nan, values), max(stop, exit_value))
+    if values[best] > every[-1]:
+        return best, every
+    if exit_value <= stop:
+        return best_report(momdp, belief), every
+    return int(np.where(momdp.legal[belief.x], np.inf, momdp.cost).argmin()), every

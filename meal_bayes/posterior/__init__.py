@@ -1,18 +1,47 @@
 """Belief about the confusion matrices Theta.
 
 In: confusion counts, of all objects together or object by object. Out: `ConfusionPosterior`, whose
-`select` hands the two arrays (mean rows and their precision) of a query to the planning half.
+`select` hands the two arrays (mean rows and their precision) of a query to the planning half, and
+`SharedDegree`, how all percepts of one object err together.
+
+What draws, checks and saves has modules of its own, loaded when they are used: `draws`, `checks`,
+`hierarchical` (PyMC), `idata` (ArviZ).
 """
 
+from typing import TYPE_CHECKING
+
+from meal_bayes.posterior.degree import SharedDegree, learn_degree, truth_evidence
 from meal_bayes.posterior.dependence import log_likelihood, misperception
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
 from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
 
+if TYPE_CHECKING:
+    from meal_bayes.posterior.draws import Draws, draw_grid
+    from meal_bayes.posterior.hierarchical import fit_hierarchical
+
 __all__ = [
     "ConfusionPosterior",
     "DispersionFit",
+    "Draws",
+    "SharedDegree",
+    "draw_grid",
     "fit_dispersion",
+    "fit_hierarchical",
+    "learn_degree",
     "log_likelihood",
     "misperception",
     "row_precision",
+    "truth_evidence",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name in ("Draws", "draw_grid"):
+        from meal_bayes.posterior import draws  # noqa: PLC0415
+
+        return getattr(draws, name)
+    if name == "fit_hierarchical":
+        from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+
+        return fit_hierarchical
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,8 +11,15 @@ which is linear in the tail counts. So one matrix product scores a whole grid of
 the numbers of recordings, for all rows of all held-out folds at once.
 
 The attributes of a behavior share what they say, for each truth alone: of s by ln s ~
-Normal(mu, tau) over them, mu and tau integrated out on a grid; of m by a common Dirichlet prior
-w mu, learned by its marginal likelihood. Pairs that say nothing (TPR <= FPR) have no vote.
+Normal(mu, tau) over them, mu and tau integrated out on a grid; of m, for yes/no, by a common
+Dirichlet prior w mu, learned by its marginal likelihood. Pairs that say nothing (TPR <= FPR) have
+no vote.
+
+Graded percepts (K > 2) share more than that: a level is a range of class-balanced log-odds, so it
+speaks about equally strongly whatever the behavior and attribute. The prior of their rows is the
+pair's own use of the levels, tilted to either truth by what each level is worth over all pairs, at
+the weight of 32 percepts: of the powers of two, the one by which the rows learned without an object
+predict its percepts best (ROC36 and ISPY32 32, CY101 128, flat around).
 """
 
 from typing import NamedTuple
@@ -28,6 +35,7 @@ Array = NDArray[np.float64]
 PRIOR_WEIGHT = 2.0  # of a row before any percept: 1 a cell for yes/no
 _GRID = np.geomspace(0.05, 1000.0, 29)  # of s; at 1000 ten percepts are as good as independent
 _TAU = np.array([0.25, 0.5, 1.0, 2.0])  # spread of ln s over attributes, half-normal(1) a priori
+_GRADED = 32.0  # weight of the prior of m where percepts are graded
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; ln w ~ Normal(ln 2, 1) a priori
 _CENTER = 1.5  # log-odds about which the points of m spread out
 _BLOCK = 4_000_000  # grid points scored at a time, 32 MB
@@ -83,7 +91,8 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
     if prior is None:
         flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
         _, s = _posterior(_approximate(rows, flat), votes)
-        alpha = _learn_prior(_effective(rows, s).reshape(*shape, levels), votes)
+        learn = _learn_prior if levels == 2 else _graded_prior  # noqa: PLR2004
+        alpha = learn(_effective(rows, s).reshape(*shape, levels), votes)
     else:
         alpha = np.asarray(prior, dtype=float)
     alpha = np.broadcast_to(alpha, (*shape, levels)).reshape(-1, levels)
@@ -236,3 +245,20 @@ def _learn_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:
     score = (score * asked).sum(axis=-4, keepdims=True)  # (...,1,E,2,W)
     score -= 0.5 * np.log(_WEIGHTS / PRIOR_WEIGHT) ** 2
     return np.asarray(_WEIGHTS[score.argmax(axis=-1)][..., None] * mean)
+
+
+def _graded_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:
+    """Make the Dirichlet prior of graded rows, (...,P,E,2,K), from effective counts.
+
+    With q the balanced mean of a pair's two rows and r_k the ratio in which true and false objects
+    show level k, over all pairs that say something: 2 q_k r_k / (1 + r_k) and 2 q_k / (1 + r_k).
+    Pairs have the weight of their rarer truth.
+    """
+    levels, n = effective.shape[-1], effective.sum(axis=-1, keepdims=True)
+    rows = (1 / levels + effective) / (1 + n)
+    vote = n.min(axis=-2, keepdims=True) * votes[..., None, None]
+    pooled = (rows * vote).sum(axis=(-4, -3), keepdims=True) + 1 / levels  # (...,1,1,2,K)
+    worth = np.log(pooled[..., 1:, :]) - np.log(pooled[..., :1, :])
+    used = rows.mean(axis=-2, keepdims=True)
+    prior = np.concatenate([used * expit(-worth), used * expit(worth)], axis=-2)
+    return np.asarray(_GRADED * prior / prior.sum(axis=-1, keepdims=True))

@@ -4,6 +4,8 @@ In: `Trial`s and a header that says what the run was. Out: one file a unit of wo
 runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked.
 """
 
+from meal_bayes.trial_log.follow import Follower
+from meal_bayes.trial_log.logs import Logs, log_files
 from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_trials
 from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
@@ -12,10 +14,13 @@ from meal_bayes.trial_log.writer import TrialWriter, write_trials
 __all__ = [
     "ACTIVE",
     "FORMAT_VERSION",
+    "Follower",
     "LogInfo",
     "LogReport",
+    "Logs",
     "TrialWriter",
     "check_log",
+    "log_files",
     "log_info",
     "read_header",
     "read_trials",

@@ -38,7 +38,7 @@ FAULTS = (
 )
 FOOTER_SIZE = 29  # bytes of the footer record
 
-_HEAD = struct.Struct("<BQ")  # opcode, length
+HEAD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE_HEAD = 22  # bytes of a message record before its data
 _CHANNEL_ID = struct.Struct("<H")
 _CRC = struct.Struct("<I")
@@ -67,7 +67,7 @@ def read_records(file: BinaryIO, size: int) -> Iterator[Record]:
     while True:
         offset = file.tell()
         record = _next_record(file, size)
-        head = _HEAD.pack(record.opcode, len(record.content))
+        head = HEAD.pack(record.opcode, len(record.content))
         if record.opcode == Opcode.DATA_END:
             _compare("data section", crc, _CRC.unpack(record.content)[0])
             crc, summary_start = 0, file.tell()
@@ -92,7 +92,7 @@ def read_summary(file: BinaryIO, size: int) -> Iterator[Record]:
     crc = 0
     while True:
         record = _next_record(file, size)
-        head = _HEAD.pack(record.opcode, len(record.content))
+        head = HEAD.pack(record.opcode, len(record.content))
         if record.opcode == Opcode.FOOTER:
             _check_end(file, record, zlib.crc32(head, crc), start)
             return
@@ -105,8 +105,8 @@ def chunk_messages(content: bytes, channels: dict[int, str]) -> Iterator[tuple[s
     data = _unpack(Chunk.read(_stream(content)))
     position = 0
     while position < len(data):
-        opcode, length = _HEAD.unpack_from(data, position)
-        begin, position = position + _HEAD.size, position + _HEAD.size + length
+        opcode, length = HEAD.unpack_from(data, position)
+        begin, position = position + HEAD.size, position + HEAD.size + length
         if position > len(data):
             raise LogCorruptError(f"a record of {length} bytes does not fit into its chunk")
         if opcode == Opcode.MESSAGE:
@@ -125,10 +125,10 @@ def chunk_messages(content: bytes, channels: dict[int, str]) -> Iterator[tuple[s
 
 def _next_record(file: BinaryIO, size: int) -> Record:
     offset = file.tell()
-    head = file.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    head = file.read(HEAD.size)
+    if len(head) < HEAD.size:
         raise LogCorruptError(f"the file ends after {size} bytes, without its closing records")
-    opcode, length = _HEAD.unpack(head)
+    opcode, length = HEAD.unpack(head)
     if length > min(RECORD_LIMIT, size - file.tell()):
         raise LogCorruptError(f"the file ends inside a record of {length} bytes at byte {offset}")
     content = file.read(length)

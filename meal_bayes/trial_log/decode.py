@@ -149,6 +149,9 @@ def _momdp(message: Any) -> MOMDP:
     n, e, x = (len(column) for column in names)
     if not all(0 < count <= NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
+    counts = _array(message.counts, (n, e, 2, -1)) if message.counts else None
+    kinds = _array(message.kinds, (n, 2, -1))
+    c = 2 * kinds.shape[2]
     return MOMDP(
         query=Query(tuple(message.attributes)),
         x_names=tuple(message.x_names),
@@ -157,18 +160,19 @@ def _momdp(message: Any) -> MOMDP:
         transition=_array(message.transition, (e, x, x)),
         informative=_array(message.informative, (e, x, x)),
         legal=_array(message.legal, (x, e), np.bool_),
-        confusion=_array(message.confusion, (n, e, 2, -1)),
-        precision=_array(message.precision, (n, e, 2)),
+        confusion=_array(message.confusion, (n, e, c, -1)),
+        precision=_array(message.precision, (n, e, c)),
         prior=_array(message.prior, (n,)),
         cost=_array(message.cost, (e,)),
         correct=message.correct,
         incorrect=message.incorrect,
         bonus=_array(message.bonus, (n, e, 2)),
         limit=_array(message.limit, (e,)),
-        misperception=_array(message.misperception, (n,)),
-        direct=_array(message.direct, (e,), np.bool_),
+        kinds=kinds,
         discount=message.discount,
         abstain=message.abstain,
+        additive=message.additive,
+        counts=counts,  # type: ignore[arg-type]  # zeros by default
     )
 
 
@@ -177,7 +181,7 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     if order != [(begin.trial, index) for index in range(outcome.steps)]:
         raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-    belief = _belief(begin, nothing, momdp.misperception)
+    belief = _belief(begin, nothing)
     first, steps = belief, list[Step]()
     for message in messages:
         steps.append(_step(message, momdp, belief))
@@ -203,11 +207,10 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     return trial
 
 
-def _belief(message: Any, replayed: NDArray[Any], misperception: NDArray[Any]) -> Belief:
+def _belief(message: Any, replayed: NDArray[Any]) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
-    told, felt = (np.array(list(odds), dtype=np.float64) for odds in (message.told, message.felt))
-    return Belief(message.belief_x, told, seen, felt, misperception)
+    return Belief(message.belief_x, _array(message.weight, (len(replayed), -1)), seen)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
@@ -238,7 +241,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         observation=freeze(levels, np.int8) if levels else None,
         cost=message.cost,
         reward=message.reward,
-        belief=_belief(message, seen, momdp.misperception),
+        belief=_belief(message, seen),
     )
 
 

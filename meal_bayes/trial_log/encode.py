@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError
-from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import TreeEdge
+from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     FORMAT_VERSION,
     LINES,
     MESSAGE_LIMIT,
     OUTCOME,
+    PICTURES,
     STEP,
     TRIAL,
     TRIAL_LIMIT,
+    ImageMessage,
     LogMessage,
     MomdpMessage,
     OutcomeMessage,
@@ -34,7 +37,7 @@ from meal_bayes.trial_log.shapes import misfit
 _SHOWN = 6  # attributes in a line of text
 _INFO = 2  # the level of foxglove.Log
 _ARRAYS = ("transition", "informative", "legal", "confusion", "precision")
-_VECTORS = ("prior", "cost", "bonus", "limit", "misperception", "direct")
+_VECTORS = ("prior", "kinds", "cost", "bonus", "limit")
 
 
 class Packed(NamedTuple):
@@ -75,9 +78,16 @@ def encode_momdp(momdp: MOMDP) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
+            additive=momdp.additive,
+            counts=_counts(momdp),
             **fields,
         )
     )
+
+
+def _counts(momdp: MOMDP) -> list[float]:
+    """Percepts behind the rows; nothing is written where there are none."""
+    return momdp.counts.ravel().tolist() if momdp.counts.any() else []
 
 
 def numbered(number: int, momdp: bytes) -> bytes:
@@ -86,8 +96,16 @@ def numbered(number: int, momdp: bytes) -> bytes:
     return prefix + momdp
 
 
-def encode_trial(trial: Trial, number: int, momdp: int, momdp_digest: bytes) -> list[Packed]:
+def encode_trial(
+    trial: Trial,
+    number: int,
+    momdp: int,
+    momdp_digest: bytes,
+    pictures: ConfusionPictures | None = None,
+) -> list[Packed]:
     """Pack a trial; its MOMDP is the file's number `momdp`.
+
+    Where another behavior is done than the step before, its picture comes along, for other tools.
 
     Raises
     ------
@@ -98,9 +116,8 @@ def encode_trial(trial: Trial, number: int, momdp: int, momdp_digest: bytes) -> 
         raise LogError(f"Trial {number} cannot be logged: {problem}.")
     start = _bytes(_start(trial, number, momdp))
     seen = _seen_beside_replay(trial)
-    odds = np.array([step.belief.log_odds for step in trial.steps]).reshape(-1, len(trial.truth))
-    positive = _probabilities(odds)
-    packed, steps = [Packed(TRIAL, log_time(number, 0), start)], list[bytes]()
+    positive = _positive([step.belief for step in trial.steps])
+    packed, steps, shown = [Packed(TRIAL, log_time(number, 0), start)], list[bytes](), -1
     for index, step in enumerate(trial.steps):
         belief = positive[index].tolist()
         data = _bytes(_step(step, trial.momdp, number, index, belief, seen.get(index, [])))
@@ -108,6 +125,11 @@ def encode_trial(trial: Trial, number: int, momdp: int, momdp_digest: bytes) -> 
         steps.append(data)
         packed.append(Packed(STEP, time, data))
         packed.append(Packed(LINES, time, _line(trial, step, number, index, belief, time)))
+        action = step.decision.action
+        if pictures is not None and action != shown and action < trial.momdp.n_behaviors:
+            picture = pictures.of(trial.momdp, momdp, action)
+            packed.append(Packed(PICTURES, time, _timed(picture, time)))
+            shown = action
     outcome = _outcome(trial, number)
     outcome.digest = trial_digest(momdp_digest, start, steps, outcome)
     packed.append(Packed(OUTCOME, log_time(number, len(steps) + 1), _bytes(outcome)))
@@ -127,9 +149,14 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
-def _probabilities(log_odds: NDArray[np.float64]) -> NDArray[np.float64]:
-    with np.errstate(over="ignore"):
-        return np.asarray(1.0 / (1.0 + np.exp(-log_odds)))
+def _positive(beliefs: list[Belief]) -> NDArray[np.float64]:
+    """Pr(attribute is true) of all beliefs at once, (T,N)."""
+    if not beliefs:
+        return np.zeros((0, 0))
+    false, true = np.split(np.array([belief.weight for belief in beliefs]), 2, axis=2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        against = np.logaddexp.reduce(false, axis=2) - np.logaddexp.reduce(true, axis=2)
+        return np.asarray(1.0 / (1.0 + np.exp(against)))
 
 
 def _start(trial: Trial, number: int, momdp: int) -> Any:
@@ -145,9 +172,8 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         key=json.dumps([part if isinstance(part, str) else int(part) for part in task.key]),
         truth=trial.truth.tolist(),
         belief_x=first.x,
-        told=first.told.tolist(),
-        felt=first.felt.tolist(),
-        positive=_probabilities(first.log_odds).tolist(),
+        weight=first.weight.ravel().tolist(),
+        positive=_positive([first])[0].tolist(),
         seen=first.seen.ravel().tolist() if first.seen.any() else [],
     )
 
@@ -190,8 +216,7 @@ def _step(
         visits=decision.visits.tolist(),
         simulations=decision.simulations,
         belief_x=step.belief.x,
-        told=step.belief.told.tolist(),
-        felt=step.belief.felt.tolist(),
+        weight=step.belief.weight.ravel().tolist(),
         positive=positive,
         seen=seen,
         **_tree(decision.tree),
@@ -222,6 +247,14 @@ def _outcome(trial: Trial, number: int) -> Any:
         cost=trial.cost,
         reward=trial.reward,
     )
+
+
+def _timed(picture: bytes, time: int) -> bytes:
+    """Give a packed picture its time (protobuf messages join by concatenation)."""
+    stamp = ImageMessage()
+    stamp.timestamp.seconds = time // 1_000_000_000
+    prefix: bytes = stamp.SerializeToString()
+    return prefix + picture
 
 
 def _line(

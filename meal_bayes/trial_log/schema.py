@@ -10,13 +10,14 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 PROFILE = "meal_bayes"  # the profile of the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
 END = "end"  # metadata record behind the last trial: counts and a digest of all trials
 
-RUN, MOMDPS, TRIAL, STEP, OUTCOME, LINES = "/run", "/momdp", "/trial", "/step", "/outcome", "/log"
+RUN, MOMDPS, TRIAL, STEP, OUTCOME = "/run", "/momdp", "/trial", "/step", "/outcome"
+LINES, PICTURES = "/log", "/confusion"  # for other tools; reading takes nothing from them
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
 MESSAGE_LIMIT = 8 << 20  # bytes of one message
@@ -29,7 +30,7 @@ _SECOND = 1_000_000_000  # ns
 _TRIAL_SPAN = 1000  # s between the starts of two trials on the log's clock
 
 # A star marks a list; lists of more than one dimension are flat, in C order.
-_BELIEF = "belief_x:int64 told:double* felt:double* positive:double* seen:int64*"
+_BELIEF = "belief_x:int64 weight:double* positive:double* seen:int64*"
 _TREE = (
     "tree_level:int64* tree_parent:int64* tree_action:int64* tree_visits:int64* "
     "tree_value:double* tree_observation_size:int64* tree_observation:int64*"
@@ -40,7 +41,7 @@ _FIELDS = {
         "id:int64 attributes:string* x_names:string* behavior_names:string* start:int64 "
         "transition:double* informative:double* legal:bool* confusion:double* precision:double* "
         "prior:double* cost:double* correct:double incorrect:double bonus:double* limit:double* "
-        "discount:double abstain:bool misperception:double* direct:bool*"
+        "discount:double abstain:bool kinds:double* additive:bool counts:double*"
     ),
     "Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
@@ -76,32 +77,64 @@ def _own_file() -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
-def _log_file() -> descriptor_pb2.FileDescriptorProto:
-    """Describe foxglove.Log, which viewers show as lines of text without being told how."""
+def _foxglove_file(
+    name: str, fields: dict[str, tuple[int, str]], levels: tuple[str, ...] = ()
+) -> descriptor_pb2.FileDescriptorProto:
+    """Describe a message of foxglove's, which viewers show without being told how.
+
+    Parameters
+    ----------
+    fields : by name their number and kind.
+    levels : names of the values of the enum Level.
+    """
     kinds = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(
-        name="foxglove/Log.proto",
+        name=f"foxglove/{name}.proto",
         package="foxglove",
         syntax="proto3",
         dependency=["google/protobuf/timestamp.proto"],
     )
-    message = file.message_type.add(name="Log")
-    level = message.enum_type.add(name="Level")
-    for number, name in enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")):
-        level.value.add(name=name, number=number)
+    message = file.message_type.add(name=name)
+    if levels:
+        level = message.enum_type.add(name="Level")
+        for number, word in enumerate(levels):
+            level.value.add(name=word, number=number)
     named = {
-        "timestamp": (kinds.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
-        "level": (kinds.TYPE_ENUM, ".foxglove.Log.Level"),
-        "message": (kinds.TYPE_STRING, None),
-        "name": (kinds.TYPE_STRING, None),
-        "file": (kinds.TYPE_STRING, None),
-        "line": (kinds.TYPE_FIXED32, None),
+        "time": (kinds.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
+        "level": (kinds.TYPE_ENUM, f".foxglove.{name}.Level"),
+        "string": (kinds.TYPE_STRING, None),
+        "fixed32": (kinds.TYPE_FIXED32, None),
+        "bytes": (kinds.TYPE_BYTES, None),
     }
-    for number, (field, (kind, type_name)) in enumerate(named.items(), start=1):
+    for field, (number, kind) in fields.items():
+        code, type_name = named[kind]
         message.field.add(
-            name=field, number=number, type=kind, type_name=type_name, label=kinds.LABEL_OPTIONAL
+            name=field, number=number, type=code, type_name=type_name, label=kinds.LABEL_OPTIONAL
         )
     return file
+
+
+_LOG_FILE = _foxglove_file(
+    "Log",
+    {
+        "timestamp": (1, "time"),
+        "level": (2, "level"),
+        "message": (3, "string"),
+        "name": (4, "string"),
+        "file": (5, "string"),
+        "line": (6, "fixed32"),
+    },
+    ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
+)
+_IMAGE_FILE = _foxglove_file(
+    "CompressedImage",
+    {
+        "timestamp": (1, "time"),
+        "data": (2, "bytes"),
+        "format": (3, "string"),
+        "frame_id": (4, "string"),
+    },
+)
 
 
 def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
@@ -112,7 +145,7 @@ def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
 
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_timestamp_file(), _log_file(), _own_file()):
+for _file in (_timestamp_file(), _LOG_FILE, _IMAGE_FILE, _own_file()):
     _POOL.Add(_file)
 
 
@@ -126,6 +159,7 @@ TrialMessage = _message_class("meal_bayes.Trial")
 StepMessage = _message_class("meal_bayes.Step")
 OutcomeMessage = _message_class("meal_bayes.Outcome")
 LogMessage = _message_class("foxglove.Log")
+ImageMessage = _message_class("foxglove.CompressedImage")
 
 
 def channels() -> Iterator[tuple[str, str, bytes]]:
@@ -133,8 +167,12 @@ def channels() -> Iterator[tuple[str, str, bytes]]:
     own = descriptor_pb2.FileDescriptorSet(file=[_own_file()]).SerializeToString()
     for topic, name in _TOPICS.items():
         yield topic, f"meal_bayes.{name}", own
-    both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _log_file()])
-    yield LINES, "foxglove.Log", both.SerializeToString()
+    for topic, name, file in (
+        (LINES, "Log", _LOG_FILE),
+        (PICTURES, "CompressedImage", _IMAGE_FILE),
+    ):
+        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), file])
+        yield topic, f"foxglove.{name}", both.SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:

@@ -39,10 +39,9 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     n, e = len(momdp.query), momdp.n_behaviors
     if not 0 <= belief.x < len(momdp.x_names):
         yield f"{where} is in x {belief.x}, expected 0 to {momdp.terminal}"
-    for name in ("told", "felt", "misperception"):
-        found = getattr(belief, name).shape
-        if found != (n,):
-            yield f"{where} has {name} of shape {found}, expected {(n,)}"
+    kinds = (n, momdp.kinds.shape[1] * momdp.kinds.shape[2])
+    if belief.weight.shape != kinds:
+        yield f"{where} has weight of shape {belief.weight.shape}, expected {kinds}"
     if belief.seen.shape != (n, e, momdp.levels):
         found = belief.seen.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"

@@ -16,6 +16,7 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.encode import digest, encode_momdp, encode_trial, numbered
+from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
@@ -64,6 +65,7 @@ class TrialWriter:
         self._timing: TextIO | None = None
         self._trials = self._steps = self._momdps = 0
         self._chain = b""
+        self._pictures = ConfusionPictures()
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
         self._last: tuple[MOMDP, _Placed] | None = None
         self._torn = False  # a write was broken off: what follows could not be read
@@ -108,7 +110,7 @@ class TrialWriter:
         number = self._trials
         try:
             placed, momdp = self._place(trial.momdp)
-            packed = encode_trial(trial, number, placed.number, placed.digest)
+            packed = encode_trial(trial, number, placed.number, placed.digest, self._pictures)
         except (TypeError, ValueError, OverflowError) as fault:
             raise LogError(f"Trial {number} cannot be logged: {fault}.") from fault
         self._torn = True

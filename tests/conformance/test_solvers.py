@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
+from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import (
     POMCP,
@@ -17,6 +18,9 @@ from meal_bayes.planners import (
     RandomLegal,
     Solver,
 )
+from meal_bayes.planners.factored import Factored
+from meal_bayes.planners.open_loop import OpenLoop
+from meal_bayes.planners.pbvi import PBVI
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
@@ -30,17 +34,35 @@ def solvers(domain: Domain) -> list[Solver]:
         Predefined(sequence),
         Predefined(sequence, persistent=True),
         Greedy(),
+        OpenLoop(),
         POMCP(0),
         POMCP(12),
+        POMCP(12, points=0),
     ]
 
 
-def momdp_of(domain: Domain, n: int, levels: int, seed: int, **options: object) -> MOMDP:
+def offline_solvers() -> list[Solver]:
+    """Those that solve for all beliefs beforehand: known rows, one kind of object a truth."""
+    return [PBVI(points=40, rounds=2, sweeps=30, trials=30, steps=20), Factored(points=2000)]
+
+
+def momdp_of(
+    domain: Domain, n: int, levels: int, seed: int, *, kinds: int = 1, **options: object
+) -> MOMDP:
     rng, e = np.random.default_rng(seed), len(domain.behaviors)
-    confusion = rng.dirichlet(np.ones(levels), (n, e, 2))
+    confusion = rng.dirichlet(np.ones(levels), (n, e, 2 * kinds))
     chosen = rng.permutation(len(domain.attributes))[:n]
     query = Query(tuple(domain.attributes[i] for i in chosen))
-    return build_momdp(domain, query, confusion, **options)
+    shares = rng.dirichlet(np.ones(kinds), (n, 2))
+    return build_momdp(domain, query, confusion, kinds=shares, **options)
+
+
+def mistaken(domain: Domain, rows: np.ndarray, error: float, **options: object) -> MOMDP:
+    """Of the objects, a share `error` seem to have the other value; rows (2,K) of the others."""
+    confusion = np.tile(rows[[0, 1, 1, 0]], (2, len(domain.behaviors), 1, 1))
+    kinds = np.tile([1 - error, error], (2, 2, 1))
+    query = Query(domain.attributes[:2])
+    return build_momdp(domain, query, confusion, kinds=kinds, **options)
 
 
 def equal(one: Decision, other: Decision) -> bool:
@@ -107,11 +129,8 @@ def possible_percept(
     belief = history.belief
     if belief.seen[0, action].sum() >= momdp.limit[action]:
         return None
-    levels = []
-    for i, b in enumerate(belief.positive if momdp.direct[action] else belief.seeming):
-        row = (1 - b) * momdp.confusion[i, action, 0] + b * momdp.confusion[i, action, 1]
-        levels.append(int(rng.choice(np.flatnonzero(row > 0))))
-    return np.array(levels)
+    rows = np.einsum("nc,nck->nk", np.exp(belief.weight), momdp.confusion[:, action])
+    return np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
 
 
 def cases() -> list[pytest.ParameterSet]:
@@ -126,10 +145,30 @@ def cases() -> list[pytest.ParameterSet]:
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
 def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
     domain = load_domain(name)
+    hard = {"precision": 4.0, "kinds": 2, "discount": 1.0, "additive": True}
     for seed, solver in enumerate(solvers(domain)):
-        both = {"precision": 4.0, "misperception": 0.03, "discount": 1.0}, {}
-        options = both[seed % 2] | {"abstain": seed % 3 == 0, "limit": LIMIT, "prior": 0.3}
-        walk(momdp_of(domain, n, levels, seed, **options), solver, seed)
+        for options in (
+            (hard, {}) if isinstance(solver, POMCP | OpenLoop) else ((hard, {})[seed % 2],)
+        ):
+            both = options | {"abstain": seed % 3 == 0, "limit": LIMIT, "prior": 0.3}
+            walk(momdp_of(domain, n, levels, seed, **both), solver, seed)
+
+
+@pytest.mark.parametrize(("name", "n", "levels"), cases())
+def test_offline_solvers(name: str, n: int, levels: int) -> None:
+    domain = load_domain(name)
+    for seed, solver in enumerate(offline_solvers()):
+        for abstain in (False, True):
+            options = {"abstain": abstain, "limit": (LIMIT, np.inf)[abstain], "prior": 0.3}
+            walk(momdp_of(domain, n, levels, seed, **options), solver, seed)
+
+
+@pytest.mark.parametrize("options", [{"precision": 4.0}, {"kinds": 2}, {"kinds": 3, "limit": 2}])
+def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]) -> None:
+    momdp = momdp_of(load_domain("toy"), 2, 2, 0, **options)
+    for solver in offline_solvers():
+        with pytest.raises(SettingsError, match=r"kind.* POMCP"):
+            solver.solve(momdp, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("abstain", [False, True])
@@ -146,14 +185,14 @@ def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
         momdp = build_momdp(
             domain, query, confusion, precision, prior=prior, limit=LIMIT, abstain=abstain
         )
-        for seed, solver in enumerate(solvers(domain)):
+        known = np.isinf(precision)
+        for seed, solver in enumerate([*solvers(domain), *offline_solvers() * bool(known)]):
             walk(momdp, solver, seed, steps=6)
 
 
-def test_deciding_percepts_under_misperception() -> None:
+def test_deciding_percepts_of_objects_that_may_deceive() -> None:
     domain = load_domain("toy")
-    deciding = np.tile(np.eye(2), (2, len(domain.behaviors), 1, 1))
-    momdp = build_momdp(domain, Query(domain.attributes), deciding, misperception=0.05)
+    momdp = mistaken(domain, np.eye(2), 0.05)
     for seed, solver in enumerate(solvers(domain)):
         walk(momdp, solver, seed, steps=6)
 
@@ -161,7 +200,7 @@ def test_deciding_percepts_under_misperception() -> None:
 def test_certain_reports_are_right() -> None:
     domain = load_domain("roc36")
     momdp = momdp_of(domain, 3, 2, 0, prior=[1.0, 0.0, 1.0], abstain=True, limit=LIMIT)
-    for solver in (Greedy(), POMCP(0), POMCP(12)):
+    for solver in (Greedy(), OpenLoop(), POMCP(0), POMCP(12), *offline_solvers()):
         rng = np.random.default_rng(0)
         action = solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng).action
         assert action == momdp.n_behaviors + 0b101
@@ -179,7 +218,7 @@ def test_used_up_recordings(name: str) -> None:
             rng = np.random.default_rng(4)
             decision = solver.solve(momdp, rng).decide(history, rng)
             check(momdp, history, decision)
-            if isinstance(solver, Greedy | POMCP):
+            if isinstance(solver, Greedy | OpenLoop | POMCP):
                 assert decision.action >= momdp.n_behaviors
 
 
@@ -234,5 +273,5 @@ def test_shaped_rewards() -> None:
     domain = load_domain("roc36")
     momdp = momdp_of(domain, 2, 2, 6, limit=LIMIT)
     bonus = np.random.default_rng(6).uniform(-10, 10, momdp.bonus.shape)
-    for seed, solver in enumerate(solvers(domain)):
+    for seed, solver in enumerate([*solvers(domain), *offline_solvers()]):
         walk(replace(momdp, bonus=bonus), solver, seed)

@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import (
     bootstrap_interval,
-    calibration_error,
     clustered_se,
-    expected_calibration_error,
     paired_difference,
     wilson_interval,
 )
@@ -84,30 +82,6 @@ def test_wilson_holds_the_share(n, data):
     assert 0 <= found.low <= found.estimate <= found.high <= 1
     mirrored = wilson_interval(n - hits, n)
     assert mirrored.low == pytest.approx(1 - found.high, abs=1e-12)
-
-
-def test_calibration_error_by_hand():
-    # Bins: .05 and .15 apart; 1.0 belongs to the last.
-    positive, truth = [0.05, 0.15, 0.15, 1.0], [True, False, True, True]
-    assert calibration_error(positive, truth) == pytest.approx((0.95 + 0.70 + 0.0) / 4)
-    assert calibration_error([1.0, 0.0], [True, False]) == 0.0
-
-
-@pytest.mark.statistical
-def test_a_calibrated_belief_shows_its_expected_error():
-    rng = np.random.default_rng(2)
-    positive = rng.uniform(size=300)
-    expected = expected_calibration_error(positive, rng, draws=400)
-    shown = [calibration_error(positive, rng.random(300) < positive) for _ in range(400)]
-    assert np.mean(shown) == pytest.approx(expected, abs=5 * np.std(shown) / 20)
-    overconfident = np.where(positive > 0.5, 0.99, 0.01)
-    error = calibration_error(overconfident, rng.random(300) < positive)
-    assert error > 2 * expected_calibration_error(overconfident, rng)
-
-
-def test_certain_beliefs_are_expected_to_be_right():
-    rng = np.random.default_rng(0)
-    assert expected_calibration_error([0.0, 1.0, 1.0], rng) == 0.0
 
 
 @pytest.mark.parametrize(

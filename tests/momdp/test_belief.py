@@ -3,11 +3,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.special import logsumexp
 from scipy.stats import dirichlet_multinomial, multinomial
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import ImpossibleObservation
 from meal_bayes.momdp import (
+    Belief,
     Transition,
     best_report,
     build_momdp,
@@ -100,16 +102,17 @@ def rows_of(shape):
 
 @st.composite
 def problems(draw, levels=(2, 4)):
-    """A `toy` problem of two attributes with any rows and precisions, and a history in it."""
-    k = draw(st.sampled_from(levels))
+    """A `toy` problem of two attributes: any rows, precisions, kinds; and a history in it."""
+    k, half = draw(st.sampled_from(levels)), draw(st.sampled_from([1, 2, 3]))
     finite = st.floats(0.1, 300.0)
-    precision = draw(hnp.arrays(float, (2, 3, 2), elements=finite | st.just(np.inf)))
+    precision = draw(hnp.arrays(float, (2, 3, 2 * half), elements=finite | st.just(np.inf)))
     momdp = build_momdp(
         load_domain("toy"),
         Query(("red", "heavy")),
-        draw(rows_of((2, 3, 2, k))),
+        draw(rows_of((2, 3, 2 * half, k))),
         precision,
         prior=draw(hnp.arrays(float, 2, elements=st.floats(0.05, 0.95))),
+        kinds=draw(rows_of((2, 2, half))),
     )
     percept = st.lists(st.integers(0, k - 1), min_size=2, max_size=2)
     step = st.tuples(st.sampled_from(["look", "lift"]), percept)
@@ -133,6 +136,7 @@ def test_beliefs_stay_finite_and_count_percepts(problem):
         assert ((belief.positive >= 0) & (belief.positive <= 1)).all()
         assert belief.joint.sum() == pytest.approx(1.0)
         assert belief.joint.max() == pytest.approx(belief.certainty)
+        np.testing.assert_allclose(np.exp(belief.weight).sum(axis=1), 1.0)
         np.testing.assert_array_equal(belief.seen.sum(axis=(1, 2)), number)
 
 
@@ -150,18 +154,20 @@ def test_no_percept_leaves_the_belief(problem):
 def test_the_filter_is_the_dirichlet_multinomial(problem):
     momdp, steps = problem
     belief = follow(momdp, steps)[-1]
-    expected = np.log(momdp.prior) - np.log1p(-momdp.prior)
-    for i, e, v in np.ndindex(2, 2, 2):
-        counts, row = belief.seen[i, e], momdp.confusion[i, e, v]
+    score = np.zeros((2, momdp.n_kinds))
+    for i, e, c in np.ndindex(2, 2, momdp.n_kinds):
+        counts, row = belief.seen[i, e], momdp.confusion[i, e, c]
         if counts.sum() == 0:
             continue
-        if np.isinf(momdp.precision[i, e, v]):
-            score = multinomial.logpmf(counts, counts.sum(), row)
+        if np.isinf(momdp.precision[i, e, c]):
+            score[i, c] += multinomial.logpmf(counts, counts.sum(), row)
         else:
-            weight = momdp.precision[i, e, v] * row
-            score = dirichlet_multinomial.logpmf(counts, weight, counts.sum())
-        expected[i] += (2 * v - 1) * score
-    np.testing.assert_allclose(belief.log_odds, expected, atol=1e-8)
+            weight = momdp.precision[i, e, c] * row
+            score[i, c] += dirichlet_multinomial.logpmf(counts, weight, counts.sum())
+    of_truth = np.log(momdp.kinds) + score.reshape(momdp.kinds.shape)  # (N,2,J)
+    prior = np.log(momdp.prior) - np.log1p(-momdp.prior)
+    false, true = logsumexp(of_truth, axis=2).T
+    np.testing.assert_allclose(belief.log_odds, prior + true - false, atol=1e-8)
 
 
 @given(problems())
@@ -173,6 +179,7 @@ def test_swapping_attributes_swaps_the_belief(problem):
         momdp.confusion[::-1],
         momdp.precision[::-1],
         prior=momdp.prior[::-1],
+        kinds=momdp.kinds[::-1],
     )
     one = follow(momdp, steps)[-1]
     other = follow(swapped, [(name, levels[::-1]) for name, levels in steps])[-1]
@@ -188,9 +195,94 @@ def test_complementing_an_attribute_complements_the_belief(problem):
         momdp.confusion[:, :, ::-1],
         momdp.precision[:, :, ::-1],
         prior=1 - momdp.prior,
+        kinds=momdp.kinds[:, ::-1, ::-1],
     )
     one, other = follow(momdp, steps)[-1], follow(negated, steps)[-1]
     np.testing.assert_allclose(one.log_odds, -other.log_odds, atol=1e-9)
+
+
+@given(problems())
+def test_kinds_that_are_alike_are_one(problem):
+    momdp, steps = problem
+    doubled = build_momdp(
+        load_domain("toy"),
+        momdp.query,
+        momdp.confusion.repeat(2, axis=2),
+        momdp.precision.repeat(2, axis=2),
+        prior=momdp.prior,
+        kinds=momdp.kinds.repeat(2, axis=2) * np.tile([0.3, 0.7], momdp.kinds.shape[2]),
+    )
+    one, other = follow(momdp, steps)[-1], follow(doubled, steps)[-1]
+    np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
+
+
+def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
+    """One attribute; a share `error` of the objects seems to have the other value."""
+    domain = load_domain(name)
+    no, yes = [1 - fpr, fpr], [1 - tpr, tpr]
+    rows = np.tile([no, yes, yes, no], (1, len(domain.behaviors), 1, 1))
+    kinds = np.array([[[1 - error, error], [1 - error, error]]])
+    attribute = "red" if name == "toy" else "heavy"
+    return build_momdp(domain, Query((attribute,)), rows, kinds=kinds, **options)
+
+
+def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind():
+    momdp = mistaken("toy", 0.05)
+    once, *_, often = follow(momdp, [("look", [1])] * 60)
+    assert once.positive[0] == pytest.approx((0.95 * 0.9 + 0.05 * 0.2) / 1.1)
+    assert often.positive[0] == pytest.approx(0.95)
+    against = follow(momdp, [("look", [1])] * 60 + [("look", [0])] * 200)[-1]
+    assert against.positive[0] == pytest.approx(0.05)
+
+
+def test_an_answer_tells_of_the_truth_whatever_the_object_seems():
+    momdp = mistaken("ispy32", 0.05)
+    belief = follow(momdp, [("look", [1])] * 60)[-1]
+    odds = 0.95 / 0.05
+    for count in range(1, 4):
+        ask = momdp.behavior_names.index("ask")
+        belief = update_belief(belief, momdp, Transition(ask, belief.x, np.array([0])))
+        p = odds * (0.3 / 0.7) ** count
+        assert belief.positive[0] == pytest.approx(p / (1 + p))
+
+
+def test_a_kind_that_is_ruled_out_leaves_the_others():
+    momdp = mistaken("toy", 0.05, tpr=1.0, fpr=0.0)
+    belief = follow(momdp, [("look", [1])] * 5)[-1]
+    np.testing.assert_allclose(np.exp(belief.weight[0]), [0, 0.05, 0.95, 0], atol=1e-15)
+    assert belief.positive[0] == pytest.approx(0.95)
+    with pytest.raises(ImpossibleObservation, match="'red' by 'look' has probability zero"):
+        follow(momdp, [("look", [1]), ("look", [0])])
+
+
+def test_a_truth_may_lack_a_kind():
+    """Rows that both truths share, each with its own share of them: nothing is undefined."""
+    rows = np.tile([[0.8, 0.2], [0.3, 0.7]] * 2, (1, 3, 1, 1))
+    kinds = np.array([[[1.0, 0.0], [0.25, 0.75]]])
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
+    belief = follow(momdp, [("look", [1]), ("lift", [0])])[-1]
+    false, true = 0.2 * 0.8, 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
+    assert belief.positive[0] == pytest.approx(true / (true + false))
+    assert belief.weight[0, 1] == -np.inf
+
+
+def test_moving_leaves_what_is_believed():
+    belief = follow(momdp_of("toy", {"red": {"look": (0.9, 0.2)}}), [("look", [1])])[-1]
+    moved = belief.at(1)
+    assert (belief.x, moved.x) == (0, 1)
+    np.testing.assert_array_equal(moved.weight, belief.weight)
+    np.testing.assert_array_equal(moved.seen, belief.seen)
+    with pytest.raises(ValueError, match="read-only"):
+        moved.weight[0] = 0.0
+
+
+def test_sure_weights_are_sure_beliefs():
+    seen = np.zeros((2, 3, 2), dtype=int)
+    belief = Belief(0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), seen)
+    np.testing.assert_array_equal(belief.log_odds, [-np.inf, np.inf])
+    np.testing.assert_array_equal(belief.positive, [0.0, 1.0])
+    assert belief.certainty == 1.0
+    assert belief.entropy == pytest.approx(0.0)
 
 
 def test_report_value_is_that_of_the_best_report():
@@ -199,6 +291,15 @@ def test_report_value_is_that_of_the_best_report():
     p = 0.9 / 1.1 * 0.75
     assert belief.joint.max() == pytest.approx(p)
     assert report_value(momdp, belief) == pytest.approx(100 * p - 100 * (1 - p))
+    assert best_report(momdp, belief) == momdp.n_behaviors + 2
+
+
+def test_additive_reports_are_paid_by_the_attribute():
+    rates = {"red": {"look": (0.9, 0.2)}, "heavy": {}}
+    momdp = momdp_of("toy", rates, prior=[0.5, 0.25], additive=True)
+    belief = follow(momdp, [("look", [1, 1])])[-1]
+    share = (0.9 / 1.1 + 0.75) / 2
+    assert report_value(momdp, belief) == pytest.approx(-100 + 200 * share)
     assert best_report(momdp, belief) == momdp.n_behaviors + 2
 
 

@@ -48,6 +48,56 @@ def test_ask_answers_the_whole_vector_right_with_the_stated_accuracy(n, levels):
     assert momdp.limit[look] == 5
 
 
+def test_kinds_of_objects():
+    domain, rng = load_domain("ispy32"), np.random.default_rng(0)
+    rows = rng.dirichlet(np.ones(2), (2, len(domain.behaviors), 6))
+    kinds = rng.dirichlet(np.ones(3), (2, 2))
+    query = Query(domain.attributes[:2])
+    momdp = build_momdp(domain, query, rows, 4.0, kinds=kinds)
+    assert momdp.n_kinds == 6
+    assert momdp.precision.shape == rows.shape[:3]
+    np.testing.assert_array_equal(momdp.kinds, kinds)
+    look, ask = (momdp.behavior_names.index(name) for name in ("look", "ask"))
+    np.testing.assert_array_equal(momdp.confusion[:, look], rows[:, look])
+    right = np.sqrt(0.7)
+    answers = [[right, 1 - right]] * 3 + [[1 - right, right]] * 3  # whatever kind it is
+    np.testing.assert_allclose(momdp.confusion[:, ask], [answers] * 2)
+    assert np.isinf(momdp.precision[:, ask]).all()
+    for i, v in np.ndindex(2, 2):
+        mean = sum(kinds[i, v, j] * rows[i, look, 3 * v + j] for j in range(3))
+        np.testing.assert_allclose(momdp.rows[i, look, v], mean)
+    np.testing.assert_array_equal(uninformed("ispy32", 2).kinds, np.ones((2, 2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "says"),
+    [
+        (np.full((2, 2, 2), 0.4), "Rows of MOMDP.kinds must be >= 0 and sum to 1"),
+        (np.tile([1.5, -0.5], (2, 2, 1)), "Rows of MOMDP.kinds must be >= 0"),
+        (np.full((1, 2, 2), 0.5), r"kinds has shape \(1, 2, 2\); expected \(2, 2, 2\)"),
+        (np.full((2, 2), 0.5), r"kinds has shape \(2, 2\); expected \(N,2,J\)"),
+        (0.5, r"kinds has shape \(\); expected \(N,2,J\)"),
+        (
+            np.ones((2, 2, 1)),
+            r"\(2, 3, 4, 2\); expected \(2 queried, 3 behaviors, 2 kinds of object",
+        ),
+    ],
+)
+def test_kinds_that_are_none_are_refused(kinds, says):
+    with pytest.raises(SettingsError, match=says):
+        build_momdp(
+            load_domain("toy"), Query(("red", "heavy")), np.full((2, 3, 4, 2), 0.5), kinds=kinds
+        )
+
+
+@pytest.mark.parametrize("additive", [False, True])
+def test_rewards_of_reports(additive):
+    momdp = uninformed("toy", 2, correct=30.0, incorrect=-10.0, additive=additive)
+    right = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.5, 0.8]])
+    expected = [30.0, 10.0, -10.0, 16.0] if additive else [30.0, -10.0, -10.0, 6.0]
+    np.testing.assert_allclose(momdp.report_reward(right), expected)
+
+
 def test_behaviors_without_modalities_never_give_a_percept():
     momdp = uninformed("roc36", 1)
     reinit = momdp.behavior_names.index("reinit")

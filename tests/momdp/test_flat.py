@@ -77,6 +77,13 @@ def test_rewards_are_equation_4():
     np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
 
 
+def test_additive_rewards():
+    momdp = momdp_of("toy", 2, additive=True)
+    reports = flatten(momdp).reward[:-1, momdp.n_behaviors :]
+    expected = [[100, 0, 0, -100], [0, 100, -100, 0], [0, -100, 100, 0], [-100, 0, 0, 100]]
+    np.testing.assert_allclose(reports, expected * 2)
+
+
 def test_illegal_loops_of_the_published_code_are_free():
     momdp = momdp_of("roc36_published", 1)
     flat = flatten(momdp)
@@ -91,3 +98,7 @@ def test_what_does_not_fit_is_refused():
         flatten(momdp_of("ispy32", 5))
     with pytest.raises(SettingsError, match="precision=inf"):
         flatten(momdp_of("toy", 1, precision=4.0))
+    kinds = np.full((1, 2, 2), 0.5)
+    rows = np.full((1, 3, 4, 2), 0.5)
+    with pytest.raises(SettingsError, match="one kind of object a truth"):
+        flatten(build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds))

@@ -17,10 +17,12 @@ from meal_bayes.momdp import (
     Transition,
     build_momdp,
     initial_belief,
-    report_value,
     update_belief,
 )
-from meal_bayes.planners import History, Policy
+from meal_bayes.planners import POMCP, Decision, History, Policy
+from meal_bayes.planners.bayes_error import plan_error
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.leaf import remember, room_for
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far
@@ -43,14 +45,59 @@ def momdp_of(
     return build_momdp(domain, Query(tuple(rates)), confusion, precision, **options)
 
 
-def random_toy(seed: int, n: int, levels: int, *, finite: bool, **options: object) -> MOMDP:
-    """Build a `toy` problem with random rows (and precisions)."""
+def random_toy(
+    seed: int,
+    n: int,
+    levels: int,
+    *,
+    finite: bool,
+    mistaken: ArrayLike | None = None,
+    kinds: int = 1,
+    **options: object,
+) -> MOMDP:
+    """Build a `toy` problem with random rows (and precisions).
+
+    Objects are of so many random kinds a truth; or of two, of which one, a share `mistaken` of
+    the objects, follows the other truth's rows.
+    """
     rng, domain = np.random.default_rng(seed), load_domain("toy")
-    confusion = rng.dirichlet(np.ones(levels), (n, 3, 2))
-    precision = rng.uniform(0.5, 20.0, (n, 3, 2)) if finite else np.inf
+    confusion = rng.dirichlet(np.ones(levels), (n, 3, 2 * kinds))
+    precision = rng.uniform(0.5, 20.0, (n, 3, 2 * kinds)) if finite else np.inf
     prior = rng.uniform(0.2, 0.8, n)
+    shares = rng.dirichlet(np.ones(kinds), (n, 2))
+    if mistaken is not None:
+        swapped = [0, 1, 1, 0]
+        confusion = confusion[:, :, swapped]
+        precision = precision[:, :, swapped] if finite else np.inf
+        error = np.broadcast_to(mistaken, (n,))[:, None]
+        shares = np.stack([1 - error, error], axis=2).repeat(2, axis=1)
     query = Query(domain.attributes[:n])
-    return build_momdp(domain, query, confusion, precision, prior=prior, **options)
+    return build_momdp(domain, query, confusion, precision, prior=prior, kinds=shares, **options)
+
+
+def random_momdp(
+    name: str,
+    n: int,
+    levels: int,
+    rng: np.random.Generator,
+    *,
+    kinds: int = 1,
+    precision: float = np.inf,
+    **options: object,
+) -> MOMDP:
+    """Build a problem of a domain with random rows of so many kinds of object a truth."""
+    domain = load_domain(name)
+    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2 * kinds))
+    query, shares = Query(domain.attributes[:n]), rng.dirichlet(np.ones(kinds), (n, 2))
+    return build_momdp(domain, query, confusion, precision, kinds=shares, **options)
+
+
+def ispy32_of(n: int, rate: tuple[float, float] = (0.9, 0.1), **options: object) -> MOMDP:
+    """Build a query of n attributes of ISPY32, all behaviors alike."""
+    domain = load_domain("ispy32")
+    row = [[1 - rate[1], rate[1]], [1 - rate[0], rate[0]]]
+    confusion = np.tile(row, (n, len(domain.behaviors), 1, 1))
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, **options)
 
 
 class Expectimax:
@@ -71,37 +118,38 @@ class Expectimax:
 
     def positive(self, seen: Counts) -> list[float]:
         """Pr(attribute is true) given the percepts, from the definition."""
-        out = []
-        for i in range(len(seen)):
-            joint = self._joint(i, seen[i])
-            out.append((joint[1][0] + joint[1][1]) / (sum(joint[0]) + sum(joint[1])))
-        return out
+        both = (self._joint(i, counts) for i, counts in enumerate(seen))
+        return [sum(true) / (sum(false) + sum(true)) for false, true in both]
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
-        """Pr(is v, seems w, percepts), [v][w]; a person's answers tell of v, all else of w."""
-        prior, share = float(self.momdp.prior[i]), float(self.momdp.misperception[i])
-        joint = [
-            [(1 - prior) * (1 - share), (1 - prior) * share],
-            [prior * share, prior * (1 - share)],
+        """Pr(is v, of its kind j, percepts), [v][j]."""
+        prior, kinds = float(self.momdp.prior[i]), self.momdp.kinds[i].tolist()
+        return [
+            [
+                p * share * self._likelihood(i, v * len(kinds[v]) + j, seen)
+                for j, share in enumerate(kinds[v])
+            ]
+            for v, p in enumerate((1 - prior, prior))
         ]
-        for e, counts in enumerate(seen):
-            for v in range(2):
-                for w in range(2):
-                    value = v if self.momdp.direct[e] else w
-                    joint[v][w] *= self._likelihood(i, e, value, counts)
-        return joint
 
-    def _likelihood(self, i: int, e: int, v: int, counts: tuple[int, ...]) -> float:
-        row, s = self.momdp.confusion[i, e, v].tolist(), float(self.momdp.precision[i, e, v])
-        if math.isinf(s):
-            return math.prod(c**n for c, n in zip(row, counts, strict=True))
-        top = math.prod(s * c + j for c, n in zip(row, counts, strict=True) for j in range(n))
-        return top / math.prod(s + j for j in range(sum(counts)))
+    def _likelihood(self, i: int, kind: int, seen: tuple[tuple[int, ...], ...]) -> float:
+        out = 1.0
+        for e, counts in enumerate(seen):
+            row = self.momdp.confusion[i, e, kind].tolist()
+            s = float(self.momdp.precision[i, e, kind])
+            if math.isinf(s):
+                out *= math.prod(c**n for c, n in zip(row, counts, strict=True))
+            else:
+                both = zip(row, counts, strict=True)
+                out *= math.prod(s * c + j for c, n in both for j in range(n))
+                out /= math.prod(s + j for j in range(sum(counts)))
+        return out
 
     def stop(self, x: int, seen: Counts) -> float:
         """Value of ending now: best report, or the cheapest illegal behavior."""
         m = self.momdp
-        right = math.prod(max(b, 1 - b) for b in self.positive(seen))
+        each = [max(b, 1 - b) for b in self.positive(seen)]
+        right = sum(each) / len(each) if m.additive else math.prod(each)
         value = m.incorrect + (m.correct - m.incorrect) * right
         ends = [m.cost[e] for e in range(m.n_behaviors) if self._ends(x, e)]
         return max(value, -min(ends)) if m.abstain and ends else value
@@ -133,8 +181,9 @@ class Expectimax:
     def edge(self, x: int, seen: Counts, e: int, value: Callable[[int, Counts], float]) -> float:
         """Value of a behavior, repeated until something comes of it."""
         m, idle, total = self.momdp, 0.0, 0.0
+        left = sum(seen[0][e]) < m.limit[e]
         for target, p in enumerate(m.transition[e, x].tolist()):
-            felt = p * float(m.informative[e, x, target])
+            felt = p * float(m.informative[e, x, target]) * left
             silent = p - felt
             if target == x:
                 idle, silent = silent, 0.0
@@ -143,6 +192,8 @@ class Expectimax:
             if felt > 1e-12:
                 for q, after in self.percepts(seen, e):
                     total += felt * q * value(target, after)
+        if idle > 1 - 1e-12:  # nothing can come of it
+            return -math.inf
         reward = -float(m.cost[e]) + self._bonus(seen, e)
         return (reward + m.discount * total) / (1 - m.discount * idle)
 
@@ -167,11 +218,15 @@ class Expectimax:
             yield p, tuple(after)
 
     def of_policy(self, policy: Policy, seed: int) -> float:
-        """Exact value of a policy that decides by belief, each decision with a fresh generator."""
+        """Exact value of a policy that decides by belief, each decision with a fresh generator.
+
+        A policy that goes round without percepts never ends, and is worth -inf here.
+        """
         known: dict[tuple[int, Counts], float] = {}
 
         def value(x: int, seen: Counts) -> float:
             if (x, seen) not in known:
+                known[x, seen] = -math.inf  # as long as it is being computed
                 rng = np.random.default_rng(seed)
                 action = policy.decide(History(self.belief(x, seen)), rng).action
                 if action >= self.momdp.n_behaviors or self._ends(x, action):
@@ -218,28 +273,48 @@ def noisy_roc36(n: int) -> MOMDP:
     return momdp_of(domain, rates, abstain=True)
 
 
-def returns(momdp: MOMDP, policy: Policy, trials: int, seed: int) -> np.ndarray:
-    """Discounted returns in the model, the last reward replaced by its expectation."""
-    rng, out = np.random.default_rng(seed), np.zeros(trials)
-    for trial in range(trials):
-        truth = (rng.random(len(momdp.query)) < momdp.prior).astype(int)
-        belief, discount = initial_belief(momdp), 1.0
-        for step in range(101):
-            action = policy.decide(History(belief), rng).action if step < 100 else -1
-            if action < 0 or action >= momdp.n_behaviors:
-                out[trial] += discount * report_value(momdp, belief)
-                break
-            out[trial] -= discount * momdp.cost[action]
-            discount *= momdp.discount
-            x = int(rng.choice(len(momdp.x_names), p=momdp.transition[action, belief.x]))
-            if x == momdp.terminal:
-                break
-            percept = None
-            if rng.random() < momdp.informative[action, belief.x, x]:
-                rows = momdp.confusion[np.arange(len(truth)), action, truth]
-                percept = np.array([rng.choice(momdp.levels, p=row) for row in rows])
-            belief = update_belief(belief, momdp, Transition(action, x, percept))
-    return out
+def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
+    """Give a belief of these log-odds, without percepts."""
+    odds = np.asarray(log_odds, dtype=float)
+    truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
+    with np.errstate(divide="ignore"):
+        weight = truth[:, :, None] + np.log(momdp.kinds)
+    return Belief(x, weight.reshape(len(odds), -1), initial_belief(momdp).seen)
+
+
+def weights_of(momdp: MOMDP, log_odds: ArrayLike) -> np.ndarray:
+    """Pr(kind) (N,C) of a belief of these log-odds."""
+    return np.exp(believing(momdp, log_odds).weight)
+
+
+def error_of(
+    problem: Compiled, uses: ArrayLike, weight: np.ndarray, seen: ArrayLike | None = None
+) -> float:
+    """Give the kernel's Bayes error of the first attribute after the percepts of a plan (E,)."""
+    n, e, _, k = problem.confusion.shape
+    work = room_for(problem)
+    remember(work, np.zeros((n, e, k)) if seen is None else np.asarray(seen, dtype=float))
+    return float(plan_error(problem, np.array([uses], np.int64), 0, 0, weight[None], 0, work))
+
+
+def search(
+    momdp: MOMDP,
+    simulations: int,
+    seed: int = 0,
+    *,
+    history: History | None = None,
+    room: int = 500_000,
+    **options: object,
+) -> Decision:
+    """Decide once, at the start by default."""
+    rng = np.random.default_rng(seed)
+    policy = POMCP(simulations=simulations, room=room, **options).solve(momdp, rng)
+    return policy.decide(history or History(initial_belief(momdp)), rng)
+
+
+def best_value(decision: Decision) -> float:
+    """Give the value of what was decided on."""
+    return float(np.nanmax(decision.values))
 
 
 @pytest.fixture(scope="session")
@@ -256,7 +331,13 @@ def small() -> SimpleNamespace:
         toy=random_toy,
         rates=TOY_RATES,
         noisy_roc36=noisy_roc36,
+        ispy32=ispy32_of,
+        random=random_momdp,
         expectimax=Expectimax,
-        returns=returns,
+        believing=believing,
+        weights=weights_of,
+        error=error_of,
+        search=search,
+        best_value=best_value,
         start=lambda momdp: History(initial_belief(momdp)),
     )

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import betabinom, binom
 
-from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram, load_domain
+from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
+from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners.compiled import compile_momdp
 
 FORK = Domain(
@@ -137,16 +140,67 @@ def test_outcomes_are_distributions(small, name):
 
 @pytest.mark.parametrize("precision", [3.7, np.inf])
 def test_first_counts_are_beta_binomial(small, precision):
-    momdp = small.momdp("toy", {"red": {"look": (0.8, 0.3)}}, precision)
+    rates = [0.3, 0.9, 0.8, 0.55]  # of the kinds, two a truth
+    rows = np.tile([[1 - p, p] for p in rates], (1, 3, 1, 1))
+    momdp = build_momdp(
+        load_domain("toy"), Query(("red",)), rows, precision, kinds=np.full((1, 2, 2), 0.5)
+    )
     fresh = compile_momdp(momdp).fresh[0, 0]
-    for v, yes in enumerate((0.3, 0.8)):
+    for c, yes in enumerate(rates):
         for k in range(fresh.shape[1]):
             urn = betabinom(k, precision * yes, precision * (1 - yes))
             exact = binom(k, yes) if np.isinf(precision) else urn
-            np.testing.assert_allclose(fresh[v, k, : k + 1], exact.pmf(range(k + 1)), atol=1e-10)
-            assert not fresh[v, k, k + 1 :].any()
+            np.testing.assert_allclose(fresh[c, k, : k + 1], exact.pmf(range(k + 1)), atol=1e-10)
+            assert not fresh[c, k, k + 1 :].any()
+
+
+def test_affinity_is_that_of_the_truths(small):
+    """Of several kinds it is the mixtures that overlap."""
+    momdp = small.toy(1, 2, 2, finite=True, kinds=3)
+    problem = compile_momdp(momdp)
+    for i, e, k in np.ndindex(2, 3, problem.affinity.shape[2]):
+        yes, s = momdp.confusion[i, e, :, 1], momdp.precision[i, e]
+        counts = [
+            betabinom(k, w * p, w * (1 - p)).pmf(range(k + 1)) for p, w in zip(yes, s, strict=True)
+        ]
+        false, true = (momdp.kinds[i, v] @ counts[3 * v : 3 * v + 3] for v in (0, 1))
+        expected = np.sqrt(false * true).sum()
+        assert np.exp(problem.affinity[i, e, k]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_kinds_and_their_prior(small):
+    momdp = small.toy(2, 2, 2, finite=False, kinds=2)
+    problem = compile_momdp(momdp)
+    np.testing.assert_allclose(problem.prior, np.exp(initial_belief(momdp).weight))
+    np.testing.assert_array_equal(problem.kinds, momdp.kinds.reshape(2, 4))
+    sure = compile_momdp(replace(momdp, prior=[0.0, 1.0]))
+    assert (sure.prior > 0).all()  # plans are made for beliefs that percepts can still move
+
+
+@pytest.mark.parametrize(
+    ("precision", "limit", "plain", "exact"),
+    [(np.inf, np.inf, True, True), (np.inf, 3, False, True), (5.0, np.inf, False, False)],
+)
+def test_what_is_known_of_rows(small, precision, limit, plain, exact):
+    problem = compile_momdp(small.momdp("ispy32", {"heavy": {}}, precision, limit=limit))
+    assert problem.plain == plain
+    ask = load_domain("ispy32").behavior_index("ask")
+    np.testing.assert_array_equal(
+        problem.exact, [exact or e == ask for e in range(len(problem.exact))]
+    )
 
 
 def test_rows_that_say_nothing_are_known(small):
     problem = compile_momdp(small.momdp("toy", {"red": {"look": (0.6, 0.5)}, "heavy": {}}))
     np.testing.assert_array_equal(problem.informative, [[True, False, False], [False] * 3])
+
+
+def test_what_tells_of_the_kind_is_planned_with():
+    """Look says nothing of the truth, but whether lift is to be believed."""
+    honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
+    lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
+    look = [honest[0], mistaken[0], honest[1], mistaken[1]]
+    rows = np.array([[look, lift, [[0.5, 0.5]] * 4]])
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=np.full((1, 2, 2), 0.5))
+    assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
+    np.testing.assert_array_equal(compile_momdp(momdp).informative, [[True, True, False]])

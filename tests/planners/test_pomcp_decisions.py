@@ -15,16 +15,6 @@ from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
 
 
-def search(momdp, simulations, seed=0, *, history=None, room=500_000):
-    rng = np.random.default_rng(seed)
-    policy = POMCP(simulations, room=room).solve(momdp, rng)
-    return policy.decide(history or History(initial_belief(momdp)), rng)
-
-
-def best_value(decision):
-    return float(np.nanmax(decision.values))
-
-
 def same(one, other):
     return all(
         np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
@@ -40,19 +30,11 @@ def hopeless(n, **options):
     return build_momdp(domain, query, confusion, discount=1.0, **options)
 
 
-def ispy32_of(n, rate=(0.9, 0.1), **options):
-    """Build a query of n attributes of ISPY32, all behaviors alike."""
-    domain = load_domain("ispy32")
-    row = [[1 - rate[1], rate[1]], [1 - rate[0], rate[0]]]
-    confusion = np.tile(row, (n, len(domain.behaviors), 1, 1))
-    return build_momdp(domain, Query(domain.attributes[:n]), confusion, **options)
-
-
 def test_equal_seeds_decide_alike(small, toy):
-    for momdp in (toy, ispy32_of(8, limit=5), small.toy(9, 2, 4, finite=True)):
-        one, other = search(momdp, 60, 3), search(momdp, 60, 3)
+    for momdp in (toy, small.ispy32(8, limit=5), small.toy(9, 2, 4, finite=True)):
+        one, other = small.search(momdp, 60, 3), small.search(momdp, 60, 3)
         assert same(one, other)
-    assert len({search(toy, 60, seed).tree for seed in range(8)}) > 1
+    assert len({small.search(toy, 60, seed).tree for seed in range(8)}) > 1
 
 
 def test_other_searches_between_change_nothing(small, toy):
@@ -60,8 +42,8 @@ def test_other_searches_between_change_nothing(small, toy):
     start = History(initial_belief(toy))
     one = policy.decide(start, np.random.default_rng(4))
     kept = [np.copy(one.values), np.copy(one.visits), one.tree]
-    search(small.toy(8, 2, 2, finite=True), 60)
-    search(toy, 500)
+    small.search(small.toy(8, 2, 2, finite=True), 60)
+    small.search(toy, 500)
     assert same(one, policy.decide(start, np.random.default_rng(4)))
     np.testing.assert_array_equal(one.values, kept[0])
     np.testing.assert_array_equal(one.visits, kept[1])
@@ -70,11 +52,11 @@ def test_other_searches_between_change_nothing(small, toy):
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("simulations", [0, 40])
-def test_only_who_may_abstains(n, simulations):
-    answer = search(hopeless(n), simulations)
+def test_only_who_may_abstains(small, n, simulations):
+    answer = small.search(hopeless(n), simulations)
     assert answer.action == 12  # the report of the belief's most probable values
     assert answer.values[-1] == pytest.approx(-500 + 1000 / 2**n)
-    ending = search(hopeless(n, abstain=True), simulations)
+    ending = small.search(hopeless(n, abstain=True), simulations)
     if n == 1:  # a coin costs nothing
         assert ending.action == 12
     else:
@@ -82,71 +64,69 @@ def test_only_who_may_abstains(n, simulations):
         assert ending.values[-1] == -1.0
 
 
-def test_abstaining_is_the_cheapest_exit_of_each_x():
+def test_abstaining_is_the_cheapest_exit_of_each_x(small):
     momdp = hopeless(3, abstain=True)
     for x in range(1, 6):
         history = History(initial_belief(momdp).at(x))
-        assert momdp.behavior_names[search(momdp, 10, history=history).action] == "look"
+        assert momdp.behavior_names[small.search(momdp, 10, history=history).action] == "look"
 
 
 def test_published_diagrams_have_no_exit(small):
     rates = {"heavy": {}, "blue": {}, "beans": {}}
     momdp = small.momdp("roc36_published", rates, abstain=True, discount=1.0)
-    decision = search(momdp, 20)
+    decision = small.search(momdp, 20)
     assert decision.action >= momdp.n_behaviors
     assert decision.values[-1] == pytest.approx(-375.0)
 
 
 @pytest.mark.parametrize("error", [-1e-15, 1e-15])
-def test_rounding_does_not_abstain(monkeypatch, error):
+def test_rounding_does_not_abstain(small, monkeypatch, error):
     """NumPy's exp and the kernel's may differ in the last bit, by processor."""
-    certainty = Belief.certainty.fget
-    monkeypatch.setattr(
-        Belief, "certainty", property(lambda belief: certainty(belief) * (1 + error))
-    )
-    momdp, reports = ispy32_of(2, abstain=True), 0
+    right = Belief.right.fget
+    monkeypatch.setattr(Belief, "right", property(lambda belief: right(belief) * (1 + error)))
+    momdp, reports = small.ispy32(2, abstain=True), 0
     for odds in np.linspace(3.0, 12.0, 10):
-        sure = Belief(0, np.array([odds, -odds]), initial_belief(momdp).seen)
-        decision = search(momdp, 5, history=History(sure))
-        reports += decision.values[-1] == best_value(decision)
-        if decision.values[-1] == best_value(decision):
+        sure = History(small.believing(momdp, [odds, -odds]))
+        decision = small.search(momdp, 5, history=sure)
+        reports += decision.values[-1] == small.best_value(decision)
+        if decision.values[-1] == small.best_value(decision):
             assert decision.action == momdp.n_behaviors + 2
     assert reports > 0
 
 
-def test_eighty_one_attributes():
+def test_eighty_one_attributes(small):
     domain = load_domain("ispy32")
     prior = np.where(np.arange(81) % 3 == 0, 0.9999, 0.0001)
-    momdp = ispy32_of(81, prior=prior, limit=5)
-    decision = search(momdp, 50)
+    momdp = small.ispy32(81, prior=prior, limit=5)
+    decision = small.search(momdp, 50)
     assert decision.simulations == 50
     assert np.isfinite(decision.values[[0, -1]]).all()
     assert decision.values[-1] == pytest.approx(-500 + 1000 * 0.9999**81)
-    certain = ispy32_of(81, prior=np.round(prior), limit=5)
-    report = search(certain, 50).action
+    certain = small.ispy32(81, prior=np.round(prior), limit=5)
+    report = small.search(certain, 50).action
     found = certain.query.values_of(report - certain.n_behaviors)
     np.testing.assert_array_equal(found, np.arange(81) % 3 == 0)
     assert len(domain.attributes) == 81
 
 
-def test_known_attributes_cost_a_query_nothing():
+def test_known_attributes_cost_a_query_nothing(small):
     """80 certain attributes beside an open one: the problem of the open one."""
     prior = np.array([0.5, *[1.0] * 80])
-    wide, narrow = (search(ispy32_of(n, prior=prior[:n], limit=5), 0) for n in (81, 1))
+    wide, narrow = (small.search(small.ispy32(n, prior=prior[:n], limit=5), 0) for n in (81, 1))
     assert wide.action == narrow.action == 0
     assert wide.values[-1] == narrow.values[-1] == 0.0
     # The library is grown for other beliefs, so the plans are not the same.
-    assert best_value(wide) == pytest.approx(best_value(narrow), rel=0.1)
+    assert small.best_value(wide) == pytest.approx(small.best_value(narrow), rel=0.1)
 
 
-def test_full_rooms_end_the_search(toy):
-    decision = search(toy, 5000, room=300)
+def test_full_rooms_end_the_search(small, toy):
+    decision = small.search(toy, 5000, room=300)
     assert 0 < decision.simulations < 5000
     assert decision.visits.sum() <= 5000
 
 
-def test_visits_and_the_logged_tree(toy):
-    decision = search(toy, 400)
+def test_visits_and_the_logged_tree(small, toy):
+    decision = small.search(toy, 400)
     assert decision.visits.sum() == decision.simulations == 400
     first = [edge for edge in decision.tree if edge.level == 1]
     second = [edge for edge in decision.tree if edge.level == 2]
@@ -162,8 +142,8 @@ def test_visits_and_the_logged_tree(toy):
     assert [e.visits for e in second] == sorted((e.visits for e in second), reverse=True)
 
 
-def test_illegal_behaviors_have_no_value(toy):
-    decision = search(toy, 30)
+def test_illegal_behaviors_have_no_value(small, toy):
+    decision = small.search(toy, 30)
     assert np.isnan(decision.values[2])
     assert np.isnan(decision.value_se[2])
     assert decision.visits[2] == 0

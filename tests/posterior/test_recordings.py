@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import betaln
 
+from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior import ConfusionPosterior, log_likelihood, truth_evidence
 
 
 def repeats_nll(posteriors, table, columns, exact):
@@ -53,3 +54,32 @@ def test_object_level_beliefs_survive_repeats_where_equation_8_does_not(name, pa
     by_object = ConfusionPosterior.from_folds(np.stack([c.counts for c in counts]))
     assert repeats_nll(by_percept, table, columns, exact=True) > paper
     assert repeats_nll(by_object, table, columns, exact=False) < ours
+
+
+def final_log_odds(table, o, knowledge, shared):
+    """Belief (P,) after all recordings of all behaviors that tell, with or without the degree."""
+    shown = table.levels_of(np.nan_to_num(table.log_odds[o].astype(float)), 4)  # (R,E,P)
+    counts = (shown.transpose(2, 1, 0)[..., None] == np.arange(4)).sum(axis=2).astype(float)
+    rows, precision = knowledge.posterior.select(range(table.labels.shape[1]))
+    kinds = np.eye(2)
+    if shared:
+        rows, precision = knowledge.degree.select(rows, precision)
+        kinds = knowledge.degree.kinds
+    each = [log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(len(kinds.T))]
+    told = knowledge.posterior.informative[..., None]
+    seen = (np.stack(each, axis=-1) * told).sum(axis=1)  # (P,C)
+    prior = np.log(knowledge.base_rates) - np.log1p(-knowledge.base_rates)
+    return prior + truth_evidence(seen, np.log(np.maximum(kinds, 1e-300)))
+
+
+def test_a_shared_degree_keeps_all_percepts_together_from_being_surer_than_right():
+    table = load_percepts("cy101")
+    losses = np.empty((10, 2, table.labels.shape[1]))
+    for row, o in enumerate(range(0, 100, 10)):
+        knowledge = knowledge_without(table, o, levels=4)
+        sign = np.where(table.labels[o] == 1, 1.0, -1.0)
+        for shared in (False, True):
+            odds = final_log_odds(table, o, knowledge, shared)
+            losses[row, int(shared)] = np.logaddexp(0.0, -sign * odds)
+    product, degree = losses.mean(axis=(0, 2))
+    assert degree < 0.7 * product

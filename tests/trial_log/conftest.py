@@ -9,17 +9,20 @@ import pytest
 
 from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import MOMDP, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import Decision, TreeEdge
 
 
 def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4) -> MOMDP:
     query = Query(tuple(rng.choice(domain.attributes, n, replace=False).tolist()))
     e = len(domain.behaviors)
-    confusion = rng.dirichlet(np.ones(levels), (n, e, 2))
-    precision = np.where(rng.random((n, e, 2)) < 0.3, np.inf, rng.gamma(2.0, 5.0, (n, e, 2)))
+    j = int(rng.integers(1, 3))  # kinds of object a truth
+    confusion = rng.dirichlet(np.ones(levels), (n, e, 2 * j))
+    precision = rng.gamma(2.0, 5.0, (n, e, 2 * j))
+    precision[rng.random(precision.shape) < 0.3] = np.inf
+    kinds = rng.dirichlet(np.ones(j), (n, 2))
     prior = rng.uniform(0.05, 0.95, n)
-    return build_momdp(domain, query, confusion, precision, prior=prior, limit=5.0)
+    return build_momdp(domain, query, confusion, precision, prior=prior, kinds=kinds, limit=5.0)
 
 
 def make_tree(momdp: MOMDP, edges: int, rng: np.random.Generator) -> tuple[TreeEdge, ...]:
@@ -72,7 +75,7 @@ def make_trial(
     if rng.random() < 0.8:
         report = rng.random(n) < 0.5
         decision = make_decision(momdp, e + momdp.query.index_of(report), rng, edges)
-        last = Belief(momdp.terminal, belief.log_odds, belief.seen)
+        last = belief.at(momdp.terminal)
         made.append(Step(belief.x, decision, momdp.terminal, None, 0.0, -momdp.correct, last))
     index = int(rng.integers(100))
     task = Task(f"task {index}", momdp.query, index, f"object {index}", ("offline", index, 7))

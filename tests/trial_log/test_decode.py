@@ -79,7 +79,7 @@ CHANGES = {
     "truth short": (1, lambda m: m.truth.pop()),
     "key is no JSON": (1, lambda m: setattr(m, "key", "[1")),
     "key is no list": (1, lambda m: setattr(m, "key", "1")),
-    "first belief short": (1, lambda m: m.told.pop()),
+    "first belief short": (1, lambda m: m.weight.pop()),
     "first x": (1, lambda m: setattr(m, "belief_x", -1)),
     "seen short": (2, lambda m: m.seen.extend([1, 2])),
     "values short": (2, lambda m: m.values.pop()),

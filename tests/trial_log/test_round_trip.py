@@ -54,11 +54,12 @@ def decisions(draw, momdp):
 def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
-    log_odds = draw(st.lists(NUMBERS, min_size=n, max_size=n))
+    kinds = momdp.kinds.size
+    weight = np.array(draw(st.lists(NUMBERS, min_size=kinds, max_size=kinds))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
-    return Belief(draw(st.integers(0, momdp.terminal)), log_odds, seen.reshape(shape))
+    return Belief(draw(st.integers(0, momdp.terminal)), weight, seen.reshape(shape))
 
 
 @st.composite
@@ -132,7 +133,7 @@ def test_equal_momdps_are_stored_once_within_the_memory(make, tmp_path):
 
 def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     trial = make.trials(1, 2, steps=5)[0]
-    strange = Belief(0, trial.steps[2].belief.log_odds, trial.steps[2].belief.seen + 3)
+    strange = Belief(0, trial.steps[2].belief.weight, trial.steps[2].belief.seen + 3)
     steps = list(trial.steps)
     steps[2] = Step(*(getattr(steps[2], name) for name in steps[2].__slots__[:-1]), strange)
     odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
@@ -179,7 +180,7 @@ def test_other_tools_read_steps_and_lines(make, header, tmp_path):
         trial.momdp.action_name(step.decision.action) for trial in trials for step in trial.steps
     ]
     for found, step in zip(read, steps, strict=True):
-        assert np.allclose(found.positive, step.belief.positive, rtol=1e-15)
+        assert np.allclose(found.positive, step.belief.positive, rtol=1e-12)
         assert len(found.tree_level) == len(step.decision.tree)
     lines = messages(path, "/log")
     assert len(lines) == len(steps)
@@ -234,8 +235,8 @@ def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_p
         Step(0, unvalued(momdp, 0), 99, None, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept[:1], 0.0, 0.0, first),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [0.0], first.seen)),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_odds, [1])),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], first.seen)),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, [1])),
         Step(0, unvalued(momdp, 0), 0, None, "free", 0.0, first),
     ]
     path = tmp_path / "a.mcap"

@@ -1,0 +1,247 @@
+"""What beliefs are worth on the real recordings: NLL, Brier, ECE of observation models.
+
+python benchmarks/calibration.py [--dataset NAME ...] [--pairs decision|percept|all] [--json]
+
+Everything is nested: percepts of an object come from classifiers, and what is believed of them
+from tables, that never saw it; the prior is the other objects' base rate.
+
+Evidence: k recordings of one behavior (in a row, without overlap), one recording of each behavior
+(the r-th, for every r), all recordings of all behaviors. Counted are attributes that experiments
+ask; of their behaviors those with TPR - FPR > .2 on the training objects of the held-out object at
+hand, and beliefs of several behaviors are those of these. TPR and FPR are of the decision: "true"
+where class-balanced log-odds and the base rate's sum to more than 0 (--pairs percept: where the
+class-balanced log-odds alone do; --pairs all: every pair with TPR > FPR).
+
+Intervals are of the NLL, 95 %, whole objects redrawn.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import knowledge_without
+from meal_bayes.datasets import PerceptTable, load_percepts
+from meal_bayes.datasets.percepts import LIMIT
+from meal_bayes.evaluation import (
+    bootstrap_interval,
+    brier,
+    calibration_error,
+    expected_calibration_error,
+    negative_log_likelihood,
+)
+from meal_bayes.experiments import askable
+from meal_bayes.perception.confusion import by_truth
+from meal_bayes.posterior import (
+    ConfusionPosterior,
+    learn_degree,
+    log_likelihood,
+    misperception,
+    truth_evidence,
+)
+from meal_bayes.posterior.dispersion import youden
+from meal_bayes.seeds import stream
+
+Array = NDArray[np.float64]
+
+DEFAULT = "shared degree"
+LEVELS = {
+    "counts": 2,
+    "object level": 2,
+    "object level, latent class": 2,
+    "graded": 4,
+    "graded, latent class": 4,
+    DEFAULT: 4,
+}
+USEFUL = 0.2  # TPR - FPR of the pairs that count
+SETS = 500  # bootstrap draws
+
+
+class Model(NamedTuple):
+    """An observation model without one object: P attributes, E behaviors, C kinds of objects."""
+
+    confusion: Array  # (P,E,C,K)
+    precision: Array  # (P,E,C)
+    kinds: Array  # (2,C) Pr(kind | truth)
+
+
+class Fold(NamedTuple):
+    """What is known without one object."""
+
+    prior: Array  # (P,) log-odds
+    useful: NDArray[np.bool_]  # (P,E)
+    models: dict[str, Model]
+
+
+def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]:
+    """Learn every observation model without each object in turn."""
+    labels = table.labels
+    posteriors = {}
+    for levels in (2, 4):
+        counts = [
+            by_truth(table.training_levels(o, levels), labels).counts for o in range(len(labels))
+        ]
+        posteriors[levels] = ConfusionPosterior.from_folds(np.stack(counts))
+    for o in range(len(labels)):
+        others = np.delete(labels, o, axis=0)
+        rates = ((others == 1).sum(axis=0) + 1) / ((others >= 0).sum(axis=0) + 2)
+        prior = np.log(rates) - np.log1p(-rates)
+        models = {}
+        for levels, graded in ((2, "object level"), (4, "graded")):
+            posterior, shown = posteriors[levels][o], table.training_levels(o, levels)
+            rows, precision = posterior.select(columns)
+            epsilon = misperception(posterior, shown, labels, rates)
+            soft = np.array([[1 - epsilon, epsilon], [epsilon, 1 - epsilon]])
+            models[graded] = Model(rows, precision, np.eye(2))
+            models[f"{graded}, latent class"] = Model(rows, precision, soft)
+            if levels == 2:  # noqa: PLR2004
+                paper = ConfusionPosterior.from_counts(posterior.counts)
+                exact, known = paper.select(columns, exact=True)
+                models["counts"] = Model(exact, known, np.eye(2))
+            else:
+                degree = learn_degree(posterior, shown, labels, rates)
+                models[DEFAULT] = Model(*degree.select(rows, precision), degree.kinds)
+        useful = youden(decisions(table, o, prior, pairs))[columns] > USEFUL
+        if pairs == "all":
+            useful = posteriors[2][o].informative[columns]
+        yield Fold(prior[columns], useful, models)
+
+
+def decisions(table: PerceptTable, held_out: int, prior: Array, pairs: str) -> Array:
+    """Count what would be decided of the training objects, (P,E,2,2) by truth and decision.
+
+    Of the fine bin that holds the threshold, the share beyond it; outer bins reach to the limit.
+    """
+    ends = np.concatenate([[-LIMIT], table.edges, [LIMIT]])
+    threshold = -prior if pairs == "decision" else np.zeros(len(prior))
+    yes = np.clip((ends[1:] - threshold[:, None]) / np.diff(ends), 0.0, 1.0)  # (P,L)
+    bins = by_truth(table.training_bins[held_out].astype(np.int64), table.labels).total()
+    split = [(bins * side[:, None, None, :]).sum(axis=-1) for side in (1 - yes, yes)]
+    return np.stack(split, axis=-1)
+
+
+def log_odds(model: Model, shown: NDArray[np.int64], prior: Array, used: Array | None) -> Array:
+    """Belief after percepts (S,P,E,K): of each behavior, (S,P,E), or of those used, (S,P)."""
+    counts = shown.astype(float)
+    seen = np.stack(
+        [
+            log_likelihood(counts, model.confusion[:, :, c], model.precision[:, :, c])
+            for c in range(model.kinds.shape[1])
+        ],
+        axis=-1,
+    )  # (S,P,E,C)
+    log_kinds = np.log(np.maximum(model.kinds, 1e-300))
+    if used is None:
+        return np.asarray(prior[:, None] + truth_evidence(seen, log_kinds))
+    return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_kinds))
+
+
+def evidence(recordings: int) -> dict[str, list[slice]]:
+    """Which recordings each kind of evidence takes, at a time."""
+    found = {}
+    for k in (1, 2, 5, 10):
+        if k <= recordings:
+            starts = range(0, recordings - k + 1, k)
+            found[f"k={k}"] = [slice(start, start + k) for start in starts]
+    found["all_once"] = [slice(r, r + 1) for r in range(recordings)]
+    found["all"] = [slice(0, recordings)]
+    return found
+
+
+def measure(name: str, pairs: str) -> tuple[list[dict[str, Any]], float]:
+    """Measure one data set: rows, and CPU seconds of learning all folds of the default."""
+    table = load_percepts(name)
+    columns = [table.domain.attribute_index(attribute) for attribute in askable(table)]
+    start = time.process_time()
+    for o in range(len(table.objects)):
+        knowledge_without(table, o, levels=LEVELS[DEFAULT])
+    seconds = time.process_time() - start
+    known = list(folds(table, columns, pairs))
+    rows = []
+    for kind, sets in evidence(table.recordings).items():
+        for model in LEVELS:
+            cases = [
+                beliefs(table, columns, known[o], model, o, sets, kind) for o in range(len(known))
+            ]
+            objects = np.repeat(np.arange(len(known)), [len(positive) for positive, _ in cases])
+            positive, truth = (np.concatenate(part) for part in zip(*cases, strict=True))
+            rows.append(
+                {"dataset": name, "evidence": kind, "observation_model": model}
+                | score(positive, truth, objects)
+            )
+    return rows, seconds
+
+
+def beliefs(
+    table: PerceptTable, columns: list[int], fold: Fold, model: str, held_out: int,
+    sets: list[slice], kind: str,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    """Beliefs (n,) in what a held-out object is, and its truth, after each set of recordings."""
+    outputs = table.log_odds[held_out][..., columns].astype(float)  # (R,E,P)
+    seen = table.levels_of(np.nan_to_num(outputs), LEVELS[model]).transpose(0, 2, 1)
+    each = seen[..., None] == np.arange(LEVELS[model])  # (R,P,E,K)
+    shown = np.stack([each[part].sum(axis=0) for part in sets])
+    truth = table.labels[held_out, columns] == 1
+    single = kind.startswith("k=")
+    odds = log_odds(fold.models[model], shown, fold.prior, None if single else fold.useful)
+    value = np.broadcast_to(truth[:, None] if single else truth, odds.shape)
+    counted = np.broadcast_to(fold.useful if single else True, odds.shape)
+    return 1 / (1 + np.exp(-odds[counted])), value[counted]
+
+
+def score(
+    positive: Array, truth: NDArray[np.bool_], objects: NDArray[np.int64]
+) -> dict[str, float]:
+    """Measure beliefs."""
+    nll = bootstrap_interval(
+        negative_log_likelihood(positive, truth), objects, stream(0, "calibration"), draws=SETS
+    )
+    return {
+        "nll": nll.estimate,
+        "nll_se": nll.se,
+        "nll_low": nll.low,
+        "nll_high": nll.high,
+        "brier": float(brier(positive, truth).mean()),
+        "ece": calibration_error(positive, truth),
+        "ece_calibrated": expected_calibration_error(positive, stream(0, "calibrated belief")),
+        "accuracy": float(((positive > 0.5) == truth).mean()),  # noqa: PLR2004
+    }
+
+
+def main() -> None:
+    """Measure the data sets and print a table, or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
+    parser.add_argument("--pairs", choices=("decision", "percept", "all"), default="decision")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    rows, seconds = [], {}
+    for name in options.dataset:
+        found, seconds[name] = measure(name, options.pairs)
+        rows += found
+    if options.json:
+        facts = {"default": DEFAULT, "pairs": options.pairs, "fit_cpu_s": seconds, "rows": rows}
+        print(json.dumps(facts, indent=2))
+        return
+    for name in options.dataset:
+        print(f"\n{name}: all folds of the default learned in {seconds[name]:.1f} s CPU")
+        print(f"{'':10s}{'':28s}{'NLL':>7s}  {'95 % interval':15s}{'Brier':>7s}{'ECE':>7s}"
+              f"{'calibrated':>12s}{'accuracy':>10s}")  # fmt: skip
+        last = ""
+        for row in (row for row in rows if row["dataset"] == name):
+            kind, last = row["evidence"] if row["evidence"] != last else "", row["evidence"]
+            model = row["observation_model"] + (" *" if row["observation_model"] == DEFAULT else "")
+            print(
+                f"{kind:10s}{model:28s}{row['nll']:7.4f}  {row['nll_low']:.3f} to "
+                f"{row['nll_high']:.3f} {row['brier']:7.4f}{row['ece']:7.3f}"
+                f"{row['ece_calibrated']:12.3f}{row['accuracy']:10.3f}"
+            )
+    print("\n* the default")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Make the README's picture of the viewer from the sample log, and the sample log itself.
+
+    python benchmarks/picture.py          docs/viewer.png from logs/sample.mcap
+    python benchmarks/picture.py --log    logs/sample.mcap anew, then the picture
+
+The picture needs a Vulkan driver, which may be one in software: on Debian and Ubuntu
+`apt-get install --no-install-recommends mesa-vulkan-drivers`.
+"""
+
+import argparse
+import io
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from meal_bayes.agents.asking import ask
+from meal_bayes.trial_log import read_header, read_trials, write_trials
+from meal_bayes.viewer import take_picture, write_recording
+
+ROOT = Path(__file__).resolve().parents[1]
+LOG, PICTURE = ROOT / "logs" / "sample.mcap", ROOT / "docs" / "viewer.png"
+QUESTIONS = (  # the first is the one that is shown
+    ("Is it heavy, and does it hold beans?", "heavy_blue_beans"),
+    ("Is it blue?", "light_blue_glass"),
+    ("Is it medium, brown, and does it hold screws?", "light_brown_screws"),
+    ("Is it green, and does it hold rice?", "heavy_green_rice"),
+    ("Is it light?", "medium_brown_rice"),
+)
+SHOWN = 0  # trial
+COLORS = 256
+
+
+def make_log(path: Path) -> None:
+    """Ask a few questions of one agent and log the trials."""
+    asked = {"dataset": "roc36", "agent": "bayes", "seed": 0}
+    trials = [ask(question, object=name, **asked) for question, name in QUESTIONS]
+    config = {"command": "sample", **asked, "questions": [question for question, _ in QUESTIONS]}
+    write_trials(path, trials, header={"config": config, "seed": asked["seed"]})
+    print(f"{path}: {len(trials)} trials, {path.stat().st_size:,} bytes")
+
+
+def make_picture(log: Path, path: Path) -> None:
+    """Show the last behavior before the answer."""
+    trial = list(read_trials(log))[SHOWN]
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "sample.rrd"
+        write_recording(read_trials(log), recording, read_header(log), name=log.name, only=SHOWN)
+        picture, _ = take_picture(recording, row=len(trial.steps) - 1)
+    path.parent.mkdir(exist_ok=True)
+    Image.open(io.BytesIO(picture)).convert("RGB").quantize(COLORS).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size:,} bytes")
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--log", action="store_true", help="make the sample log anew")
+    if parser.parse_args().log:
+        make_log(LOG)
+    make_picture(LOG, PICTURE)
+
+
+if __name__ == "__main__":
+    main()

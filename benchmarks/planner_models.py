@@ -1,0 +1,99 @@
+"""The problems of `planner.py`, by name.
+
+- `A1` .. `A5`: the reference models (one to five attributes, noisy rates; `--reference DIR`).
+- `clean1` .. `clean5`: the same questions, asked of our own ROC36 perception: shipped tables,
+  learned without the first object; r+ = -r- = 500, uniform prior, Eq. 8.
+- `A1-precision1` .. `A3-precision5`: A1 to A3 in worlds where every object has rows of its own
+  (Dirichlet of precision 1, 3, 5). `eq8` is the optimal policy of infinite precision, carried out
+  there with its own belief.
+- `super-A1` .. `super-A3`: A5, where the values of all attributes beyond 1 .. 3 are known before:
+  irrelevant attributes, whose percepts still come. Values must be those of A1 .. A3.
+- `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
+  as above; additive reward; nobody to ask.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import MOMDP, build_momdp
+from meal_bayes.momdp.reference import load_reference
+
+ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
+PRECISIONS = (1, 3, 5)
+LARGE = (10, 20, 81)
+
+NOISY = tuple(f"A{n}" for n in range(1, 6))
+MODELS = (
+    *NOISY,
+    *(f"clean{n}" for n in range(1, 6)),
+    *(f"A{n}-precision{s}" for n in range(1, 4) for s in PRECISIONS),
+    *(f"super-A{n}" for n in range(1, 4)),
+    *(f"ispy32-{n}" for n in LARGE),
+)
+
+
+@lru_cache(maxsize=1)
+def momdp_of(model: str, reference: str | None) -> MOMDP:
+    """Build a model's MOMDP by name."""
+    kind, _, rest = model.partition("-")
+    if kind == "ispy32":
+        momdp = _learned("ispy32", _large_query(int(rest)))
+        return replace(_unasked(momdp), additive=True)
+    if kind.startswith("clean"):
+        return _learned("roc36", ASKED[: int(kind.removeprefix("clean"))])
+    models = load_reference(reference)
+    if kind == "super":
+        momdp, asked = models["A5"], models[rest].query.attributes
+        if momdp.query.attributes[: len(asked)] != asked:
+            raise SystemExit(f"{rest} does not ask the first attributes of A5")
+        known = np.arange(len(momdp.query)) >= len(asked)
+        return replace(momdp, prior=np.where(known, 1.0, momdp.prior))
+    momdp = models[kind]
+    if rest:
+        precision = float(rest.removeprefix("precision"))
+        momdp = replace(momdp, precision=np.full_like(momdp.precision, precision))
+    return momdp
+
+
+def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
+    """Make the paper's problem from shipped tables, learned without the first object."""
+    from meal_bayes.agents import knowledge_without  # noqa: PLC0415  small processes plan without
+    from meal_bayes.datasets import load_percepts  # noqa: PLC0415
+
+    table = load_percepts(dataset)
+    columns = [table.domain.attribute_index(name) for name in asked]
+    posterior = knowledge_without(table, 0, object_level=False).posterior
+    confusion, precision = posterior.select(columns, exact=True)
+    query = Query(tuple(asked))
+    return build_momdp(
+        table.domain, query, confusion, precision, correct=500, incorrect=-500, abstain=True
+    )
+
+
+def _unasked(momdp: MOMDP) -> MOMDP:
+    """Leave out the behavior that answers for itself, which at once settles any additive query."""
+    kept = [e for e, name in enumerate(momdp.behavior_names) if name != "ask"]
+    return replace(
+        momdp,
+        behavior_names=tuple(momdp.behavior_names[e] for e in kept),
+        transition=momdp.transition[kept],
+        informative=momdp.informative[kept],
+        legal=momdp.legal[:, kept],
+        confusion=momdp.confusion[:, kept],
+        precision=momdp.precision[:, kept],
+        cost=momdp.cost[kept],
+        bonus=momdp.bonus[:, kept],
+        limit=momdp.limit[kept],
+    )
+
+
+def _large_query(n: int) -> tuple[str, ...]:
+    from meal_bayes.datasets import load_percepts  # noqa: PLC0415
+    from meal_bayes.experiments import askable  # noqa: PLC0415
+
+    names = load_domain("ispy32").attributes
+    return names if n == len(names) else askable(load_percepts("ispy32"))[:n]

@@ -1,0 +1,106 @@
+"""The policies of `planner.py`, by name: ours, baselines, and peers that are installed."""
+
+import importlib.util
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from planner_models import NOISY
+
+from meal_bayes.domain import load_domain
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
+from meal_bayes.planners.factored import Factored
+from meal_bayes.planners.open_loop import OpenLoop
+from meal_bayes.planners.pbvi import PBVI
+from meal_bayes.planners.sarsop import Sarsop
+
+TABLED = 3  # attributes up to which factored value iteration is near the optimum
+
+
+class Planner(NamedTuple):
+    """A policy of the table."""
+
+    policy: str
+    budget: str | None = None
+
+    @property
+    def name(self) -> str:
+        """As `--policies` takes it."""
+        return self.policy if self.budget is None else f"{self.policy}:{self.budget}"
+
+
+SEARCHES = tuple(Planner("pomcp", budget) for budget in ("1ms", "10ms", "1500 simulations"))
+BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
+PLANNERS = (  # those that others are compared with come first
+    Planner("olfc"),
+    Planner("eq8"),
+    Planner("factored"),
+    Planner("pbvi"),
+    *SEARCHES,
+    *BASELINES,
+    Planner("sarsop", "5s"),
+    Planner("pomdp-py", "1500 simulations"),
+    Planner("pomdp-py-shortcut", "1500 simulations"),
+)
+
+
+def believed_in(planner: Planner, momdp: MOMDP) -> MOMDP:
+    """Give the MOMDP that a planner solves and filters in."""
+    if planner.policy == "eq8":
+        return replace(momdp, precision=np.full_like(momdp.precision, np.inf))
+    return momdp
+
+
+def planners_for(model: str) -> tuple[Planner, ...]:
+    """List the planners that can be run on a model here."""
+    kind, _, rest = model.partition("-")
+    if rest:
+        finite, few = rest.startswith("precision"), kind == "super"
+        eq8 = (Planner("eq8"),) if finite else ()
+        return (Planner("olfc"), *eq8, *SEARCHES, *(() if few else BASELINES))
+    n = int(model[-1])
+    absent = {"eq8"}
+    if n > TABLED:
+        absent |= {"factored", "pbvi"}
+    if shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
+        absent.add("sarsop")
+    if importlib.util.find_spec("pomdp_py") is None or model not in NOISY or n > TABLED:
+        absent |= {"pomdp-py", "pomdp-py-shortcut"}
+    return tuple(planner for planner in PLANNERS if planner.policy not in absent)
+
+
+def solver_of(planner: Planner, model: str) -> Solver:
+    """Make the solver."""
+    domain = load_domain("ispy32" if model.startswith("ispy32") else "roc36")
+    sequence = tuple(name for name in domain.predefined if name != "ask")
+    by_policy: dict[str, Callable[[], Solver]] = {
+        "olfc": OpenLoop,
+        "eq8": Factored,
+        "factored": Factored,
+        "pbvi": PBVI,
+        "pomcp": lambda: _search(str(planner.budget)),
+        "greedy": Greedy,
+        "predefined_plus": lambda: Predefined(sequence, persistent=True),
+        "random_legal": lambda: RandomLegal(50.0),
+        "sarsop": lambda: Sarsop(seconds=float(str(planner.budget).removesuffix("s"))),
+        "pomdp-py": lambda: _pomdp_py(planner),
+        "pomdp-py-shortcut": lambda: _pomdp_py(planner),
+    }
+    return by_policy[planner.policy]()
+
+
+def _search(budget: str) -> POMCP:
+    if budget.endswith("ms"):
+        return POMCP(milliseconds=float(budget.removesuffix("ms")))
+    return POMCP(simulations=int(budget.split(maxsplit=1)[0]))
+
+
+def _pomdp_py(planner: Planner) -> Solver:
+    from peers import PomdpPy  # noqa: PLC0415  not everyone has it
+
+    simulations = int(str(planner.budget).split(maxsplit=1)[0])
+    return PomdpPy(simulations, shortcut=planner.policy.endswith("shortcut"))

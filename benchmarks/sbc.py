@@ -1,0 +1,190 @@
+"""Does every posterior we ship mean what it says? Simulation-based calibration, 200 simulations.
+
+Parameters are drawn from the prior, percepts from the parameters; then the rank of each true value
+among 99 posterior draws is uniform. Grid and closed forms take seconds (and 20 times as many
+simulations show how far off an approximation is); NUTS takes minutes, so its part is run apart.
+
+    python benchmarks/sbc.py [--json] [--only closed|same|crossed]
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.checks import coverage, rank_statistics, simulate, uniformity
+from meal_bayes.posterior.draws import Draws, draw_grid, replicate
+from meal_bayes.seeds import stream
+
+RANKED = 99  # posterior draws that a true value is ranked among
+SIMULATIONS = 200
+MORE = 20  # times as many where they cost nothing
+MASSES = (0.5, 0.8, 0.95)
+
+Row = dict[str, object]
+
+
+def main() -> None:
+    """Measure, and print a table or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--only", choices=["closed", "same", "crossed"], help="one part")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    parts = {"closed": closed, "same": same, "crossed": crossed}
+    rows = []
+    for name in [arguments.only] if arguments.only else parts:
+        for row in parts[name](arguments.seed):
+            rows.append(row)
+            if not arguments.json:
+                print(tell(row), flush=True)
+    if arguments.json:
+        print(json.dumps({"seed": arguments.seed, "ranked_among": RANKED, "rows": rows}))
+
+
+def tell(row: Row) -> str:
+    """Give a row in words."""
+    rest = {key: value for key, value in row.items() if key not in ("posterior", "of")}
+    told = " ".join(f"{key} {value}" for key, value in rest.items())
+    return f"{row['posterior']:<24} {row['of']:<22} {told}"
+
+
+def judged(posterior: str, of: str, truth: object, draws: object, rng: np.random.Generator) -> Row:
+    """Rank true values (n) among draws (L,n), test, and count what the intervals cover."""
+    drawn = np.asarray(draws, float)
+    thin = drawn[np.linspace(0, len(drawn) - 1, RANKED).astype(int)]
+    ranks = rank_statistics(truth, thin, rng).ravel()
+    ecdf = np.arange(1, ranks.size + 1) / ranks.size
+    return {
+        "posterior": posterior,
+        "of": of,
+        "simulations": int(ranks.size),
+        "p": round(uniformity(ranks, RANKED), 4),
+        "ecdf_off": round(float(np.abs(np.sort((ranks + 0.5) / (RANKED + 1)) - ecdf).max()), 4),
+        "covered": dict(zip(map(str, MASSES), coverage(truth, drawn, MASSES).round(3).tolist(),
+                            strict=True)),
+    }  # fmt: skip
+
+
+def leaning(levels: int, weight: float, attributes: int, behaviors: int) -> np.ndarray:
+    """Prior rows (P,E,2,K) by which true objects lean to the last level, false ones to the first.
+
+    So that nearly every pair has a vote on its behavior's dispersion.
+    """
+    up = np.linspace(1.0, 3.0, levels)
+    rows = np.stack([up[::-1], up]) * weight / up.sum()
+    return np.broadcast_to(rows, (attributes, behaviors, 2, levels)).copy()
+
+
+def yes(mean: np.ndarray) -> np.ndarray:
+    """Pr(upper half of the levels)."""
+    return mean[..., mean.shape[-1] // 2 :].sum(axis=-1)
+
+
+def names(attributes: int, behaviors: int) -> dict[str, list[str]]:
+    """Name what has no name."""
+    return {
+        "attributes": [f"attribute {p}" for p in range(attributes)],
+        "behaviors": [f"behavior {e}" for e in range(behaviors)],
+    }
+
+
+def closed(seed: int) -> Iterator[Row]:
+    """Conjugate rows, the grid's exact draws, and the Dirichlets that sum the grid up."""
+    for times in (1, MORE):
+        behaviors = SIMULATIONS * times // 2
+        rng = stream(seed, "sbc", "closed", times)
+        prior = leaning(2, 4.0, 1, behaviors)
+        made = simulate(rng, prior, objects=20, recordings=5, independent=True)
+        posterior = ConfusionPosterior.from_counts(made.counts, prior=prior)
+        drawn = posterior.sample(rng, 999)
+        yield judged("conjugate", "m", yes(made.mean), yes(drawn), rng)
+        for levels in (2, 4):
+            prior = leaning(levels, 4.0, 4, behaviors)
+            made = simulate(rng, prior, objects=20, recordings=5)
+            found = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
+                              draws=499)  # fmt: skip
+            mean, s = found.rows()
+            kind = {2: "grid, exact"}.get(levels, f"grid, {levels} levels")
+            yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)
+            yield judged(kind, "s", made.dispersion[0], s[:, 0], rng)
+            summed = ConfusionPosterior.from_objects(made.counts, prior=prior)
+            drawn = summed.sample(rng, 499)
+            kind = f"from_objects, {levels} levels"
+            yield judged(kind, "m", yes(made.mean)[0], yes(drawn)[:, 0], rng)
+            alpha = summed.precision[..., None] * summed.mean
+            own = dirichlet(rng, made.dispersion[..., None] * made.mean)
+            drawn = dirichlet(rng, np.broadcast_to(alpha, (499, *alpha.shape)))
+            yield judged(kind, "a new object's row", yes(own)[0], yes(drawn)[:, 0], rng)
+
+
+def dirichlet(rng: np.random.Generator, alpha: np.ndarray) -> np.ndarray:
+    """Draw rows; parameters far below 1 underflow."""
+    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
+    return gamma / gamma.sum(axis=-1, keepdims=True)
+
+
+def same(seed: int) -> Iterator[Row]:
+    """NUTS on the grid's hierarchy: behaviors and truths are independent, so one fit is all."""
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+
+    behaviors = SIMULATIONS // 2
+    for levels in (2, 4):
+        rng, start = stream(seed, "sbc", "same", levels), time.perf_counter()
+        prior = leaning(levels, 4.0, 3, behaviors)
+        made = simulate(rng, prior, objects=20, recordings=5)
+        found = fit_hierarchical(made.counts, **names(3, behaviors), prior=prior, chains=2,
+                                 draws=500, tune=500, seed=seed)  # fmt: skip
+        mean, s = found.rows()
+        extra = {"divergences": found.divergences, "seconds": round(time.perf_counter() - start)}
+        kind = f"NUTS same, {levels} levels"
+        yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng) | extra
+        yield judged(kind, "s", made.dispersion[0], s[:, 0], rng) | extra
+
+
+def crossed(seed: int) -> Iterator[Row]:
+    """NUTS on the crossed hierarchy, small: a fit for each simulation."""
+    import pymc as pm  # noqa: PLC0415
+
+    from meal_bayes.posterior.hierarchical import build_model, fit_hierarchical  # noqa: PLC0415
+
+    attributes, behaviors, objects, recordings = 2, 2, 24, 3
+    named = names(attributes, behaviors)
+    template = np.zeros((objects, attributes, behaviors, 2, 2), dtype=np.int64)
+    template[: objects // 2, ..., 0, 0] = template[objects // 2 :, ..., 1, 0] = recordings
+    model = build_model(template, **named, model="crossed")
+    prior = pm.draw(
+        [model["mean"], model["dispersion"], model["misperception"]], SIMULATIONS,
+        random_seed=int(stream(seed, "sbc", "prior").integers(2**31)),
+    )  # fmt: skip
+    before = Draws(*map(tuple, named.values()), *(values[None] for values in prior))
+    rng, start = stream(seed, "sbc", "crossed"), time.perf_counter()
+    made = replicate(before, template, rng, size=SIMULATIONS)
+    kept: list[tuple[np.ndarray, ...]] = []
+    lost = 0
+    for number, counts in enumerate(made):
+        found = fit_hierarchical(counts, **named, model="crossed", chains=2, cores=1, draws=250,
+                                 tune=400, seed=number)  # fmt: skip
+        mean, s = found.rows()
+        kept.append((yes(mean), s, found.misperception.ravel()))
+        lost += found.divergences
+        if not (number + 1) % 20:
+            print(f"crossed: {number + 1}/{SIMULATIONS} fits, {time.perf_counter() - start:.0f} s",
+                  file=sys.stderr, flush=True)  # fmt: skip
+    drawn = [np.stack(values, axis=1) for values in zip(*kept, strict=True)]  # (L,200,...)
+    extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
+    pair = (0, 0, 1)
+    for of, true, values in (
+        ("m of a true row", yes(prior[0])[:, *pair], drawn[0][:, :, *pair]),
+        ("s of a true row", prior[1][:, *pair], drawn[1][:, :, *pair]),
+        ("misperception", prior[2], drawn[2]),
+    ):
+        yield judged("NUTS crossed", of, true, values, rng) | extra
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,292 @@
+"""`meal-bayes posterior`: fit what the percepts say of Theta, check it, save it, draw it."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.table import Table
+
+from meal_bayes.cli.options import dataset_option, json_option, seed_option
+from meal_bayes.cli.screen import note, output, patience, progress
+from meal_bayes.cli.story import print_facts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from meal_bayes.datasets import PerceptTable
+    from meal_bayes.posterior.draws import Draws
+
+_R_HAT = 1.01  # above it the chains do not agree
+_ESS = 400  # below it the figures are rough
+_CLIP = 1e-6  # of beliefs, in the logarithm
+_TOLD = 12  # pairs in the table
+
+
+@click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
+@dataset_option
+@click.option(
+    "--method", type=click.Choice(["grid", "pymc"]), default="grid", show_default=True,
+    help="Exact quadrature in a second, or NUTS in minutes.",
+)  # fmt: skip
+@click.option(
+    "--model", type=click.Choice(["same", "crossed"]), default="same", show_default=True,
+    help="The grid's, or attributes crossed with behaviors that err together (pymc only).",
+)  # fmt: skip
+@click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
+@click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
+@click.option(
+    "--levels", type=int, default=2, show_default=True, metavar="K", help="Of a percept: 2, 4 or 8."
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
+    help="Folder of what is written; one in posteriors/ by default.",
+)  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=10), default=1000, show_default=True,
+              help="Of each chain.")  # fmt: skip
+@click.option("--tune", type=click.IntRange(min=10), default=1000, show_default=True,
+              help="Steps before them (pymc).")  # fmt: skip
+@click.option("--chains", type=click.IntRange(min=2), default=4, show_default=True)
+@seed_option()
+@json_option
+def posterior(
+    dataset: str,
+    method: str,
+    model: str,
+    attributes: str | None,
+    held_out: str | None,
+    levels: int,
+    out: Path | None,
+    draws: int,
+    tune: int,
+    chains: int,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Fit how likely each percept is of true and of false objects, and how far objects differ.
+
+    Writes the draws (posterior.nc, for ArviZ), a summary of every entry (summary.csv), and
+    figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
+    the beliefs after one behavior and after all.
+    """
+    from meal_bayes.errors import SettingsError
+
+    if method == "grid" and model != "same":
+        raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
+    config = {
+        "command": "posterior", "dataset": dataset, "method": method, "model": model,
+        "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
+        "tune": tune, "chains": chains, "seed": seed,
+    }  # fmt: skip
+    table, columns, counts = _counts(dataset, attributes, held_out, levels)
+    drawn = _fit(table, columns, counts, config)
+    folder = out or Path("posteriors") / _folder(config)
+    facts = _write(drawn, counts, seed, folder)
+    if as_json:
+        told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
+        click.echo(json.dumps(told, allow_nan=False))
+        return
+    _print(drawn, facts)
+    note(f"draws, summary and figures in {folder}")
+
+
+def _counts(
+    dataset: str, attributes: str | None, held_out: str | None, levels: int
+) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
+    """Count percepts (O,P,E,2,K): out-of-object ones, or what is learned without one object."""
+    import numpy as np
+
+    from meal_bayes.datasets import load_percepts, object_index
+    from meal_bayes.perception import table_counts
+    from meal_bayes.perception.confusion import by_truth
+
+    table = load_percepts(dataset)
+    names = [name.strip() for name in (attributes or "").split(",") if name.strip()]
+    columns = sorted({table.domain.attribute_index(name) for name in names})
+    columns = columns or list(range(len(table.domain.attributes)))
+    if held_out is not None:
+        counts = table_counts(table, object_index(table.objects, held_out), levels=levels).counts
+    else:
+        level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
+        shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
+        counts = by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels).counts
+    return table, columns, counts[:, columns]
+
+
+def _fit(
+    table: "PerceptTable",
+    columns: list[int],
+    counts: "NDArray[Any]",
+    config: "dict[str, Any]",
+) -> "Draws":
+    from meal_bayes.posterior import draw_grid
+    from meal_bayes.seeds import stream
+
+    attributes = [table.domain.attributes[p] for p in columns]
+    behaviors = [behavior.name for behavior in table.domain.behaviors]
+    draws, chains, seed = config["draws"], config["chains"], config["seed"]
+    if config["method"] == "grid":
+        with patience("drawing from the grid ..."):
+            return draw_grid(
+                counts, stream(seed, "posterior"), attributes=attributes, behaviors=behaviors,
+                draws=draws, chains=chains,
+            )  # fmt: skip
+    note("the model is compiled first, which takes half a minute or two")
+    from meal_bayes.posterior import fit_hierarchical
+
+    with progress("NUTS", "steps") as advance:
+        return fit_hierarchical(
+            counts, attributes=attributes, behaviors=behaviors, model=config["model"],
+            draws=draws, tune=config["tune"], chains=chains, seed=seed, progress=advance,
+        )  # fmt: skip
+
+
+def _folder(config: "dict[str, Any]") -> str:
+    """Name a folder so that equal fits share it and others do not."""
+    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:8]
+    return f"{Path(config['dataset']).stem}-{config['method']}-{config['model']}-{digest}"
+
+
+def _write(draws: "Draws", counts: "NDArray[Any]", seed: int, folder: Path) -> "dict[str, Any]":
+    """Write everything; give what is told of it."""
+    import numpy as np
+
+    from meal_bayes.evaluation.plots import reliability_diagram, save
+    from meal_bayes.evaluation.posterior_plots import forest, predictive
+    from meal_bayes.posterior import idata
+    from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
+    from meal_bayes.seeds import stream
+
+    with patience("checking the fit ..."):
+        check = predictive_check(draws, counts, stream(seed, "predictive"))
+        beliefs = beliefs_without_itself(draws, counts)
+        n = check.observed.shape[1]
+        made = idata.to_idata(
+            draws,
+            observed={"yes": (("truth", "number"), check.observed)},
+            predicted={"yes": (("truth", "number"), check.predicted[None])},
+            coords={"number": np.arange(n)},
+        )
+        idata.save_netcdf(made, folder / "posterior.nc")
+        (folder / "summary.csv").write_text(idata.summary_csv(made), encoding="utf-8")
+        low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
+        save(forest(middle, low, high, draws.attributes, draws.behaviors), folder / "forest.png")
+        save(predictive(check.observed, check.predicted), folder / "predictive.png")
+        pairs = {
+            "each": (beliefs.each, beliefs.each_truth),
+            "together": (beliefs.together, beliefs.together_truth),
+        }
+        for name, (belief, truth) in pairs.items():
+            save(reliability_diagram(belief, truth), folder / f"reliability_{name}.png")
+    epsilon = draws.misperception
+    return {
+        "convergence": [one._asdict() for one in idata.convergence(made)],
+        "divergences": draws.divergences,
+        "misperception": None if epsilon is None else float(epsilon.mean()),
+        "predictive_p": check.p_values.tolist(),
+        "belief": {name: _quality(*pair, seed) for name, pair in pairs.items()},
+    }
+
+
+def _quality(belief: "NDArray[Any]", truth: "NDArray[Any]", seed: int) -> dict[str, float]:
+    import numpy as np
+
+    from meal_bayes.evaluation import calibration_error, expected_calibration_error
+    from meal_bayes.seeds import stream
+
+    right = np.clip(np.where(truth, belief, 1 - belief), _CLIP, 1)
+    return {
+        "nll": float(-np.log(right).mean()),
+        "ece": calibration_error(belief, truth),
+        "ece_calibrated": expected_calibration_error(belief, stream(seed, "calibrated belief")),
+    }
+
+
+def _yes(draws: "Draws") -> "NDArray[Any]":
+    """Pr(yes) of each row, (C*S,P,E,2)."""
+    import numpy as np
+
+    mean, _ = draws.rows()
+    return np.asarray(mean[..., mean.shape[-1] // 2 :].sum(axis=-1))
+
+
+def _rows(draws: "Draws") -> "list[dict[str, object]]":
+    """Sum each pair up: what it says of true and false objects, and how far objects differ."""
+    import numpy as np
+
+    rates, (_, s) = _yes(draws), draws.rows()
+    found = []
+    for p, attribute in enumerate(draws.attributes):
+        for e, behavior in enumerate(draws.behaviors):
+            row: dict[str, object] = {"attribute": attribute, "behavior": behavior}
+            for truth, name in ((1, "tpr"), (0, "fpr")):
+                low, high = np.quantile(rates[:, p, e, truth], [0.025, 0.975])
+                row[name] = float(rates[:, p, e, truth].mean())
+                row[f"{name}_interval"] = [float(low), float(high)]
+                row[f"s_{draws.coords['truth'][truth]}"] = float(np.median(s[:, p, e, truth]))
+            found.append(row)
+    return found
+
+
+def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
+    console = output()
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("variable", no_wrap=True)
+    for name in ("entries", "R-hat", "ESS bulk", "ESS tail"):
+        table.add_column(name, justify="right")
+    for one in facts["convergence"]:
+        ess = (f"{one[name]:.0f}" for name in ("ess_bulk", "ess_tail"))
+        table.add_row(one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", *ess)
+    console.print(table)
+    console.print()
+    _print_rows(draws)
+    belief, p = facts["belief"], facts["predictive_p"]
+    told = {
+        "sampler": _verdict(facts),
+        "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
+        "objects seen; near 0 or 100 % the model does not fit",
+        "beliefs": f"learned without the object, after one behavior: {_told(belief['each'])}; "
+        f"after all: {_told(belief['together'])}",
+    }
+    if facts["misperception"] is not None:
+        told["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
+    console.print()
+    print_facts(console, told)
+
+
+def _told(one: dict[str, float]) -> str:
+    return f"NLL {one['nll']:.3f}, ECE {one['ece']:.3f} ({one['ece_calibrated']:.3f} if calibrated)"
+
+
+def _verdict(facts: "dict[str, Any]") -> str:
+    worst = max(one["r_hat"] for one in facts["convergence"])
+    few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
+    text = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
+    if facts["divergences"] or not worst < _R_HAT:
+        return f"{text}: do not trust these draws; give more --tune and --draws"
+    if few < _ESS:
+        return f"{text}; few independent draws ({few:.0f}), give more --draws"
+    return text
+
+
+def _print_rows(draws: "Draws") -> None:
+    rows = sorted(_rows(draws), key=lambda row: row["fpr"] - row["tpr"])  # type: ignore[operator]
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in ("attribute", "behavior"):
+        table.add_column(name, no_wrap=True)
+    for name in ("yes of true", "yes of false", "s true", "s false"):
+        table.add_column(name, justify="right")
+    for row in rows[:_TOLD]:
+        table.add_row(
+            str(row["attribute"]), str(row["behavior"]), _rate(row, "tpr"), _rate(row, "fpr"),
+            f"{row['s_true']:.1f}", f"{row['s_false']:.1f}",
+        )  # fmt: skip
+    output().print(table)
+    if len(rows) > _TOLD:
+        note(f"{len(rows) - _TOLD} more pairs say less; all of them with --json")
+
+
+def _rate(row: "dict[str, Any]", name: str) -> str:
+    low, high = row[f"{name}_interval"]
+    return f"{row[name]:.2f} ({low:.2f} to {high:.2f})"

@@ -1,0 +1,26 @@
+"""`meal-bayes report`: one page of a run, for a person who was not there."""
+
+from pathlib import Path
+
+import click
+
+from meal_bayes.cli.screen import note, progress
+
+
+@click.command(short_help="Make one page (HTML) of a run: tables, figures, worst trials.")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("report.html"),
+    show_default=True, metavar="FILE.html", help="The page; everything it needs is in it.",
+)  # fmt: skip
+def report(logs: tuple[Path, ...], out: Path) -> None:
+    """Make one page of the trials in LOGS, files or runs' folders."""
+    from meal_bayes.evaluation.report import write_report
+    from meal_bayes.trial_log import Logs
+
+    found = Logs(*logs)
+    with progress("reading", "files") as advance:
+        told = write_report(found, out, on_progress=advance)
+    for problem in found.problems:
+        note(f"warning: {problem}; the report tells of the whole trials")
+    click.echo(f"{out}: {told.trials} trials of {len(told.agents)} agents, {told.size:,} bytes")

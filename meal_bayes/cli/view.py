@@ -1,0 +1,168 @@
+"""`meal-bayes view`: trials seen step by step in rerun, live or from a log."""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from meal_bayes.cli.screen import note, progress
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from meal_bayes.agents import Trial
+    from meal_bayes.cli.screen import Advance
+    from meal_bayes.trial_log import Logs
+
+
+@click.command(short_help="See trials step by step: beliefs, values, search, percepts.")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option(
+    "--trial", "number", type=click.IntRange(min=0), metavar="N",
+    help="Show only this trial step by step, counted from 0; all of them by default.",
+)  # fmt: skip
+@click.option(
+    "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd",
+    help="Write the recording and open no viewer.",
+)  # fmt: skip
+@click.option(
+    "--screenshot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.png",
+    help="Write a picture of the viewer and open no window.",
+)  # fmt: skip
+@click.option(
+    "--step", type=click.IntRange(min=0), metavar="S",
+    help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
+)  # fmt: skip
+@click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
+@click.option("--live", is_flag=True, help="Follow a run that is still writing LOG.")
+def view(
+    log: Path,
+    number: int | None,
+    save: Path | None,
+    screenshot: Path | None,
+    step: int | None,
+    web: bool,
+    live: bool,
+) -> None:
+    """See the trials of LOG, a file or a run's folder, in the rerun viewer.
+
+    The window has a tab for the trial under the cursor and one for the whole run. The viewer runs
+    on this machine, is reachable from nowhere else, and is started with its telemetry off.
+    """
+    _check(number, save, screenshot, step, web, live)
+    if live:
+        _live(log, web=web)
+    elif save is not None:
+        from meal_bayes.viewer.window import check_recording_name
+
+        trials = _record(log, check_recording_name(save), number)
+        click.echo(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
+    else:
+        with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
+            # rerun shows the file's name
+            recording = Path(folder) / f"{log.resolve().name.partition('.')[0]}.rrd"
+            _record(log, recording, number)
+            if screenshot is not None:
+                _picture(log, recording, screenshot, number, step)
+            else:
+                _show(recording, web=web)
+
+
+def _check(
+    number: int | None,
+    save: Path | None,
+    screenshot: Path | None,
+    step: int | None,
+    web: bool,
+    live: bool,
+) -> None:
+    if sum((save is not None, screenshot is not None, web)) > 1:
+        raise click.UsageError("Give one of --save, --screenshot and --web.")
+    if live and (number is not None or save is not None or screenshot is not None):
+        raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
+    if step is not None and screenshot is None:
+        raise click.UsageError("--step says which step a --screenshot shows.")
+
+
+def _record(log: Path, recording: Path, number: int | None) -> int:
+    """Make the recording and tell what could not be read."""
+    from meal_bayes.errors import SettingsError
+    from meal_bayes.trial_log import Logs
+    from meal_bayes.viewer import write_recording
+
+    logs = Logs(log)
+    header, total = logs.header, _count(logs)
+    recording.parent.mkdir(parents=True, exist_ok=True)
+    if number is not None and total is not None and number >= total:
+        raise SettingsError(f"{log} holds {total} trials; give --trial 0 to {total - 1}.")
+    with progress("reading", "trials") as advance:
+        trials = write_recording(
+            _counted(logs, advance, total), recording, header, name=log.resolve().name, only=number
+        )
+    for problem in logs.problems:
+        note(f"warning: {problem}; {trials} whole trials are shown")
+    if number is not None and number >= trials:
+        raise SettingsError(f"{log} holds {trials} whole trials; give --trial 0 to {trials - 1}.")
+    return trials
+
+
+def _counted(logs: "Logs", advance: "Advance", total: int | None) -> "Iterator[Trial]":
+    for done, trial in enumerate(logs.trials()):
+        advance(done, total or done + 1)
+        yield trial
+
+
+def _count(logs: "Logs") -> int | None:
+    """Count the trials of whole logs; None where one is damaged or unfinished."""
+    from meal_bayes.errors import LogError
+    from meal_bayes.trial_log import log_info
+
+    try:
+        return sum(log_info(file).trials for file in logs.files)
+    except LogError:
+        return None
+
+
+def _picture(log: Path, recording: Path, path: Path, number: int | None, step: int | None) -> None:
+    from meal_bayes.trial_log import Logs
+    from meal_bayes.viewer import take_picture
+
+    if step is None:
+        for count, trial in enumerate(Logs(log).trials()):
+            step = max(len(trial.steps) - 1, 0)
+            if number is None or count == number:
+                break
+    take_picture(recording, path, row=step or 0)
+    click.echo(f"{path}: {path.stat().st_size:,} bytes")
+
+
+def _show(recording: Path, *, web: bool) -> None:
+    from meal_bayes.viewer import Viewer
+
+    with Viewer([recording], web=web) as viewer:
+        if web:
+            viewer.wait_until_ready()
+            click.echo(f"open {viewer.address}\nCtrl-C ends it")
+        viewer.wait()
+
+
+def _live(log: Path, *, web: bool) -> None:
+    from meal_bayes.viewer import Viewer, follow
+
+    with Viewer(web=web) as viewer:
+        viewer.wait_until_ready()
+        if web:
+            click.echo(f"open {viewer.address}\nCtrl-C ends it")
+        if not log.exists():
+            note(f"waiting for {log} ...")
+        follower = follow(log, viewer.url, watching=lambda: viewer.running, on_trials=_told)
+        for problem in follower.problems:
+            note(f"warning: {problem}; the whole trials before it are shown")
+        if viewer.running:
+            note("the run has ended; close the viewer, or press Ctrl-C")
+        viewer.wait()
+
+
+def _told(trials: int) -> None:
+    note(f"{trials} trials")

@@ -1,0 +1,108 @@
+"""Figures of a posterior: intervals of its rows, and whether it predicts what was seen.
+
+In the hand of `plots`, which holds the style, `save`, and the reliability diagram.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import plots
+
+_TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
+_MOST = 40  # rows that fit a page
+_ROW = 0.19  # inches
+
+
+def forest(
+    middle: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
+    attributes: Sequence[str],
+    behaviors: Sequence[str],
+    *,
+    most: int = _MOST,
+    ax: plots.Axes | None = None,
+) -> plots.Axes:
+    """Draw how likely "yes" is of true and of false objects, each with its interval.
+
+    One row a pair; attributes stay together, their most telling behavior first. Where there are
+    too many pairs, those that tell most are drawn.
+
+    Parameters
+    ----------
+    middle, low, high : (P,E,2) Pr(yes | false), Pr(yes | true), and the ends of their intervals.
+    attributes, behaviors : names (P,) and (E,).
+    most : rows.
+    """
+    center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
+    if center.shape != (len(attributes), len(behaviors), 2) or ends.shape[:-1] != center.shape:
+        raise SettingsError(
+            f"Rows have shapes {center.shape} and {ends.shape[:-1]}; expected "
+            f"({len(attributes)}, {len(behaviors)}, 2)."
+        )
+    gap = center[..., 1] - center[..., 0]
+    pairs = sorted(np.ndindex(gap.shape), key=lambda pair: -gap[pair])[:most]
+    pairs.sort(key=lambda pair: (pair[0], -gap[pair]))
+    heads = [n for n, pair in enumerate(pairs) if n == 0 or pairs[n - 1][0] != pair[0]]
+    place = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
+    with plots._axes(ax, height=1.1 + _ROW * (place[-1] + 1)) as to:
+        for truth, (name, marker) in enumerate(_TRUTHS):
+            x = np.array([center[pair][truth] for pair in pairs])
+            reach = np.array([np.abs(ends[pair][truth] - center[pair][truth]) for pair in pairs])
+            shift = 0.14 if truth else -0.14
+            to.errorbar(
+                x, place - shift, xerr=reach.T, fmt=marker, ms=3.5, color=plots.COLORS[1 - truth],
+                elinewidth=1.3, label=f"of {name} objects",
+            )  # fmt: skip
+        to.set_yticks(place, [behaviors[e] for _, e in pairs])
+        for head in heads:
+            name = attributes[pairs[head][0]]
+            to.text(-0.01, place[head] - 0.9, name, weight="bold", ha="right", va="center",
+                    fontsize=8, transform=to.get_yaxis_transform())  # fmt: skip
+        to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
+        rest = gap.size - len(pairs)
+        more = (
+            f"\n(the {len(pairs)} pairs that tell most; {rest} more are not shown)" if rest else ""
+        )
+        plots._finish(to, f'probability of "yes", with 95 % interval{more}', "", grid="x")
+        to.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        return to
+
+
+def predictive(
+    observed: ArrayLike, predicted: ArrayLike, *, ax: plots.Axes | None = None
+) -> plots.Axes:
+    """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
+
+    Columns are observed shares; points the predicted ones with 95 % intervals. Objects that differ
+    heap up at both ends; a model that takes percepts as independent would not.
+
+    Parameters
+    ----------
+    observed : (2,n+1) cases by truth (false, true) and number of "yes" of n.
+    predicted : (S,2,n+1) replicates.
+    """
+    seen, drawn = np.asarray(observed, float), np.asarray(predicted, float)
+    if seen.ndim != 2 or len(seen) != 2 or drawn.shape[1:] != seen.shape:  # noqa: PLR2004
+        raise SettingsError(
+            f"Observed {seen.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
+        )
+    x = np.arange(seen.shape[1])
+    with plots._axes(ax) as to:
+        for truth, (name, marker) in enumerate(_TRUTHS):
+            color, shift = plots.COLORS[1 - truth], 0.2 if truth else -0.2
+            total = max(seen[truth].sum(), 1.0)
+            to.bar(x + shift, seen[truth] / total, 0.36, color=color, alpha=0.35,
+                   label=f"{name}, observed")  # fmt: skip
+            low, middle, high = np.quantile(drawn[:, truth] / total, [0.025, 0.5, 0.975], axis=0)
+            to.errorbar(
+                x + shift, middle, yerr=[middle - low, high - middle], fmt=marker, ms=4,
+                color=color, capsize=2.5, elinewidth=1.1, label=f"{name}, predicted",
+            )  # fmt: skip
+        to.set_xticks(x)
+        plots._finish(to, f'percepts of {x[-1]} that say "yes"', "share of cases", grid="y")
+        plots._legend(to, 4)
+        return to

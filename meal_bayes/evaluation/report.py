@@ -1,0 +1,343 @@
+"""One page of a run: how good, how costly, how well calibrated, and where it went wrong."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.page import (
+    figure,
+    figures,
+    fold,
+    page,
+    section,
+    share_bar,
+    table,
+    tiles,
+    verdict,
+)
+from meal_bayes.evaluation.statistics import Interval, wilson_interval
+from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
+from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
+from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log.words import level_words, percent
+
+_HOUR = 3600.0  # s
+_POINTS = 200  # of a curve
+_Z = 1.96  # of a 95 % interval
+
+
+@dataclass(frozen=True, slots=True)
+class ReportInfo:
+    """What a report was made of."""
+
+    path: Path
+    size: int  # bytes
+    trials: int
+    agents: tuple[str, ...]
+
+
+def write_report(
+    logs: Logs, path: str | Path, *, on_progress: Callable[[int, int], None] | None = None
+) -> ReportInfo:
+    """Read logs as far as they can be read and write one self-contained HTML page.
+
+    Parameters
+    ----------
+    logs : of one data set, as object indices name the clusters of standard errors.
+    on_progress : called with (files done, files in all).
+
+    Raises
+    ------
+    LogError : there is not one trial that can be read.
+    """
+    path, tally = Path(path), Tally()
+    for done, (file, (header, trials)) in enumerate(zip(logs.files, logs.parts(), strict=True)):
+        if on_progress is not None:
+            on_progress(done, len(logs.files))
+        batch = batch_of(header)
+        for number, trial in enumerate(trials):
+            tally.add(trial, Place(file, number), batch)
+    if not tally.trials:
+        logs.complain_of_nothing()
+    text = report_page(tally, logs)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return ReportInfo(path, path.stat().st_size, tally.trials, tuple(tally.agents))
+
+
+def report_page(tally: Tally, logs: Logs) -> str:
+    """Make the page (HTML)."""
+    rows = [row for agent in tally.agents.values() for row in summarize(agent.trials)]
+    parts = [
+        *_warnings(logs),
+        tiles(_facts(tally)),
+        _agents(rows, tally),
+        _time(tally),
+        _calibration(rows, tally),
+        _attributes(tally),
+        _behaviors(tally),
+        _worst(tally),
+        _run(logs),
+    ]
+    config = logs.header.get("config")
+    name = config.get("dataset") if isinstance(config, dict) else None
+    title = f"Trials on {name}" if isinstance(name, str) else "Trials"
+    return page(title, ", ".join(str(file) for file in logs.files[:3]) + _more(logs), parts)
+
+
+def _more(logs: Logs) -> str:
+    return f" and {len(logs.files) - 3} more logs" if len(logs.files) > 3 else ""  # noqa: PLR2004
+
+
+def _facts(tally: Tally) -> dict[str, str]:
+    seconds = sum(trial.cost for agent in tally.agents.values() for trial in agent.trials)
+    return {
+        "trials": f"{tally.trials:,}",
+        "steps": f"{tally.steps:,}",
+        "agents" if len(tally.agents) > 1 else "agent": f"{len(tally.agents)}",
+        "objects": f"{len(tally.objects)}",
+        "hours of robot time": f"{seconds / _HOUR:.1f}",
+    }
+
+
+def _warnings(logs: Logs) -> Iterator[str]:
+    if logs.problems:
+        text = "Some of the logs are damaged or unfinished; this page tells of their whole trials."
+        items = "".join(f"<li>{escape(problem)}</li>" for problem in logs.problems)
+        yield section("Warning", text, f"<ul>{items}</ul>", kind="warning")
+
+
+def _agents(rows: list[SummaryRow], tally: Tally) -> str:
+    head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "no answer"]
+    cells = [
+        [
+            row.agent, f"{row.trials:,}", _with_error(row.accuracy, row.accuracy_se, 3),
+            f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
+            _with_error(row.reward, row.reward_se, 1), f"{row.nll:.3f}", f"{row.ece:.3f}",
+            f"{100 * row.abstained:.1f} %",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    best = {}
+    if len(rows) > 1:
+        for column, key in ((2, "accuracy"), (4, "reward")):
+            best[column] = max(range(len(rows)), key=lambda i: getattr(rows[i], key))
+        for column, key in ((3, "cost_s"), (5, "nll"), (6, "ece")):
+            best[column] = min(range(len(rows)), key=lambda i: getattr(rows[i], key))
+    names = [row.agent for row in rows]
+    accuracy = [_interval(row.accuracy, row.accuracy_se, 0.0, 1.0) for row in rows]
+    cost = [
+        _interval(row.cost_s, row.cost_sd / math.sqrt(row.trials), 0.0, math.inf) for row in rows
+    ]
+    drawn = figures(
+        figure(
+            plots.svg(plots.bars({"": accuracy}, names, y_label="accuracy", share=True)),
+            "Share of trials whose answer was right in every attribute, with 95 % intervals.",
+        ),
+        figure(
+            plots.svg(plots.bars({"": cost}, names, y_label="cost of a trial, s")),
+            "Mean seconds of behaviors in a trial, with 95 % intervals.",
+        ),
+    )
+    text = (
+        "A trial counts as right when all its attributes are; one without an answer does not. "
+        "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
+        "belief."
+    )
+    return section("Agents", text, table(head, cells, best=best), *_differences(rows, tally), drawn)
+
+
+def _differences(rows: list[SummaryRow], tally: Tally) -> Iterator[str]:
+    """Compare every agent with the one that has the highest reward, on the tasks they share."""
+    if len(rows) < 2:  # noqa: PLR2004
+        return
+    best = max(rows, key=lambda row: row.reward).agent
+    trials = [trial for agent in tally.agents.values() for trial in agent.trials]
+    cells = []
+    for row in rows:
+        if row.agent == best:
+            continue
+        try:
+            found = [compare(trials, best, row.agent, measure=m) for m in ("reward", "cost")]
+        except SettingsError:  # no task in common
+            continue
+        cells.append([f"{best} - {row.agent}", *(_with_interval(one) for one in found)])
+    if cells:
+        yield '<p class="note" style="margin-top:.8rem">On the same tasks, 95 % intervals:</p>'
+        yield table(["difference", "reward", "cost, s"], cells)
+
+
+def _time(tally: Tally) -> str:
+    learned = [
+        _learning(name, agent) for name, agent in tally.agents.items() if len(agent.tested) > 1
+    ]
+    if learned:
+        drawn = plots.learning_curve(learned)
+        words = "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
+        return section("Learning", "", figures(figure(plots.svg(drawn), words)))
+    curves = [_so_far(name, agent.trials) for name, agent in tally.agents.items()]
+    drawn = plots.lines(curves, x_label="robot time, h", y_label="accuracy so far")
+    words = "Accuracy of all trials so far over the hours that their behaviors took, 95 % band."
+    cost = plots.cost_distribution(
+        {name: [trial.cost for trial in agent.trials] for name, agent in tally.agents.items()}
+    )
+    return section(
+        "Accuracy and cost",
+        "",
+        figures(
+            figure(plots.svg(drawn), words),
+            figure(plots.svg(cost), "Share of trials that cost at most so many seconds."),
+        ),
+    )
+
+
+def _learning(name: str, agent: AgentTally) -> plots.Series:
+    batches = sorted(agent.tested)
+    found = [wilson_interval(sum(agent.tested[b]), len(agent.tested[b])) for b in batches]
+    spent = [sum(s for t, s in agent.train_cost.items() if t < b) / _HOUR for b in batches]
+    return _series(name, spent, found)
+
+
+def _so_far(name: str, trials: list[Trial]) -> plots.Series:
+    right = np.cumsum([trial.success for trial in trials])
+    hours = np.cumsum([trial.cost for trial in trials]) / _HOUR
+    at = np.unique(np.linspace(0, len(trials) - 1, _POINTS).astype(int))
+    found = [wilson_interval(int(right[i]), int(i) + 1) for i in at]
+    return _series(name, hours[at].tolist(), found)
+
+
+def _series(name: str, x: list[float], found: list[Interval]) -> plots.Series:
+    estimate, low, high = ([getattr(f, end) for f in found] for end in ("estimate", "low", "high"))
+    return plots.Series(name, np.array(x), np.array(estimate), np.array(low), np.array(high))
+
+
+def _calibration(rows: list[SummaryRow], tally: Tally) -> str:
+    drawn = []
+    for row in rows:
+        trials = tally.agents[row.agent or "agent"].trials
+        positive = np.concatenate([trial.last_belief.positive for trial in trials])
+        truth = np.concatenate([trial.truth for trial in trials])
+        words = (
+            f"{row.agent}: expected calibration error {row.ece:.3f}; "
+            f"a calibrated belief of these values would show {row.ece_calibrated:.3f}."
+        )
+        drawn.append(
+            figure(plots.svg(plots.reliability_diagram(positive, truth)), words, square=True)
+        )
+    text = (
+        "Of all attributes that the robot believed in with 80 %, 80 % should be true: points on "
+        "the diagonal. Final beliefs, 95 % intervals."
+    )
+    return section("Calibration", text, figures(*drawn))
+
+
+def _attributes(tally: Tally) -> str:
+    asked = sum((agent.asked for agent in tally.agents.values()), start=Counter[str]())
+    names = sorted(asked, key=lambda name: (-asked[name], name))
+    cells = []
+    for name in names:
+        row: list[str] = [name, f"{asked[name]:,}"]
+        for agent in tally.agents.values():
+            n = agent.asked[name]
+            share = agent.right[name] / n if n else math.nan
+            row.append(share_bar(share, f"{share:.3f}") if n else "-")
+        cells.append(row)
+    text = "How often an answer was right in this attribute; no answer counts as not right."
+    return section("Attributes", text, table(["attribute", "asked", *tally.agents], cells))
+
+
+def _behaviors(tally: Tally) -> str:
+    names = list(tally.behaviors)
+    use = {
+        name: [agent.executed[b] / len(agent.trials) for b in names]
+        for name, agent in tally.agents.items()
+    }
+    cells = []
+    for name in names:
+        row = [name]
+        for agent in tally.agents.values():
+            done, failed = agent.executed[name], agent.failed[name]
+            row.append(f"{done:,} ({failed / done:.0%})" if done else "-")
+        cells.append(row)
+    words = "Executions of each behavior in a trial, in the mean."
+    drawn = figures(
+        figure(plots.svg(plots.behavior_use(use, names)), words),
+        "<div><p class='note'>Executions in all, and the share without a percept.</p>"
+        + table(["behavior", *tally.agents], cells)
+        + "</div>",
+    )
+    return section("Behaviors", "", drawn)
+
+
+def _worst(tally: Tally) -> str:
+    folded = []
+    for rank, (place, trial) in enumerate(tally.worst):
+        drawn = figure(
+            plots.svg(plots.belief_trace(trial)),
+            "Belief after each step; the circles at the end are the truth.",
+        )
+        said = "no answer"
+        if trial.report is not None:
+            said = trial.task.query.report_name(trial.report)
+        word = "right" if trial.success else ("wrong" if trial.report is not None else "no answer")
+        summary = (
+            f"{verdict(right=trial.success, text=word)} <b>trial {place.number}</b>"
+            f"{escape(', '.join(trial.task.query.attributes))}? "
+            f"{escape(trial.task.object_name)}, {escape(trial.agent)}: {escape(said)}; "
+            f"{trial.cost:.1f} s, reward {trial.reward:.1f}"
+        )
+        truth = escape(f"truth: {trial.task.query.report_name(trial.truth)}")
+        see = escape(f"meal-bayes view {place.file} --trial {place.number}")
+        note = f"<p class='note'>{truth}<br>see it: <code>{see}</code></p>"
+        body = figures(drawn, f"<div>{note}{_steps(trial)}</div>")
+        folded.append(fold(summary, body, opened=rank < 3))  # noqa: PLR2004
+    text = "Those with the lowest reward; among equals, where the robot was surest."
+    return section("The worst trials", text, *folded)
+
+
+def _steps(trial: Trial) -> str:
+    momdp, words = trial.momdp, level_words(trial.momdp.levels)
+    cells = []
+    for number, step in enumerate(trial.steps, start=1):
+        action = step.decision.action
+        report = action >= momdp.n_behaviors
+        name = "report" if report else momdp.behavior_names[action]
+        seen = "-" if step.observation is None else ", ".join(words[z] for z in step.observation)
+        belief = ", ".join(percent(p) for p in step.belief.positive.tolist())
+        cells.append([str(number), name, f"{step.cost:g}", "" if report else seen, belief])
+    return table(["", "behavior", "s", "percept", "belief"], cells, texts=(1, 3, 4))
+
+
+def _run(logs: Logs) -> str:
+    files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
+    text = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
+    told = fold("Configuration and versions", f"<pre>{escape(text)}</pre>")
+    return section("The run", "", told, fold("Logs", table(["file", "bytes"], files)))
+
+
+def _interval(estimate: float, se: float, low: float, high: float) -> Interval:
+    reach = 0.0 if math.isnan(se) else _Z * se
+    return Interval(estimate, se, max(estimate - reach, low), min(estimate + reach, high))
+
+
+def _with_error(value: float, se: float, digits: int) -> str:
+    return f"{value:.{digits}f}" + ("" if math.isnan(se) else f" ± {se:.{digits}f}")
+
+
+def _with_interval(found: Interval) -> str:
+    if math.isnan(found.se):
+        return f"{found.estimate:+.1f}"
+    return f"{found.estimate:+.1f} [{found.low:.1f}, {found.high:.1f}]"
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"

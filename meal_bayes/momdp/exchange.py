@@ -1,0 +1,172 @@
+"""What a MOMDP becomes in a file for other solvers: the tables and checks that formats share."""
+
+import contextlib
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp.flat import reward_table
+from meal_bayes.momdp.model import MOMDP
+
+LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solvers get through
+
+_SAME = 1e-9  # probabilities that differ by less are rounded alike
+_RESERVED = {
+    "T", "O", "R", "discount", "values", "reward", "cost", "states", "actions", "observations",
+    "start", "include", "exclude", "uniform", "identity", "reset", "term", "na", "done", "null",
+}  # fmt: skip
+
+
+class Exchange(NamedTuple):
+    """A MOMDP as tables of what can be written down, with names that every parser takes."""
+
+    x_names: tuple[str, ...]  # (X,)
+    y_names: tuple[str, ...]  # (Y,) bits of the values, the query's first attribute leading
+    action_names: tuple[str, ...]  # (A,) behaviors, then reports
+    percept_names: tuple[str, ...]  # (Z-1,) levels, the first attribute leading
+    transition: NDArray[np.float64]  # (E,X,X)
+    comes: NDArray[np.float64]  # (E,X) Pr(a percept comes | behavior, x')
+    moves: NDArray[np.bool_]  # (E,X) may the behavior lead to x' from another x?
+    reward: NDArray[np.float64]  # (X-1,Y,A), none in `term`
+    prior: NDArray[np.float64]  # (Y,)
+
+
+def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
+    """Lay a MOMDP out for a file.
+
+    As in `flatten`, percepts never run out, and every behavior may be chosen everywhere.
+
+    Parameters
+    ----------
+    momdp : the problem.
+    forbid_illegal : let illegal behaviors end the trial at a price below every report, so that no
+        solver takes one. By default they cost and do what the diagram says.
+
+    Raises
+    ------
+    SettingsError : finite precision, whose state would have to carry the percept counts; several
+        kinds of object a truth; a file beyond `LARGEST`; a diagram where Pr(percept | behavior,
+        x') depends on x.
+    """
+    _check(momdp)
+    n_y, end = 2 ** len(momdp.query), momdp.terminal
+    transition, informative = momdp.transition.copy(), momdp.informative.copy()
+    reward = reward_table(momdp, n_y)[:-1].reshape(end, n_y, momdp.n_actions)
+    if forbid_illegal:
+        e, x = np.nonzero(~momdp.legal.T[:, :end])
+        transition[e, x] = np.eye(end + 1)[end]
+        informative[e, x] = 0.0
+        reward[x, :, e] = (momdp.incorrect - 1.0 - momdp.cost[e])[:, None]
+    comes, moves = _arrivals(momdp, transition, informative)
+    y_names = tuple(f"{y:0{len(momdp.query)}b}" for y in range(n_y))
+    separator = "" if momdp.levels <= 10 else "_"  # noqa: PLR2004  digits
+    levels = np.ndindex((momdp.levels,) * len(momdp.query))
+    reports = tuple(f"a{name}" for name in y_names)
+    return Exchange(
+        x_names=(*_plain(momdp.x_names[:-1], ()), "term"),
+        y_names=y_names,
+        action_names=(*_plain(momdp.behavior_names, reports), *reports),
+        percept_names=tuple("p" + separator.join(map(str, index)) for index in levels),
+        transition=transition,
+        comes=comes,
+        moves=moves,
+        reward=reward,
+        prior=np.where(momdp.query.values, momdp.prior, 1 - momdp.prior).prod(axis=1),
+    )
+
+
+def _check(momdp: MOMDP) -> None:
+    if not np.isinf(momdp.precision).all() or momdp.n_kinds > 2:  # noqa: PLR2004
+        raise SettingsError(
+            "A POMDP file cannot hold rows of finite precision, or several kinds of object a "
+            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8)."
+        )
+    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
+    pairs = int(momdp.informative.any(axis=1).sum())  # behaviors and the x' they perceive at
+    size = n_y * (pairs * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
+    if size > LARGEST:
+        raise SettingsError(
+            f"{len(momdp.query)} attributes make a file of {size:.2g} numbers; files end at "
+            f"{LARGEST:.0e}. Ask fewer attributes, or use a planner of this package."
+        )
+
+
+def _arrivals(
+    momdp: MOMDP, transition: NDArray[np.float64], informative: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Give Pr(percept | behavior, x'), and whether x' can be entered; both (E,X)."""
+    comes = np.zeros(transition.shape[:2])
+    moves = np.zeros(transition.shape[:2], dtype=bool)
+    for e, target in np.ndindex(momdp.n_behaviors, momdp.terminal):
+        sources = np.flatnonzero(transition[e, :-1, target] > 0)
+        if not len(sources):
+            continue
+        shares = informative[e, sources, target]
+        if np.ptp(shares) > _SAME:
+            most, least = (sources[int(i)] for i in (shares.argmax(), shares.argmin()))
+            names = momdp.x_names
+            raise SettingsError(
+                f"{momdp.behavior_names[e]!r} arrives at {names[target]!r} from {names[most]!r} "
+                f"with a percept in {shares.max():.0%} of the cases, from {names[least]!r} in "
+                f"{shares.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Forbid "
+                "illegal behaviors, if it is one that stays where it is, or give the diagram a "
+                "state of its own for each."
+            )
+        comes[e, target] = shares[0]
+        moves[e, target] = (sources != target).any()
+    return comes, moves
+
+
+def _plain(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
+    """Turn names into identifiers of the formats, all different."""
+    used, out = {*taken, *_RESERVED}, []
+    for name in names:
+        word = re.sub(r"[^A-Za-z0-9_]", "_", name)[:60]
+        word = word if word[:1].isalpha() else f"n{word}"
+        while word in used:
+            word += "_"
+        used.add(word)
+        out.append(word)
+    return tuple(out)
+
+
+def number(value: float) -> str:
+    """Write a number so that it reads back equal, with a digit on both sides of the point."""
+    text = repr(float(value))
+    return np.format_float_positional(value, trim="0") if "e" in text else text
+
+
+def most_frequent(values: NDArray[np.float64]) -> float:
+    """Give the value that most entries have: files state it once and list the others."""
+    found, counts = np.unique(values, return_counts=True)
+    return float(found[counts.argmax()])
+
+
+@contextlib.contextmanager
+def whole_file(path: str | Path) -> Iterator[TextIO]:
+    """Open a text file that gets its name only once it is whole; missing folders are made.
+
+    Raises
+    ------
+    SettingsError : the file cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("w", encoding="ascii", newline="\n") as file:
+            yield file
+        part.replace(path)
+    except OSError as error:
+        raise SettingsError(
+            f"{path} cannot be written: {error.strerror or error}; give another place."
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()

@@ -1,0 +1,123 @@
+"""Alpha vectors, one set for each observed x: what point-based solvers of MOMDPs come to."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, best_report, initial_belief, report_value
+from meal_bayes.planners.solver import Decision, History
+
+
+@dataclass(frozen=True, slots=True)
+class AlphaVectors:
+    """V(x, b) = max over the vectors of x of their product with b; each stands for a plan.
+
+    A POMDP without observed part has x = 0 throughout.
+
+    Raises
+    ------
+    SettingsError : arrays whose lengths differ, or no vector at all.
+    """
+
+    vectors: NDArray[np.float64]  # (V,Y) value of the plan if y is the truth
+    x: NDArray[np.int64]  # (V,) where the plan begins
+    action: NDArray[np.int64]  # (V,) its first action
+
+    def __post_init__(self) -> None:
+        set_frozen(self, vectors=freeze(self.vectors))
+        set_frozen(self, x=freeze(self.x, np.int64), action=freeze(self.action, np.int64))
+        shape = self.vectors.shape
+        lengths = {self.x.shape, self.action.shape, shape[:1]}
+        if len(shape) != 2 or not shape[0] or len(lengths) > 1:  # noqa: PLR2004
+            raise SettingsError(
+                f"Alpha vectors of shape {shape} with {self.x.shape} x and {self.action.shape} "
+                "actions; expected (V,Y), (V,) and (V,), with V at least 1."
+            )
+
+    def at(self, x: int) -> "AlphaVectors":
+        """Vectors of plans that begin at x; `SettingsError` where there are none."""
+        rows = self.x == x
+        return AlphaVectors(self.vectors[rows], self.x[rows], self.action[rows])
+
+    def value(self, belief: ArrayLike, x: int = 0) -> float:
+        """Value of a belief (Y,) at x."""
+        return float((self.at(x).vectors @ np.asarray(belief)).max())
+
+    def best_action(self, belief: ArrayLike, x: int = 0) -> int:
+        """First action of the best plan for a belief (Y,) at x."""
+        here = self.at(x)
+        return int(here.action[(here.vectors @ np.asarray(belief)).argmax()])
+
+
+@dataclass(frozen=True, slots=True)
+class AlphaVectorPolicy:
+    """Takes the first action of the best plan.
+
+    Reports need no vector, as their value is exact. The vectors of illegal behaviors are left out,
+    unless the MOMDP lets a planner abstain and they end the trial. A behavior that keeps x and
+    whose percepts have run out (`limit`, which vectors know nothing of) is passed over.
+
+    Raises
+    ------
+    SettingsError : vectors of another MOMDP.
+    """
+
+    momdp: MOMDP
+    alpha: AlphaVectors  # Y = 2^N in the query's bit order; actions as in the MOMDP
+    _here: tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        momdp, alpha = self.momdp, self.alpha
+        n_y = 2 ** len(momdp.query)
+        if alpha.vectors.shape[1] != n_y:
+            raise SettingsError(
+                f"Alpha vectors of {alpha.vectors.shape[1]} values; {len(momdp.query)} attributes "
+                f"have {n_y} (they may belong to another query)."
+            )
+        for name, numbers, count in (
+            ("x", alpha.x, len(momdp.x_names)),
+            ("actions", alpha.action, momdp.n_actions),
+        ):
+            if numbers.min() < 0 or numbers.max() >= count:
+                raise SettingsError(
+                    f"Alpha vectors with {name} from {numbers.min()} to {numbers.max()}; the MOMDP "
+                    f"has {count} (they may belong to another one)."
+                )
+        ends = momdp.transition[:, :, momdp.terminal].T == 1  # (X,E)
+        allowed = np.zeros((len(momdp.x_names), momdp.n_actions), dtype=bool)
+        allowed[:, : momdp.n_behaviors] = momdp.legal | (ends & momdp.abstain)
+        kept = allowed[alpha.x, alpha.action]
+        rows = [np.flatnonzero(kept & (alpha.x == x)) for x in range(momdp.terminal)]
+        set_frozen(self, _here=tuple((alpha.vectors[r], alpha.action[r]) for r in rows))
+
+    @property
+    def lower_bound(self) -> float:
+        """What the vectors promise at the start of a trial.
+
+        A lower bound on the optimum where each is the value of a plan, as point-based solvers'
+        are: exact, but for `limit`.
+        """
+        belief = initial_belief(self.momdp)
+        vectors, _ = self._here[belief.x]
+        planned = float((vectors @ belief.joint).max(initial=-np.inf))
+        return max(planned, report_value(self.momdp, belief))
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Compare the plans with the best report."""
+        momdp, belief = self.momdp, history.belief
+        vectors, actions = self._here[belief.x]
+        values = np.full(momdp.n_behaviors + 1, -np.inf)
+        np.maximum.at(values, actions, vectors @ belief.joint)
+        used_up = belief.seen[0].sum(axis=1) >= momdp.limit
+        stays = momdp.transition[:, belief.x, belief.x] == 1
+        values[:-1][used_up & stays] = -np.inf
+        values[-1] = report_value(momdp, belief)
+        action = int(values.argmax())
+        if values[action] <= values[-1]:
+            action = best_report(momdp, belief)
+        values[np.isneginf(values)] = np.nan
+        exact = np.where(np.isnan(values), np.nan, 0.0)
+        return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))

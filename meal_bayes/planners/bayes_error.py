@@ -1,0 +1,234 @@
+"""Kernels of the exact Bayes error of an open-loop plan: E min(b, 1 - b) after its percepts.
+
+The leaf of the tree search (`leaf.py`) and the plan library (`plan_library.py`) stand on these.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import config, njit
+from numpy.typing import NDArray
+
+OUTCOMES = 256  # joint outcomes of a plan that are held for one attribute
+BINS = 32  # to which they are merged, by likelihood ratio, before there would be more
+WIDEST = 8.0  # log likelihood ratios beyond are merged
+SPAN = 16.0  # log-odds covered by the tables of decision rules
+
+
+@contextmanager
+def lightly_optimized() -> Iterator[None]:
+    """Compile with less of LLVM's effort: half the time, and nothing here runs slower for it."""
+    before = config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE
+    config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = 1, 0, 0
+    try:
+        yield
+    finally:
+        config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = before
+
+
+def _sources() -> str:
+    """Digest of all kernels' sources and types."""
+    files = ("compiled.py", "bayes_error.py", "leaf.py", "search.py")
+    text = b"".join(Path(__file__).with_name(name).read_bytes() for name in files)
+    return hashlib.blake2b(text, digest_size=8).hexdigest()
+
+
+_SOURCES = _sources()
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel when it is called first; later processes load it.
+
+    Nothing here allocates, so there are no references to count, half of what there would be to
+    compile: callers bring the room (`Work`). numba's cache looks at the file of a kernel alone,
+    but kernels call kernels of other files, so their digest is made part of its version.
+    """
+    compiled: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
+    held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if held is not None:  # it is None where compilation is switched off
+        held._version = f"{held._version} {_SOURCES}"
+    return compiled
+
+
+class Work(NamedTuple):
+    """Room for one caller's intermediate results."""
+
+    outcomes: NDArray[np.float64]  # (C,OUTCOMES) Pr(what a plan's percepts show, kind)
+    counts: NDArray[np.float64]  # (C,OUTCOMES)
+    yes: NDArray[np.float64]  # (N,E) yes-percepts seen
+    total: NDArray[np.float64]  # (E,) percepts seen
+    seen: NDArray[np.float64]  # (N,E,K)
+    weight: NDArray[np.float64]  # (N,C) Pr(kind)
+    chance: NDArray[np.float64]  # (N,) Pr(attribute is true)
+    cell: NDArray[np.int64]  # (N,) where in the tables the best rule was found last
+    levels: NDArray[np.int64]  # (N,)
+    uses: NDArray[np.int64]  # (2,E) percepts of a plan, and of the plan with one step more
+    useful: NDArray[np.bool_]  # (E,)
+    computed: NDArray[np.int64]  # (E,) how many of them were computed
+    guess: NDArray[np.float64]  # (J,) what the tables say of plans that they do not hold
+    path: NDArray[np.int64]  # (DEPTH,2) nodes and behaviors of a descent
+
+
+@kernel
+def truth(weight, row, i):
+    """Pr(attribute i is true): its kinds are the latter half."""
+    c, total = weight.shape[2], 0.0
+    for kind in range(c // 2, c):
+        total += weight[row, i, kind]
+    return total
+
+
+@kernel
+def _yes_counts(problem, i, c, e, k, yes, total, out):
+    """Pr(j of the next k percepts say yes | kind, percepts seen), j = 0..k: a Polya urn."""
+    levels = problem.confusion.shape[3]
+    p = 0.0
+    for z in range(levels // 2, levels):
+        p += problem.confusion[i, e, c, z]
+    s = problem.precision[i, e, c]
+    out[0] = 1.0
+    for t in range(k):
+        out[t + 1] = 0.0
+        for j in range(t, -1, -1):
+            q = p if np.isinf(s) else (s * p + yes + j) / (s + total + t)
+            w = out[j]
+            out[j + 1] += w * q
+            out[j] = w * (1.0 - q)
+
+
+@kernel
+def _speaks(outcomes, a):
+    """Log likelihood ratio of truth and untruth of an outcome."""
+    kinds, true, false = outcomes.shape[0], 1e-300, 1e-300
+    for c in range(kinds // 2):
+        false += outcomes[c, a]
+        true += outcomes[c + kinds // 2, a]
+    return np.log(true / false)
+
+
+@kernel
+def _merge(m, work):
+    """Merge outcomes of like likelihood ratio, which can only raise an error; how many are left."""
+    outcomes, bins = work.outcomes, work.counts
+    kinds = outcomes.shape[0]
+    for b in range(BINS):
+        for c in range(kinds):
+            bins[c, b] = 0.0
+    for a in range(m):
+        b = int((_speaks(outcomes, a) + WIDEST) * (BINS / (2.0 * WIDEST)))
+        b = max(0, min(BINS - 1, b))
+        for c in range(kinds):
+            bins[c, b] += outcomes[c, a]
+    m = 0
+    for b in range(BINS):
+        filled = 0.0
+        for c in range(kinds):
+            outcomes[c, m] = bins[c, b]
+            filled += bins[c, b]
+        if filled > 0.0:
+            m += 1
+    return m
+
+
+@kernel
+def _enumerate(problem, uses, plan, i, work):
+    """Multiply the first column of `work.outcomes` by all a plan may perceive; how many there are.
+
+    Percepts are cut to yes/no.
+    """
+    outcomes, counts, m = work.outcomes, work.counts, 1
+    kinds = outcomes.shape[0]
+    for e in range(uses.shape[1]):
+        if uses[plan, e] == 0 or not problem.informative[i, e]:
+            continue
+        seen = work.total[e]
+        k = int(min(float(uses[plan, e]), problem.limit[e] - seen, OUTCOMES / BINS - 1.0))
+        if k <= 0:
+            continue
+        if m * (k + 1) > OUTCOMES:
+            m = _merge(m, work)
+        fresh = seen == 0.0 and k < problem.fresh.shape[3]
+        for c in range(kinds):
+            if fresh:
+                for j in range(k + 1):
+                    counts[c, j] = problem.fresh[i, e, c, k, j]
+            else:
+                _yes_counts(problem, i, c, e, k, work.yes[i, e], seen, counts[c])
+            for a in range(m - 1, -1, -1):
+                u = outcomes[c, a]
+                for j in range(k, -1, -1):
+                    outcomes[c, a * (k + 1) + j] = u * counts[c, j]
+        m *= k + 1
+    return m
+
+
+@kernel
+def plan_error(problem, uses, plan, i, weight, row, work):
+    """Exact Bayes error of attribute i after a plan, percepts cut to yes/no.
+
+    Cutting levels, and merging outcomes once OUTCOMES are full, can only raise the error: the
+    plan's value stays a lower bound.
+    """
+    outcomes = work.outcomes
+    kinds = outcomes.shape[0]
+    for c in range(kinds):
+        outcomes[c, 0] = weight[row, i, c]
+    error = 0.0
+    for a in range(_enumerate(problem, uses, plan, i, work)):
+        false, true = 0.0, 0.0
+        for c in range(kinds // 2):
+            false += outcomes[c, a]
+            true += outcomes[c + kinds // 2, a]
+        error += min(false, true)
+    return error
+
+
+@kernel
+def tabulate_rules(problem, uses, attribute, work, errs):
+    """Tabulate Pr(error | kind) of decision rules -> errs (G,T,C).
+
+    Column t: the percepts uses[t] (T,E) of attribute[t] (T,), none seen before. Rule g says
+    yes where the likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's
+    error is never below the Bayes error; with one kind a truth the rules next to the log-odds of
+    a belief are the best ones.
+    """
+    size, kinds = errs.shape[0], errs.shape[2]
+    half = kinds // 2
+    clear(work)
+    for t in range(errs.shape[1]):
+        i = attribute[t]
+        for c in range(kinds):
+            work.outcomes[c, 0] = problem.kinds[i, c]
+            for g in range(size):
+                errs[g, t, c] = 0.0
+        m = _enumerate(problem, uses, t, i, work)
+        for a in range(m):
+            # From this log-odds on an outcome speaks for yes.
+            g = int(np.ceil((SPAN - _speaks(work.outcomes, a)) * ((size - 1) / (2.0 * SPAN))))
+            for c in range(half):
+                if g < size:
+                    errs[max(g, 0), t, c] += work.outcomes[c, a]
+                if g > 0:
+                    errs[min(g, size) - 1, t, c + half] += work.outcomes[c + half, a]
+        for c in range(half):
+            false, true = max(problem.kinds[i, c], 1e-300), max(problem.kinds[i, c + half], 1e-300)
+            for g in range(1, size):
+                errs[g, t, c] += errs[g - 1, t, c]
+            for g in range(size - 2, -1, -1):
+                errs[g, t, c + half] += errs[g + 1, t, c + half]
+            for g in range(size):
+                errs[g, t, c] /= false
+                errs[g, t, c + half] /= true
+
+
+@kernel
+def clear(work):
+    """Forget the percepts seen."""
+    for e in range(work.total.shape[0]):
+        work.total[e] = 0.0
+        for i in range(work.yes.shape[0]):
+            work.yes[i, e] = 0.0

@@ -1,0 +1,115 @@
+"""A certified upper bound for queries of any size, from parts of the query that a grid can hold."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners.factored import Factored
+from meal_bayes.planners.factored_grid import telling
+
+_CANDIDATES = 3  # attributes tried as the next of a subset
+
+
+def upper_bound(
+    momdp: MOMDP, *, size: int = 3, points: int = 50_000, tolerance: float = 2e-4
+) -> float:
+    """Bound the value that any policy has from the start.
+
+    *All or nothing*: a policy for the query also answers a subset S of it, by leaving the rest of
+    its report out and drawing the percepts of the others from the model, at the same cost and at
+    least as often right. So V <= V_S, and the least V_S over subsets bounds V. Subsets grow from
+    the attribute with the least bound, to which the one that lowers the bound most is added.
+
+    *Additive*: for a partition of the N attributes into blocks S, the return of a policy is the
+    mean, weighted by |S| / N, of what it would earn if only S were asked (the report's reward is
+    such a mean, and the costs are the same in every term). Each term is at most V_S, as the other
+    attributes' percepts say nothing of S. So V <= sum_S |S| / N V_S, here with blocks in the
+    order of the query.
+
+    Attributes that no percept tells of need no axis of the grid, so they are in every subset.
+
+    *Finite precision*, equal for both truths: percepts of one behavior are then draws from the mean
+    row, some replaced by copies of earlier ones, where which are copies does not depend on the
+    truth (the urn of Blackwell and MacQueen). Independent draws tell at least as much, so the bound
+    is that of infinite precision.
+
+    Parameters
+    ----------
+    momdp : of any number of attributes.
+    size : attributes that percepts tell of, in a subset or block, at most.
+    points : of a grid, at most.
+    tolerance : as that of `Factored`.
+
+    Raises
+    ------
+    SettingsError : precision that differs between the truths, several kinds of objects a truth,
+        more attributes than the grid can hold, or rewards without a bound.
+    """
+    if size < 1:
+        raise SettingsError(f"size is {size}; a subset has one attribute or more.")
+    solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
+    told = telling(momdp).any(axis=1)
+    idle, moving = np.flatnonzero(~told).tolist(), np.flatnonzero(told).tolist()
+    if momdp.additive:
+        blocks = [moving[i : i + size] for i in range(0, len(moving), size)] or [[]]
+        blocks[0] = idle + blocks[0]
+        share = [len(block) / len(momdp.query) for block in blocks]
+        bounds = [_bound(momdp, block, solver) for block in blocks]
+        return float(np.dot(share, bounds))
+    if not moving:
+        return _bound(momdp, idle, solver)
+    single = {i: _bound(momdp, [*idle, i], solver) for i in moving}
+    hardest = sorted(moving, key=lambda i: single[i])
+    subset, rest, best = [*idle, hardest[0]], hardest[1:], single[hardest[0]]
+    for _ in range(min(size, len(moving)) - 1):
+        larger = {i: _bound(momdp, [*subset, i], solver) for i in rest[:_CANDIDATES]}
+        chosen = min(larger, key=lambda i: larger[i])
+        subset, best = [*subset, chosen], min(best, larger[chosen])
+        rest.remove(chosen)
+    return best
+
+
+def _bound(momdp: MOMDP, attributes: list[int], solver: Factored) -> float:
+    return solver.solve(restrict(momdp, attributes), np.random.default_rng(0)).upper_bound
+
+
+def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
+    """Ask for some of the attributes only, in such a way that the value bounds the whole query's.
+
+    Shaping pays for the others what it could pay at most, all-or-nothing; additively their bonus is
+    left out, and that of these weighs N / |S|, so that it weighs the same in the mean of blocks.
+    """
+    some, n = np.sort(attributes), len(momdp.query)
+    bonus = momdp.bonus[some]
+    if momdp.additive:
+        bonus = bonus * (n / len(some))
+    else:
+        others = np.delete(momdp.bonus, some, axis=0)
+        bonus[0] += others.max(axis=2).sum(axis=0)[:, None]
+    return replace(
+        momdp,
+        query=Query(tuple(momdp.query.attributes[i] for i in some)),
+        confusion=momdp.confusion[some],
+        precision=momdp.precision[some],
+        prior=momdp.prior[some],
+        kinds=momdp.kinds[some],
+        bonus=bonus,
+    )
+
+
+def _most_favorable(momdp: MOMDP) -> MOMDP:
+    """Let percepts be independent and, where they run out, shaping take no pay away."""
+    if (momdp.precision != momdp.precision[..., :1]).any():
+        raise SettingsError(
+            "No bound is known for rows whose precision differs between the truths; bound the "
+            "MOMDP of Eq. 8 (precision=inf) instead, which is another problem."
+        )
+    lasting = np.isinf(momdp.limit)[:, None]
+    return replace(
+        momdp,
+        precision=np.full_like(momdp.precision, np.inf),
+        bonus=np.where(lasting, momdp.bonus, momdp.bonus.clip(0.0)),
+    )

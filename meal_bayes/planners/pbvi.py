@@ -1,0 +1,235 @@
+"""Point-based value iteration (after [Pineau2003]) of MOMDPs (as in [Ong2010]), or flat POMDPs.
+
+A backup keeps one alpha vector for each x and belief point; the points are beliefs that simulated
+trials reach, first at random, then mostly under the plan so far. Every vector is the value of a
+plan that exists, so that what the vectors promise is a lower bound on the optimum.
+
+What departs from the textbook: failures are folded into the behaviors; points are told apart by the
+square roots of their probabilities, which is finer near certainty, where the last percepts pay; a
+sweep's backups see the vectors of the same sweep.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, FlatPOMDP
+from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+from meal_bayes.planners.point_problem import (
+    Choice,
+    Floats,
+    Plans,
+    Problem,
+    flat_problem,
+    problem_of,
+)
+
+_BLOCK = 4_000_000  # products of beliefs and vectors held at a time
+_GREEDY = np.array([0.1, 0.3])  # share of random actions, half of the trials each
+
+_Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class PBVI:
+    """Settings; equal generators give equal policies, unless the time runs out.
+
+    Raises
+    ------
+    SettingsError : a number that is out of its range.
+    """
+
+    points: int = 500  # belief points of each x, at most
+    rounds: int = 5  # of collecting points and sweeping over them
+    sweeps: int = 200  # a round, at most
+    tolerance: float = 0.01  # reward: sweeps end when no point gains as much
+    trials: int = 200  # simulated in a round to collect points
+    steps: int = 60  # of a simulated trial, at most
+    spacing: float = 0.1  # between points, in square roots of probabilities; halved every round
+    seconds: float = np.inf  # no sweep begins after that
+
+    def __post_init__(self) -> None:
+        whole = min(self.points, self.rounds, self.sweeps, self.trials, self.steps)
+        if whole < 1 or not (self.tolerance >= 0 and self.spacing > 0 and self.seconds > 0):
+            raise SettingsError(
+                "PBVI needs points, rounds, sweeps, trials and steps >= 1, tolerance >= 0, "
+                f"spacing > 0 and seconds > 0; found {self}."
+            )
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> AlphaVectorPolicy:
+        """Solve a MOMDP; the policy's `lower_bound` is one on the optimum (but for `limit`).
+
+        Raises
+        ------
+        SettingsError : finite precision, several kinds of object a truth, or too many attributes.
+        """
+        return AlphaVectorPolicy(momdp, self._iterate(problem_of(momdp), rng))
+
+    def solve_flat(self, pomdp: FlatPOMDP, rng: np.random.Generator) -> AlphaVectors:
+        """Solve a flat POMDP, such as one that was read from a file.
+
+        Raises
+        ------
+        SettingsError : a discount of 1.
+        """
+        return self._iterate(flat_problem(pomdp), rng)
+
+    def _iterate(self, problem: Problem, rng: np.random.Generator) -> AlphaVectors:
+        deadline = time.monotonic() + self.seconds
+        plans = list(problem.known)
+        points = [np.empty((0, len(problem.start))) for _ in plans]
+        for index in range(self.rounds):
+            points = self._collect(problem, plans, points, index, rng)
+            for _ in range(self.sweeps):
+                if time.monotonic() > deadline or _sweep(problem, plans, points) <= self.tolerance:
+                    break
+        return AlphaVectors(
+            np.concatenate([plan.vectors for plan in plans]),
+            np.repeat(np.arange(len(plans)), [len(plan.actions) for plan in plans]),
+            np.concatenate([plan.actions for plan in plans]),
+        )
+
+    def _collect(
+        self,
+        problem: Problem,
+        plans: list[Plans],
+        points: list[Floats],
+        index: int,
+        rng: np.random.Generator,
+    ) -> list[Floats]:
+        """Add the beliefs that simulated trials meet; the start always stays a point."""
+        chance = np.ones(self.trials)
+        if index:
+            chance = _GREEDY[np.arange(self.trials) % len(_GREEDY)]
+        met = _walk(problem, plans, chance, self.steps, rng)
+        spacing = self.spacing / 2**index
+        out = [
+            self._thin(np.concatenate(both), spacing, rng) for both in zip(points, met, strict=True)
+        ]
+        out[problem.start_x] = np.concatenate([problem.start[None], out[problem.start_x]])
+        return out
+
+    def _thin(self, beliefs: Floats, spacing: float, rng: np.random.Generator) -> Floats:
+        """Keep one belief of each cell, and no more than `points`."""
+        cells = np.round(np.sqrt(beliefs) / spacing).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        first = np.sort(first)
+        if len(first) > self.points:
+            first = np.sort(rng.choice(first, self.points, replace=False))
+        return beliefs[first]
+
+
+def _sweep(problem: Problem, plans: list[Plans], points: list[Floats]) -> float:
+    """Back every point up, replacing `plans`; gives the largest gain of any point."""
+    gain = 0.0
+    for x in reversed(range(len(plans))):
+        beliefs = points[x]
+        if not len(beliefs):
+            continue
+        worth = beliefs @ plans[x].vectors.T
+        before = worth.argmax(axis=1)
+        old = np.take_along_axis(worth, before[:, None], axis=1)[:, 0]
+        vectors, actions, new = _backup(problem, plans, x, beliefs)
+        gain = max(gain, float((new - old).max()))
+        worse = new <= old
+        vectors[worse], actions[worse] = (
+            plans[x].vectors[before[worse]],
+            plans[x].actions[before[worse]],
+        )
+        plans[x] = _distinct(
+            np.concatenate([problem.known[x].vectors, vectors]),
+            np.concatenate([problem.known[x].actions, actions]),
+        )
+    return gain
+
+
+def _backup(
+    problem: Problem, plans: list[Plans], x: int, beliefs: Floats
+) -> tuple[Floats, _Integers, Floats]:
+    """Find the best plan of one more action for each belief (n,Y): vectors, actions, values."""
+    known = problem.known[x]
+    worth = beliefs @ known.vectors.T
+    best = worth.argmax(axis=1)
+    vectors, actions, values = known.vectors[best], known.actions[best], worth.max(axis=1)
+    for choice in problem.choices[x]:
+        vector = _look_ahead(choice, plans, beliefs)
+        value = (vector * beliefs).sum(axis=1)
+        better = value > values
+        vectors[better], values[better] = vector[better], value[better]
+        actions[better] = choice.action
+    return vectors, actions, values
+
+
+def _look_ahead(choice: Choice, plans: list[Plans], beliefs: Floats) -> Floats:
+    """Give the vector of an action followed by the best plan for each outcome, (n,Y)."""
+    n_y = beliefs.shape[1]
+    vector = np.tile(choice.reward, (len(beliefs), 1))
+    for next_x in np.unique(choice.next_x):
+        outcome = choice.outcome[choice.next_x == next_x]  # (Q,Y,Y)
+        after = np.einsum("ny,qyz->nqz", beliefs, outcome, optimize=True).reshape(-1, n_y)
+        follow = plans[next_x].vectors
+        best = np.empty(len(after), dtype=np.int64)
+        step = max(1, _BLOCK // len(follow))
+        for begin in range(0, len(after), step):
+            best[begin : begin + step] = (after[begin : begin + step] @ follow.T).argmax(axis=1)
+        taken = follow[best].reshape(len(beliefs), -1, n_y)
+        vector += np.einsum("qyz,nqz->ny", outcome, taken, optimize=True)
+    return vector
+
+
+def _distinct(vectors: Floats, actions: _Integers) -> Plans:
+    _, first = np.unique(vectors.round(9), axis=0, return_index=True)
+    first.sort()
+    return Plans(vectors[first], actions[first])
+
+
+def _walk(
+    problem: Problem,
+    plans: list[Plans],
+    chance: Floats,
+    steps: int,
+    rng: np.random.Generator,
+) -> list[Floats]:
+    """Simulate trials and collect the beliefs met at each x.
+
+    Parameters
+    ----------
+    problem : what can be done.
+    plans : what is done, mostly; a plan that ends the trial ends the walk.
+    chance : (trials,) share of steps at which an action is drawn instead.
+    steps : of a trial, at most.
+    rng : of actions and outcomes.
+    """
+    xs = np.full(len(chance), problem.start_x)
+    beliefs = np.tile(problem.start, (len(chance), 1))
+    met = [[np.empty((0, len(problem.start)))] for _ in plans]
+    walking = np.ones(len(chance), dtype=bool)
+    for _ in range(steps):
+        at = xs.copy()
+        for x in np.unique(at[walking]):
+            here = np.flatnonzero(walking & (at == x))
+            met[x].append(beliefs[here])
+            legal = np.array([choice.action for choice in problem.choices[x]], dtype=np.int64)
+            picked = plans[x].actions[(beliefs[here] @ plans[x].vectors.T).argmax(axis=1)]
+            if len(legal):
+                drawn = rng.random(len(here)) < chance[here]
+                picked = np.where(drawn, rng.choice(legal, len(here)), picked)
+            walking[here] = np.isin(picked, legal)
+            for choice in problem.choices[x]:
+                moving = here[picked == choice.action]
+                if len(moving):
+                    xs[moving], beliefs[moving] = _draw(choice, beliefs[moving], rng)
+    return [np.concatenate(part) for part in met]
+
+
+def _draw(choice: Choice, beliefs: Floats, rng: np.random.Generator) -> tuple[_Integers, Floats]:
+    """Draw an outcome for each belief: next x, next belief."""
+    after = np.einsum("ny,qyz->nqz", beliefs, choice.outcome, optimize=True)
+    limits = after.sum(axis=2).cumsum(axis=1)  # (n,Q), up to the discount
+    luck = rng.random(len(beliefs)) * limits[:, -1]
+    drawn = (limits <= luck[:, None]).sum(axis=1).clip(max=limits.shape[1] - 1)
+    taken = after[np.arange(len(beliefs)), drawn]
+    return choice.next_x[drawn], taken / taken.sum(axis=1, keepdims=True)

@@ -1,0 +1,118 @@
+"""A POMDP as point-based solvers read it: observed x, hidden y, discounted outcomes."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, FlatPOMDP, initial_belief, percept_probabilities
+from meal_bayes.planners.compiled import Compiled, compile_momdp
+
+_MAX_ENTRIES = 20_000_000  # of all outcome matrices, 160 MB
+
+Floats = NDArray[np.float64]
+
+
+class Choice(NamedTuple):
+    """An action at some x, and the Q outcomes it may have."""
+
+    action: int
+    reward: Floats  # (Y,)
+    next_x: NDArray[np.int64]  # (Q,)
+    outcome: Floats  # (Q,Y,Y) discount * Pr(outcome, y' | y)
+
+
+class Plans(NamedTuple):
+    """Alpha vectors of one x."""
+
+    vectors: Floats  # (V,Y)
+    actions: NDArray[np.int64]  # (V,)
+
+
+class Problem(NamedTuple):
+    """What can be done at each x, and plans whose value is known from the outset."""
+
+    choices: tuple[tuple[Choice, ...], ...]  # by x
+    known: tuple[Plans, ...]  # by x: ways to end, or the same action for ever
+    start_x: int
+    start: Floats  # (Y,)
+
+
+def problem_of(momdp: MOMDP) -> Problem:
+    """Lay a MOMDP out, with failures folded in; `term` is no x, as nothing comes after it.
+
+    Raises
+    ------
+    SettingsError : finite precision, several kinds of object a truth, or too many attributes.
+    """
+    if not np.isinf(momdp.precision).all() or momdp.n_kinds > 2:  # noqa: PLR2004
+        raise SettingsError(
+            "Alpha vectors cannot hold rows of finite precision, or several kinds of object a "
+            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8), or use POMCP."
+        )
+    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
+    size = int(momdp.legal.sum()) * n_z * n_y**2
+    if size > _MAX_ENTRIES:
+        raise SettingsError(
+            f"{len(momdp.query)} attributes make {size:.1g} entries of outcome matrices; "
+            f"point-based solving ends at {_MAX_ENTRIES:.0e}. Ask fewer attributes, or use POMCP."
+        )
+    folded = compile_momdp(momdp)
+    truth = momdp.query.values.astype(int)  # (Y,N)
+    bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
+    choices = tuple(
+        tuple(
+            _choice(momdp, folded, x, int(e), bonus[:, e]) for e in np.flatnonzero(folded.legal[x])
+        )
+        for x in range(momdp.terminal)
+    )
+    known = tuple(_endings(momdp, folded, x) for x in range(momdp.terminal))
+    return Problem(choices, known, momdp.start, initial_belief(momdp).joint)
+
+
+def _choice(momdp: MOMDP, folded: Compiled, x: int, e: int, bonus: Floats) -> Choice:
+    n_y = len(bonus)
+    weights, next_x = [], []
+    for branch in range(int(folded.branches[x, e])):
+        p = folded.discount[x, e] * folded.branch_p[x, e, branch]
+        shown = percept_probabilities(momdp, e).T if folded.branch_sense[x, e, branch] else None
+        rows = p * (np.ones((1, n_y)) if shown is None else shown)  # (outcomes,Y)
+        weights.append(rows)
+        next_x += [int(folded.branch_x[x, e, branch])] * len(rows)
+    outcome = np.concatenate(weights)[:, :, None] * np.eye(n_y)
+    reward = folded.bonus_scale[x, e] * bonus - folded.cost[x, e]
+    return Choice(e, reward, np.array(next_x), outcome)
+
+
+def _endings(momdp: MOMDP, folded: Compiled, x: int) -> Plans:
+    """List reports, and the way out where the MOMDP lets a planner abstain."""
+    truth = momdp.query.values
+    vectors = momdp.report_reward((truth[:, None] == truth).astype(float))  # (reports,Y)
+    actions = momdp.n_behaviors + np.arange(len(truth))
+    if folded.exit_value[x] > -np.inf:
+        way_out = np.where(momdp.legal[x], np.inf, momdp.cost).argmin()
+        vectors = np.concatenate([vectors, np.full((1, len(truth)), folded.exit_value[x])])
+        actions = np.append(actions, way_out)
+    return Plans(vectors, actions)
+
+
+def flat_problem(pomdp: FlatPOMDP) -> Problem:
+    """Lay a flat POMDP out: one x, and all that is hidden.
+
+    Raises
+    ------
+    SettingsError : no discount, so that repeating an action need not have a value.
+    """
+    if pomdp.discount >= 1:
+        raise SettingsError("A flat POMDP needs a discount below 1 for point-based solving.")
+    n_a, n_s = pomdp.transition.shape[:2]
+    choices = []
+    for a in range(n_a):
+        outcome = pomdp.discount * pomdp.transition[a][..., None] * pomdp.observation[a]  # (S,S,Z)
+        some = outcome.any(axis=(0, 1))
+        zs = outcome[:, :, some].transpose(2, 0, 1)
+        choices.append(Choice(a, pomdp.reward[:, a], np.zeros(len(zs), np.int64), zs))
+    for_ever = np.eye(n_s) - pomdp.discount * pomdp.transition  # (A,S,S)
+    blind = np.asarray(np.linalg.solve(for_ever, pomdp.reward.T[..., None])[..., 0], np.float64)
+    return Problem((tuple(choices),), (Plans(blind, np.arange(n_a)),), 0, pomdp.start)

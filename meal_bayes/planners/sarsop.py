@@ -1,0 +1,134 @@
+"""SARSOP [Kurniawati2008], the field's standard solver: an adapter to an installed `pomdpsol`."""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy
+from meal_bayes.planners.policy_file import read_policy
+
+_PROGRAM = "pomdpsol"
+_VARIABLE = "MEAL_BAYES_POMDPSOL"
+_TOLD = 400  # characters of the program's last words that a message repeats
+_HOME = "https://github.com/AdaCompNUS/sarsop"
+
+
+@dataclass(frozen=True, slots=True)
+class Sarsop:
+    """Settings; how far it comes in its time depends on the machine.
+
+    Where the MOMDP lets no planner abstain, illegal behaviors are priced below every report.
+
+    Raises
+    ------
+    SettingsError : a time or precision that is not above 0.
+    """
+
+    seconds: float = 5.0  # of solving; the paper's budget
+    precision: float = 1e-3  # gap between its bounds at which it ends before that
+    program: str | Path | None = None  # by default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH
+    patience: float = 60.0  # s that reading the problem and writing the policy may take besides
+
+    def __post_init__(self) -> None:
+        times = (self.seconds, self.precision, self.patience)
+        if not all(0 < value < np.inf for value in times):
+            raise SettingsError(
+                f"Sarsop needs seconds, precision and patience above 0, and finite; found {self}."
+            )
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> AlphaVectorPolicy:
+        """Write the problem, run `pomdpsol` in a folder of its own, read its policy.
+
+        Raises
+        ------
+        SettingsError : no such program; a problem that its format cannot hold; a program that
+            fails or does not come to an end.
+        DataError : a policy that is not well formed, or of another problem.
+        """
+        program = _find(self.program)
+        if momdp.discount >= 1:
+            raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
+        exits = ~momdp.legal.T & (momdp.transition[:, :, momdp.terminal] == 1)
+        forbid = not (momdp.abstain and exits[:, :-1].any())
+        with tempfile.TemporaryDirectory(prefix="meal_bayes_") as name:
+            folder = Path(name)
+            write_pomdpx(momdp, folder / "problem.pomdpx", forbid_illegal=forbid)
+            command = [
+                program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
+                "--output", "out.policy", "problem.pomdpx",
+            ]  # fmt: skip
+            _run(command, folder, self.seconds + self.patience)
+            if not (folder / "out.policy").is_file():
+                raise SettingsError(f"{program} wrote no policy; its last words: {_words(folder)}")
+            alpha = read_policy(folder / "out.policy")
+        try:
+            return AlphaVectorPolicy(momdp, alpha)
+        except SettingsError as fault:
+            raise DataError(f"{program} wrote a policy that does not fit: {fault}") from fault
+
+
+def _find(program: str | Path | None) -> str:
+    """Find the program: the given one, the environment's, or the one on the PATH."""
+    named = program or os.environ.get(_VARIABLE) or _PROGRAM
+    found = shutil.which(str(named))
+    if found is None:
+        raise SettingsError(
+            f"No program {str(named)!r} here. Build pomdpsol ({_HOME}) and put it on the PATH, or "
+            f"name it in {_VARIABLE}; or plan with PBVI, which needs no other program."
+        )
+    return str(Path(found).resolve())
+
+
+def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
+    """Run a program, without a shell, to its end or the end of patience."""
+    with (folder / "words.txt").open("wb") as words:
+        try:
+            process = subprocess.Popen(
+                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words,
+                stderr=subprocess.STDOUT, start_new_session=True,
+            )  # fmt: skip
+        except OSError as fault:
+            raise SettingsError(f"{command[0]} cannot be run: {fault.strerror}.") from fault
+        try:
+            code = process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired as fault:
+            raise SettingsError(
+                f"{command[0]} had not ended after {seconds:g} s; ask fewer attributes, or give "
+                "more patience."
+            ) from fault
+        finally:
+            if process.returncode is None:
+                _end(process)
+    if code != 0:
+        raise SettingsError(
+            f"{command[0]} ended with code {code}; its last words: {_words(folder)}"
+        )
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """Kill a program with all that it has started."""
+    with contextlib.suppress(ProcessLookupError):
+        if os.name == "posix":
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+    process.wait()
+
+
+def _words(folder: Path) -> str:
+    """Give what a program said last, in one line."""
+    with (folder / "words.txt").open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _TOLD))
+        text = file.read(_TOLD).decode("utf-8", errors="replace")
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split()) or "none"

@@ -1,0 +1,224 @@
+"""Draws of the rows of Theta and of how far objects differ, whatever made them.
+
+The grid's posterior is drawn from here; NUTS brings its own. Both are summed up as a
+`ConfusionPosterior`, and both predict new percepts, by the same functions.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.special import expit
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.errors import SettingsError
+from meal_bayes.posterior import dispersion as grid
+from meal_bayes.posterior.dirichlet import ConfusionPosterior
+
+Array = NDArray[np.float64]
+
+TRUTHS = ("false", "true")
+_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
+_ROW = ("attribute", "behavior", "truth")
+_DIMENSIONS = 5  # (O,P,E,2,K)
+_FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
+_FINER = 8  # points for each of the grid's, where m is drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Draws from the joint posterior, chain by chain; C chains of S draws.
+
+    E counts the behaviors that sense: the others have no rows here.
+    """
+
+    attributes: tuple[str, ...]  # (P,)
+    behaviors: tuple[str, ...]  # (E,)
+    mean: Array  # (C,S,P,E,2,K) m of each row
+    dispersion: Array  # (C,S,P,E,2) s of each row
+    misperception: Array | None = None  # (C,S) epsilon, where the model has one
+    # What else was drawn, and what the sampler says of itself: (dims after chain and draw, values).
+    others: Mapping[str, tuple[tuple[str, ...], Array]] = field(default_factory=dict)
+    statistics: Mapping[str, Array] = field(default_factory=dict)  # (C,S) each
+
+    def __post_init__(self) -> None:
+        mean = freeze(np.maximum(self.mean, _FLOOR))
+        set_frozen(self, mean=mean, dispersion=freeze(self.dispersion))
+
+    @property
+    def coords(self) -> dict[str, tuple[str, ...]]:
+        """The names along each dimension: attribute, behavior, truth, level."""
+        names = (self.attributes, self.behaviors, TRUTHS, level_names(self.mean.shape[-1]))
+        return dict(zip((*_ROW, "level"), names, strict=True))
+
+    @property
+    def variables(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Everything drawn: its dimensions after chain and draw, and its values."""
+        found: dict[str, tuple[tuple[str, ...], Array]] = {
+            "mean": ((*_ROW, "level"), self.mean),
+            "dispersion": (_ROW, self.dispersion),
+        }
+        if self.misperception is not None:
+            found["misperception"] = ((), self.misperception)
+        return {**found, **self.others}
+
+    @property
+    def divergences(self) -> int:
+        """Draws after which the sampler lost its way; 0 for draws that no chain made."""
+        return int(np.sum(self.statistics.get("diverging", 0)))
+
+    def rows(self) -> tuple[Array, Array]:
+        """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
+        return _flat(self.mean), _flat(self.dispersion)
+
+    def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
+        """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
+
+        A row keeps its mean; its weight A the mean's variance, sum_k m_k (1 - m_k) / (A + 1); its
+        s what a second percept says when it equals the first, as on the grid.
+        """
+        array = np.asarray(counts)
+        whole = ConfusionPosterior.from_objects(array)
+        mean, s = self.rows()
+        center, spread = mean.mean(axis=0), 1 - (mean**2).sum(axis=-1)
+        variance = mean.var(axis=0).sum(axis=-1)
+        weight = (1 - (center**2).sum(axis=-1)) / variance - 1
+        columns = sensing(array)
+        concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
+        concentration[:, columns] = weight[..., None] * center
+        dispersion[:, columns] = spread.sum(axis=0) / (spread / (s + 1)).sum(axis=0) - 1
+        return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
+
+
+def level_names(levels: int) -> tuple[str, ...]:
+    """Name the K levels of a percept."""
+    return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))
+
+
+def sensing(counts: ArrayLike) -> NDArray[np.bool_]:
+    """Tell which behaviors (E',) of counts (O,P,E',2,K) ever gave a percept."""
+    return np.asarray(np.asarray(counts).any(axis=(0, 1, 3, 4)))
+
+
+def sensed(
+    counts: ArrayLike, attributes: Sequence[str], behaviors: Sequence[str]
+) -> tuple[NDArray[np.int64], tuple[str, ...], tuple[str, ...]]:
+    """Check counts (O,P,E',2,K) and names; keep the behaviors that sense."""
+    array = np.asarray(counts)
+    if array.ndim != _DIMENSIONS or array.shape[1:3] != (len(attributes), len(behaviors)):
+        raise SettingsError(
+            f"Counts have shape {array.shape}; expected (objects, {len(attributes)} attributes, "
+            f"{len(behaviors)} behaviors, 2, levels)."
+        )
+    keep = sensing(array)
+    if not keep.any():
+        raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
+    kept = tuple(name for name, wanted in zip(behaviors, keep, strict=True) if wanted)
+    return array[:, :, keep], tuple(attributes), kept
+
+
+def draw_grid(
+    counts: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    attributes: Sequence[str],
+    behaviors: Sequence[str],
+    prior: ArrayLike | None = None,
+    draws: int = 1000,
+    chains: int = 4,
+) -> Draws:
+    """Draw from the posterior that `fit_dispersion` sums up; the draws are independent.
+
+    Exact for two levels, up to the grid's steps; with more, m given s is Dirichlet about the
+    effective counts.
+
+    Parameters
+    ----------
+    counts : (O,P,E',2,K) percepts of each object.
+    prior : as in `fit_dispersion`.
+    """
+    kept, names, sensors = sensed(counts, attributes, behaviors)
+    *row, levels = kept.shape[1:]
+    size = draws * chains
+    posterior = grid.fit_dispersion(kept, prior)
+    rows = grid._statistics(np.moveaxis(kept, 0, -2).reshape(-1, len(kept), levels))
+    alpha = posterior.prior.reshape(-1, levels)
+    exact = levels == 2  # noqa: PLR2004
+    profile = (grid._integrate if exact else grid._approximate)(rows, alpha)
+    votes = grid.youden(kept.sum(axis=0).astype(float)) > 0
+    weight = grid._pool(profile.log_evidence.reshape(*row, -1), votes).reshape(len(alpha), -1)
+    mean, dispersion = np.empty((size, len(alpha), levels)), np.empty((size, len(alpha)))
+    for r, share in enumerate(weight):
+        steps = rng.choice(len(grid._GRID), size=size, p=share)
+        dispersion[:, r] = grid._GRID[steps]
+        if exact:
+            mean[:, r] = _two_levels(rows, alpha, r, steps, rng)
+        else:
+            effective = grid._effective(rows._replace(totals=rows.totals[r : r + 1]),
+                                        dispersion[None, :, r])[0]  # fmt: skip
+            gamma = np.maximum(rng.standard_gamma(alpha[r] + effective), np.finfo(float).tiny)
+            mean[:, r] = gamma / gamma.sum(axis=-1, keepdims=True)
+    return Draws(
+        names,
+        sensors,
+        mean.reshape(chains, draws, *row, levels),
+        dispersion.reshape(chains, draws, *row),
+    )
+
+
+def _two_levels(
+    rows: grid._Rows, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
+) -> Array:
+    """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
+    nodes, log_width = grid._nodes(float(rows.totals.sum(axis=(1, 2)).max()))
+    i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
+    fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
+    log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)
+    mean = np.empty((len(steps), 2))
+    for g in np.unique(steps):
+        rising = np.log(grid._GRID[g] * nodes[:, None] + i[:, None])  # (2,I,M)
+        score = log_width + alpha[r] @ np.log(nodes)
+        score += np.einsum("ki,kim->m", rows.tails[r], rising)
+        score = CubicSpline(t, score)(fine)
+        density = np.exp(score - score.max())
+        cdf = np.cumsum(density) - density / 2  # a point stands in the middle of its width
+        here = steps == g
+        at = np.interp(rng.random(here.sum()), cdf / density.sum(), log_odds)
+        mean[here] = expit(np.stack([-at, at], axis=-1))
+    return mean
+
+
+def replicate(
+    draws: Draws, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
+) -> NDArray[np.int64]:
+    """Draw percepts of new objects as many as were seen, (size,O,P,E,2,K).
+
+    Each replicate takes one draw of the rows, then an own row theta ~ Dirichlet(s m) for each
+    object, then its percepts; with a misperception, an object shows the other truth's row with
+    that probability, in all its behaviors alike.
+
+    Parameters
+    ----------
+    counts : (O,P,E',2,K), the percepts seen: how many there are, and of which truth.
+    size : replicates, taken evenly from the draws.
+    """
+    array = np.asarray(counts)
+    kept = array[:, :, sensing(array)]
+    number = kept.sum(axis=-1)  # (O,P,E,2)
+    mean, s = draws.rows()
+    picked = np.linspace(0, len(mean) - 1, size).astype(int)
+    epsilon = np.zeros(len(mean)) if draws.misperception is None else draws.misperception.ravel()
+    found = np.empty((size, *kept.shape), dtype=np.int64)
+    for n, index in enumerate(picked):
+        alpha = np.broadcast_to(s[index, ..., None] * mean[index], kept.shape)
+        swap = rng.random(kept.shape[:2]) < epsilon[index]
+        alpha = np.where(swap[:, :, None, None, None], alpha[..., ::-1, :], alpha)
+        gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
+        found[n] = rng.multinomial(number, gamma / gamma.sum(axis=-1, keepdims=True))
+    return found
+
+
+def _flat(values: Array) -> Array:
+    return values.reshape(-1, *values.shape[2:])

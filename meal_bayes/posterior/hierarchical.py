@@ -1,0 +1,300 @@
+"""Hierarchical Bayes by NUTS (PyMC): the grid's hierarchy, and a richer one that no grid can hold.
+
+Both let each object have its own row theta ~ Dirichlet(s m) and integrate theta out: percepts are
+beta-binomial (two levels) or Dirichlet-multinomial. Both are written as rising factorials (see
+`dispersion`): a few logarithms a row serve all objects, where PyMC's BetaBinomial takes six gamma
+functions and their derivatives for each.
+
+`same` is the model of `dispersion`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
+each truth alone, and m has the prior that the grid learned. `crossed` pools the log-odds of m and
+ln s over attributes and over behaviors, with what is left to the pair, and lets each object *seem*
+to be what it is not with probability epsilon, to all behaviors alike (see `dependence`).
+
+Effects are written as spread x standard (non-centered), and sum to zero over what they cross, so
+that the sampler meets neither funnels nor ridges.
+"""
+
+import getpass
+import os
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.posterior import dispersion as grid
+from meal_bayes.posterior.dependence import TYPICAL
+from meal_bayes.posterior.draws import TRUTHS, Draws, level_names, sensed
+from meal_bayes.seeds import stream
+
+# PyTensor compiles into the home folder unless told where, which may be read-only; and it looks for
+# a BLAS, with a warning where there is none, that no model of ours needs.
+_FLAGS = {
+    "base_compiledir": Path(tempfile.gettempdir()) / f"meal_bayes-pytensor-{getpass.getuser()}",
+    "blas__ldflags": "",
+}
+_given = os.environ.get("PYTENSOR_FLAGS", "")
+_added = [f"{name}={value}" for name, value in _FLAGS.items() if name not in _given]
+os.environ["PYTENSOR_FLAGS"] = ",".join([_given, *_added] if _given else _added)
+with warnings.catch_warnings():  # ArviZ 0.x announces 1.0 whenever it is imported
+    warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
+    import pymc as pm
+    import pytensor.tensor
+    from pytensor.configdefaults import config
+pt: Any = pytensor.tensor  # not typed
+
+MODELS = ("same", "crossed")
+ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
+_LOG_S = np.log(grid._GRID)
+_STEP = float(_LOG_S[1] - _LOG_S[0])
+_LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a point is a cell
+_ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
+_ROW = ("attribute", "behavior", "truth")
+_LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
+_INNER = "_standard"  # what is sampled, and told by what it makes
+
+Progress = Callable[[int, int], None]
+
+
+def fit_hierarchical(
+    counts: ArrayLike,
+    *,
+    attributes: Sequence[str],
+    behaviors: Sequence[str],
+    model: str = "same",
+    prior: ArrayLike | None = None,
+    draws: int = 1000,
+    tune: int = 1000,
+    chains: int = 4,
+    cores: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Draws:
+    """Draw from the posterior of a hierarchical model.
+
+    nutpie samples where it is installed, PyMC's own NUTS elsewhere; each repeats under its seed.
+
+    Parameters
+    ----------
+    counts : (O,P,E',2,K) percepts of each object, as for `ConfusionPosterior.from_objects`.
+    attributes, behaviors : their names, (P,) and (E',).
+    model : "same" as the grid's, or "crossed".
+    prior : of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what
+        the grid learned by default.
+    cores : chains sampled at a time; as many as there are processors by default.
+    progress : called with (steps done, steps in all); nutpie shows its own bar instead.
+
+    Raises
+    ------
+    SettingsError : an unknown model, counts and names that do not agree, nothing to fit.
+    KeyboardInterrupt : sampling was interrupted; a part of the draws is not the posterior.
+    """
+    kept, names, sensors = sensed(counts, attributes, behaviors)
+    built = build_model(kept, names, sensors, model=model, prior=prior)
+    trace = _sample(built, draws, tune, chains, cores, seed, progress)
+    posterior = trace["posterior"]
+    if posterior.sizes["draw"] < draws:
+        raise KeyboardInterrupt
+    found = {
+        str(name): posterior[name] for name in posterior.data_vars if not str(name).endswith(_INNER)
+    }
+    mean, s = found.pop("mean"), found.pop("dispersion")
+    epsilon = found.pop("misperception", None)
+    statistics = {
+        str(name): values.values
+        for name, values in trace["sample_stats"].data_vars.items()
+        if values.dims == ("chain", "draw") and values.dtype.kind in "biuf"
+    }
+    return Draws(
+        names,
+        sensors,
+        mean.values,
+        s.values,
+        None if epsilon is None else epsilon.values,
+        {name: (tuple(values.dims[2:]), values.values) for name, values in found.items()},
+        statistics,
+    )
+
+
+def build_model(
+    counts: NDArray[np.int64],
+    attributes: Sequence[str],
+    behaviors: Sequence[str],
+    *,
+    model: str = "same",
+    prior: ArrayLike | None = None,
+) -> "pm.Model":
+    """Build the PyMC model of counts (O,P,E,2,K) in which every behavior senses."""
+    if model not in MODELS:
+        raise SettingsError(f"Unknown model {model!r}; expected one of {', '.join(MODELS)}.")
+    coords = {
+        "attribute": list(attributes),
+        "behavior": list(behaviors),
+        "truth": list(TRUTHS),
+        "level": list(level_names(counts.shape[-1])),
+    }
+    patterns, pattern_of = _patterns(counts)
+    with pm.Model(coords=coords) as built:
+        mean, s = _same(counts, prior) if model == "same" else _crossed()
+        scores = _score(patterns, mean, s)  # (U,2)
+        if model == "same":
+            shown = np.asarray(counts.any(axis=-1))  # (O,P,E,2)
+            number = np.stack(
+                [np.bincount(pattern_of[shown[..., t]], minlength=len(patterns)) for t in (0, 1)],
+                axis=-1,
+            )
+            pm.Potential("percepts", (number * scores).sum())
+        else:
+            half = pm.Beta("half_standard", 1.0, 0.5 / TYPICAL)
+            epsilon = pm.Deterministic("misperception", half / 2)  # or false and true could swap
+            pm.Potential("percepts", _shared_class(counts, pattern_of, scores, epsilon))
+    return built
+
+
+def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]:
+    """Write the grid's hierarchy down, s and m continuous; tau is one of the grid's, summed out."""
+    alpha = np.broadcast_to(grid.fit_dispersion(counts, prior).prior, counts.shape[1:])
+    votes = grid.youden(counts.sum(axis=0).astype(float)) > 0  # the others tell nothing of mu
+    mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
+    # In the log-odds of its place between the ends, a row lies beside mu: both move together.
+    place = pm.math.logit((mu - _LOW) / (_HIGH - _LOW)) + pm.Flat("log_s_standard", dims=_ROW)
+    log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
+    jacobian = -pt.softplus(place) - pt.softplus(-place)
+    center, tau = mu[..., None], grid._TAU  # (T,)
+    inside = pt.log(pt.erf((_HIGH - center) / _ROOT / tau) - pt.erf((_LOW - center) / _ROOT / tau))
+    share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
+    pooled = (votes[..., None, None] * share).sum(axis=0)  # (E,2,T)
+    by_tau = pooled - 0.5 * tau**2
+    pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian.sum())
+    mean_tau = (pm.math.softmax(by_tau, axis=-1) * tau).sum(axis=-1)
+    pm.Deterministic("tau", mean_tau, dims=("behavior", "truth"))  # given the rest
+    mean = pm.Dirichlet("mean", alpha, dims=(*_ROW, "level"))
+    return mean, pm.Deterministic("dispersion", pt.exp(log_s), dims=_ROW)
+
+
+def _crossed() -> tuple[Any, Any]:
+    """Attributes crossed with behaviors, in the log-odds of m and in ln s."""
+    levels = len(pm.modelcontext(None).coords["level"])
+    lean = np.linspace(-1.0, 1.0, levels) * [[-_LEAN], [_LEAN]]
+    odds = pm.ZeroSumNormal("log_odds_center", 1.5, dims=("truth", "level"))
+    center = pm.Normal("log_s_center", np.log(4.0), 1.5, dims="truth")
+    log_odds = (lean + odds)[:, None, None] + _effects("log_odds", ("level",))
+    log_s = center[:, None, None] + _effects("log_s", ())
+    mean = pm.math.softmax(log_odds.transpose(1, 2, 0, 3), axis=-1)
+    mean = pm.Deterministic("mean", mean, dims=(*_ROW, "level"))
+    s = pm.Deterministic("dispersion", pt.exp(log_s.transpose(1, 2, 0)), dims=_ROW)
+    return mean, s
+
+
+def _effects(name: str, inner: tuple[str, ...]) -> Any:
+    """Effects of attributes, of behaviors and of their pairs, (2,P,E,*inner), one spread each."""
+    sizes = pm.modelcontext(None).dim_lengths
+    total: Any = 0.0
+    for crossed in (("attribute",), ("behavior",), ("attribute", "behavior")):
+        if any(sizes[dim].eval() < 2 for dim in crossed):  # noqa: PLR2004  nothing to compare
+            continue
+        label = f"{name}_{'_'.join(crossed)}"
+        spread = pm.HalfNormal(f"{label}_spread", 1.0, dims="truth")
+        dims = (*crossed, *inner)
+        z = pm.ZeroSumNormal(f"{label}_standard", dims=("truth", *dims), n_zerosum_axes=len(dims))
+        if crossed == ("attribute",):
+            z = z[:, :, None]
+        elif crossed == ("behavior",):
+            z = z[:, None]
+        total = total + spread.reshape((2, 1, 1, *(1 for _ in inner))) * z
+    return total
+
+
+def _patterns(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find the distinct (p, e, counts) (U,2+K), and which one each object showed, (O,P,E).
+
+    An object without a percept in a row has pattern U, one past the last.
+    """
+    shown = counts.sum(axis=3)  # (O,P,E,K)
+    o, p, e = np.nonzero(shown.any(axis=-1))
+    rows = np.column_stack([p, e, shown[o, p, e]])
+    patterns, index = np.unique(rows, axis=0, return_inverse=True)
+    pattern_of = np.full(shown.shape[:3], len(patterns))
+    pattern_of[o, p, e] = index.ravel()
+    return patterns, pattern_of
+
+
+def _score(patterns: NDArray[np.int64], mean: Any, s: Any) -> Any:
+    """Log-probability (U,2) of each pattern under the row of each truth, theta integrated out."""
+    p, e, k = patterns[:, 0], patterns[:, 1], patterns[:, 2:]
+    n = k.sum(axis=-1)
+    each = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
+    every = _rising(s, int(n.max()))  # (P,E,2,J+1)
+    level = np.arange(k.shape[-1])
+    seen = each[p[:, None], e[:, None], :, level, k].sum(axis=1)  # (U,2)
+    ways = gammaln(n + 1) - gammaln(k + 1).sum(axis=-1)  # in which the same counts come about
+    return ways[:, None] + seen - every[p, e, :, n]
+
+
+def _rising(x: Any, most: int) -> Any:
+    """Log of x (x + 1) ... (x + i - 1) for i = 0 .. most, along a last axis."""
+    steps = pt.log(x[..., None] + np.arange(most))
+    return pt.concatenate([pt.zeros_like(x)[..., None], pt.cumsum(steps, axis=-1)], axis=-1)
+
+
+def _shared_class(
+    counts: NDArray[np.int64], pattern_of: NDArray[np.int64], scores: Any, epsilon: Any
+) -> Any:
+    """Sum over what each object seems to be, which all its behaviors share."""
+    by_truth = np.asarray(counts.any(axis=(2, 4)))  # (O,P,2)
+    o, p = np.nonzero(by_truth.any(axis=-1))
+    truth = by_truth[o, p, 1].astype(int)
+    padded = pt.concatenate([scores, pt.zeros((1, 2))])
+    evidence = padded[pattern_of[o, p]].sum(axis=1)  # (n,2)
+    pair = np.arange(len(o))
+    right, wrong = evidence[pair, truth], evidence[pair, 1 - truth]
+    return pt.logaddexp(pt.log1p(-epsilon) + right, pt.log(epsilon) + wrong).sum()
+
+
+def _sample(
+    built: "pm.Model",
+    draws: int,
+    tune: int,
+    chains: int,
+    cores: int | None,
+    seed: int,
+    progress: Progress | None,
+) -> Any:
+    settings: dict[str, Any] = {"nuts_sampler": "pymc", "progressbar": False, "quiet": True}
+    if find_spec("nutpie"):
+        shown = progress is not None
+        settings = {"nuts_sampler": "nutpie", "progressbar": shown, "quiet": not shown}
+    else:
+        total, done = (draws + tune) * chains, 0
+
+        def count(**_: object) -> None:
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(done, total)
+
+        settings["callback"] = count
+        if not config.cxx:  # no C compiler: Numba comes with the package
+            settings["compile_kwargs"] = {"mode": "NUMBA"}
+    if cores is None:  # PyMC's own default counts half of the processors
+        cores = min(chains, os.cpu_count() or 1)
+    with warnings.catch_warnings():
+        # Chains in processes: forked ones inherit idle threads only.
+        warnings.filterwarnings("ignore", ".*multi-threaded, use of fork", DeprecationWarning)
+        return pm.sample(
+            draws,
+            tune=tune,
+            chains=chains,
+            cores=cores,
+            random_seed=int(stream(seed, "mcmc").integers(2**31)),
+            target_accept=ACCEPT,
+            model=built,
+            compute_convergence_checks=False,
+            **settings,
+        )

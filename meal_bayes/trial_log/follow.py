@@ -1,0 +1,124 @@
+"""Logs that are still being written: trials as they land, from a file or a run's whole folder."""
+
+import os
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Header
+from mcap.writer import MCAP0_MAGIC
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.trial_log.container import FAULTS, HEAD, chunk_messages
+from meal_bayes.trial_log.decode import TrialBuilder
+from meal_bayes.trial_log.logs import log_files
+from meal_bayes.trial_log.schema import ACTIVE, PROFILE, RECORD_LIMIT
+
+
+class Follower:
+    """Follows a file, or every file of a folder, from its beginning on.
+
+    `poll` gives what has been flushed since the last call. A file that gets its final name while
+    it is read stays open, so nothing of it is missed or read twice. A damaged file is told in
+    `problems` and followed no further.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.problems: list[str] = []
+        self._tails: dict[str, _Tail] = {}
+
+    @property
+    def header(self) -> dict[str, object] | None:
+        """The header of the first file, once it is there."""
+        headers = (tail.builder.header for tail in self._tails.values())
+        return next((header for header in headers if header is not None), None)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every file that was found has ended."""
+        return bool(self._tails) and all(tail.done for tail in self._tails.values())
+
+    def poll(self) -> Iterator[Trial]:
+        """Yield the whole trials that have come since the last call."""
+        try:
+            files = log_files(self.path)
+        except LogError:  # not there yet, or not any more: what was opened is still read
+            files = []
+        for file in files:
+            name = str(file).removesuffix(ACTIVE)
+            if name not in self._tails:
+                self._tails[name] = _Tail(file)
+        for name, tail in self._tails.items():
+            try:
+                yield from tail.poll()
+            except LogVersionError as fault:
+                tail.close()
+                raise LogVersionError(f"{name} was {fault}.") from fault
+            except FAULTS as fault:
+                tail.close()
+                self.problems.append(f"{name}: {fault}")
+
+    def close(self) -> None:
+        """Close all files."""
+        for tail in self._tails.values():
+            tail.close()
+
+
+class _Tail:
+    """One file that grows."""
+
+    def __init__(self, path: Path) -> None:
+        self.builder = TrialBuilder()
+        self.done = False
+        self._file: BinaryIO = path.open("rb")
+        self._channels: dict[int, str] = {}
+        self._at = 0
+
+    def close(self) -> None:
+        self.done = True
+        self._file.close()
+
+    def poll(self) -> Iterator[Trial]:
+        while not self.done:
+            record = self._whole_record()
+            if record is None:
+                return
+            opcode, content = record
+            if opcode == Opcode.HEADER:
+                profile = Header.read(ReadDataStream(BytesIO(content))).profile
+                if profile != PROFILE:
+                    raise LogCorruptError(f"an MCAP file of another kind ({profile!r})")
+            elif opcode == Opcode.CHUNK:
+                for topic, data in chunk_messages(content, self._channels):
+                    trial = self.builder.add(topic, data)
+                    if trial is not None:
+                        yield trial
+            elif opcode == Opcode.DATA_END:
+                self.close()
+
+    def _whole_record(self) -> tuple[int, bytes] | None:
+        """Read the next record if all of it is there."""
+        size = os.fstat(self._file.fileno()).st_size
+        if self._at == 0:
+            if size < len(MCAP0_MAGIC):
+                return None
+            self._file.seek(0)
+            if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise LogCorruptError("not an MCAP file")
+            self._at = len(MCAP0_MAGIC)
+        if size - self._at < HEAD.size:
+            return None
+        self._file.seek(self._at)
+        opcode, length = HEAD.unpack(self._file.read(HEAD.size))
+        if length > RECORD_LIMIT:
+            raise LogCorruptError(f"a record of {length} bytes at byte {self._at}")
+        if size - self._at - HEAD.size < length:
+            return None
+        content = self._file.read(length)
+        self._at += HEAD.size + length
+        return opcode, content

@@ -1,0 +1,11 @@
+"""Eyes: logged trials as a rerun recording with a layout of our own.
+
+In: trials and the header of their run. Out: an .rrd file, a window, a page, a picture; live as the
+trials land, if wanted. The log stays the only source: what is shown is made from it, each time.
+"""
+
+from meal_bayes.viewer.live import follow
+from meal_bayes.viewer.replay import Replay, write_recording
+from meal_bayes.viewer.window import Viewer, ViewerError, take_picture
+
+__all__ = ["Replay", "Viewer", "ViewerError", "follow", "take_picture", "write_recording"]

@@ -1,0 +1,136 @@
+"""The layout: one tab for the trial under the cursor, one for the whole run."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from meal_bayes.viewer import run_view, scene
+
+_AROUND = 8  # rows shown before and behind the cursor
+_NO_LEGEND = rrb.PlotLegend(visible=False)
+_CROWD = 9  # series, beyond which a legend would hide its plot
+
+
+def blueprint(
+    *,
+    single: bool,
+    attributes: tuple[str, ...] = (),
+    evidence: bool = False,
+    run_first: bool = False,
+    live: bool = False,
+) -> rrb.Blueprint:
+    """Lay out a recording.
+
+    Parameters
+    ----------
+    single : one trial alone, whose plots then show all of it; else they move with the cursor.
+    attributes : that the recording asks about; many have no legend.
+    evidence : whether the log counts the percepts behind the confusion matrices.
+    run_first : show the run's tab at the beginning.
+    live : follow the newest row.
+    """
+    return rrb.Blueprint(
+        rrb.Tabs(
+            _trial(single=single, crowded=len(attributes) > _CROWD),
+            _run(evidence=evidence),
+            active_tab=1 if run_first else 0,
+        ),
+        rrb.TopPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed", timeline="step", play_state="following" if live else "paused"
+        ),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _trial(*, single: bool, crowded: bool) -> rrb.Horizontal:
+    over = None if single else _window()
+    text = rrb.Vertical(
+        rrb.TextDocumentView(origin=scene.STORY, name="question and answer"),
+        rrb.TextDocumentView(origin=scene.WHY, name="why this action"),
+        rrb.TextLogView(
+            origin=scene.LOG,
+            name="log",
+            columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
+        ),
+        row_shares=[4, 4, 3],
+    )
+    belief = rrb.Vertical(
+        rrb.Spatial2DView(origin=scene.BARS, name="belief now (orange: before the step)"),
+        rrb.TimeSeriesView(
+            origin=scene.BELIEF,
+            name="belief over steps",
+            axis_x=over,
+            axis_y=rrb.ScalarAxis(range=(-0.02, 1.02), zoom_lock=False),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=not crowded),
+        ),
+        row_shares=[2, 3],
+    )
+    values = rrb.TimeSeriesView(
+        origin=scene.VALUES,
+        name="expected reward of each action, band = one standard error",
+        axis_x=over,
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
+        interaction=rrb.PlotInteraction(points_display="Always"),
+    )
+    small = rrb.Vertical(
+        rrb.TimeSeriesView(
+            origin=scene.ENTROPY, name="entropy, bits", axis_x=over, plot_legend=_NO_LEGEND
+        ),
+        rrb.TimeSeriesView(
+            origin=scene.COST, name="cost so far, s", axis_x=over, plot_legend=_NO_LEGEND
+        ),
+    )
+    upper = rrb.Horizontal(belief, values, small, column_shares=[3, 4, 2])
+    graphs = rrb.Horizontal(
+        rrb.GraphView(origin=scene.DIAGRAM, name="where the robot is, what it just did"),
+        rrb.GraphView(origin=scene.TREE, name="search tree: action, percepts → next action"),
+    )
+    lower = rrb.Horizontal(
+        rrb.StateTimelineView(origin=scene.LANES, name="action, x, percepts", time_view=over),
+        rrb.Spatial2DView(origin=scene.CONFUSION, name="what a percept of this behavior tells"),
+    )
+    right = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
+    return rrb.Horizontal(text, right, column_shares=[1, 4], name="the trial")
+
+
+def _run(*, evidence: bool) -> rrb.Vertical:
+    plots = [
+        rrb.TimeSeriesView(
+            origin=run_view.ACCURACY,
+            name="accuracy so far, band = one standard error",
+            axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
+        ),
+        rrb.TimeSeriesView(
+            origin=run_view.COST, name="mean cost so far, s, band = one standard error"
+        ),
+        rrb.TimeSeriesView(
+            origin=run_view.CURVE,
+            name="learning curve: accuracy of the last 50 trials",
+            axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
+        ),
+    ]
+    if evidence:
+        plots.append(
+            rrb.TimeSeriesView(
+                origin=run_view.EVIDENCE, name="percepts behind each confusion matrix"
+            )
+        )
+    return rrb.Vertical(
+        rrb.Horizontal(*plots),
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin=run_view.TABLE, name="agents and worst trials"),
+            rrb.TextDocumentView(origin=run_view.FACTS, name="run facts"),
+            column_shares=[3, 2],
+        ),
+        name="the run",
+    )
+
+
+def _window() -> rrb.TimeAxis:
+    """Show the rows around the cursor."""
+    start = rr.TimeRangeBoundary.cursor_relative(seq=-_AROUND)
+    end = rr.TimeRangeBoundary.cursor_relative(seq=_AROUND)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

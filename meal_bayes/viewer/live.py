@@ -1,0 +1,61 @@
+"""A run in progress, seen while its trials land."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from meal_bayes.trial_log import Follower
+from meal_bayes.viewer.replay import Replay, recording
+
+_POLL = 0.5  # s
+
+
+def follow(
+    path: str | Path,
+    url: str,
+    *,
+    watching: Callable[[], bool],
+    on_trials: Callable[[int], None] | None = None,
+) -> Follower:
+    """Send the trials of a growing log, or of all logs of a folder, to a viewer as they land.
+
+    Parameters
+    ----------
+    path : file (also under the name it has while it is written) or folder; it may still be to come.
+    url : of the viewer.
+    watching : asked again and again; following ends when it says no, or when all files have ended.
+    on_trials : called with the number of trials so far, when there are new ones.
+
+    Returns
+    -------
+    The follower, which knows what was wrong with the files, if anything.
+    """
+    follower, replay = Follower(path), None
+    stream = recording(str(Path(path)))
+    stream.connect_grpc(url)
+    try:
+        while watching():
+            new = False
+            for trial in follower.poll():
+                if replay is None:
+                    replay = Replay(stream, follower.header or {})
+                replay.add(trial)
+                if replay.trials == 1:
+                    replay.flush()
+                    replay.lay_out(live=True)
+                new = True
+            if new and replay is not None:
+                replay.flush()
+                stream.flush()
+                if on_trials is not None:
+                    on_trials(replay.trials)
+            if follower.finished:
+                break
+            time.sleep(_POLL)
+    finally:
+        follower.close()
+        if replay is not None:
+            replay.close()
+        stream.flush()
+        stream.disconnect()
+    return follower

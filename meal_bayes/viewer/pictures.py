@@ -1,0 +1,122 @@
+"""Pictures with labels in them: beliefs as bars, and what is known of a behavior's percepts."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP
+from meal_bayes.trial_log.picture import truth_rows, viridis
+from meal_bayes.trial_log.words import level_words, percent
+from meal_bayes.viewer.moments import Moment
+from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
+from meal_bayes.viewer.words import plain
+
+_SHOWN = 8  # attributes
+_BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar
+_CELL_WIDE, _GAP = 4, 2  # pixels of the matrices; labels are as large as ever
+_SHORT = {4: ("no!", "no", "yes", "yes!")}  # percepts, at the foot of a column
+_MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
+_BRIGHTEST = 0.6  # of the color scale: white numbers must be seen, in a light theme as well
+_BACK = (128, 128, 128, 60)  # behind a bar
+_SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
+
+
+class Label(NamedTuple):
+    """A text at a place of the picture."""
+
+    text: str
+    x: float
+    y: float
+    color: Color
+
+
+class Picture(NamedTuple):
+    """Pixels and labels."""
+
+    pixels: NDArray[np.uint8]  # (h,w,4)
+    labels: tuple[Label, ...]
+
+
+def belief_bars(moment: Moment) -> Picture:
+    """Draw Pr(attribute is true) as bars from 0 to 100 %; a line marks what it was before."""
+    names = moment.trial.task.query.attributes[:_SHOWN]
+    pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
+    labels = []
+    for i, name in enumerate(names):
+        now, before = float(moment.positive[i]), float(moment.before[i])
+        top = i * _LANE + (_LANE - _THICK) // 2
+        color = GREEN if now > 0.5 else SKY  # noqa: PLR2004
+        lane = np.tile(np.array(_BACK, float), (_BAR, 1))
+        full, rest = divmod(now * _BAR, 1)
+        lane[: int(full)] = unpacked(color)
+        if full < _BAR:  # the pixel in which the bar ends
+            lane[int(full)] = rest * np.array(unpacked(color)) + (1 - rest) * lane[int(full)]
+        lane[_BAR // 2] = unpacked(GRAY)
+        lane[min(int(before * _BAR), _BAR - 1)] = unpacked(ORANGE)
+        pixels[top : top + _THICK] = lane
+        middle = (i + _MIDDLE + 0.1) * _LANE
+        labels.append(Label(plain(name), -12, middle, TEXT))
+        labels.append(Label(percent(now), _BAR + 9, middle, color))
+    return Picture(pixels, tuple(labels))
+
+
+class Matrices:
+    """Pictures of the confusion matrices of one MOMDP, made once for each behavior."""
+
+    def __init__(self, momdp: MOMDP) -> None:
+        self._momdp = momdp
+        self._known: dict[int, Picture] = {}
+
+    def of(self, action: int) -> Picture:
+        """Draw mean, sd and the paper's point estimate of a behavior's rows."""
+        if action not in self._known:
+            self._known[action] = self._draw(action)
+        return self._known[action]
+
+    def _draw(self, action: int) -> Picture:
+        momdp = self._momdp
+        n, k = min(len(momdp.query), _SHOWN), momdp.levels
+        mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
+        blocks = [(f"{plain(momdp.behavior_names[action])}: mean", mean, 1.0)]
+        blocks.append(("sd (rows known exactly)" if not sd.any() else "sd", sd, _SD_FULL))
+        point = point_estimate(momdp)
+        if point is not None:
+            blocks.append(("paper: counts only", point[:n, action].reshape(2 * n, k), 1.0))
+        # A wide picture is shown smaller; its rows must still be as high as a label.
+        width, high = k * _CELL_WIDE, len(blocks)
+        pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
+        labels = [
+            Label(f"{word}{plain(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
+            for i, name in enumerate(momdp.query.attributes[:n])
+            for t, word in enumerate(("not ", ""))
+        ]
+        for number, (title, values, full) in enumerate(blocks):
+            left = number * (width + _GAP)
+            colors = viridis(_BRIGHTEST * values / full).repeat(high, 0).repeat(_CELL_WIDE, 1)
+            pixels[:, left : left + width, :3] = colors
+            pixels[:, left : left + width, 3] = 255
+            labels += _block_labels(title, values, left, high)
+        return Picture(pixels, tuple(labels))
+
+
+def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
+    """Give the paper's matrices (N,E,2,K), shares of the counted percepts, where a log has them."""
+    counts = momdp.counts
+    if not counts.any():
+        return None
+    total = counts.sum(axis=-1, keepdims=True)
+    return np.where(total > 0, counts / np.maximum(total, 1), np.nan)
+
+
+def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
+    rows, k = values.shape
+    labels = [Label(title, left + k * _CELL_WIDE / 2, -1.3 * high, TEXT)]
+    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
+        labels.append(Label(word, left + (z + 0.5) * _CELL_WIDE, (rows + _MIDDLE) * high, TEXT))
+    for row in range(rows):
+        for z in range(k):
+            at = left + (z + 0.5) * _CELL_WIDE, (row + _MIDDLE) * high
+            text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
+            labels.append(Label(text, *at, WHITE))
+    return labels

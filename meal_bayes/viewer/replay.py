@@ -1,0 +1,101 @@
+"""Trial logs -> a rerun recording: into a file, or to a viewer that is running."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import rerun as rr
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.viewer.blueprint import blueprint
+from meal_bayes.viewer.moments import Clock
+from meal_bayes.viewer.recorder import Recorder, Time
+from meal_bayes.viewer.run_view import RunView
+from meal_bayes.viewer.scene import Scene
+
+APPLICATION = "meal_bayes"
+_BATCH = 100  # trials sent together
+
+
+class Replay:
+    """Puts trials one by one into a recording, as long as there are any.
+
+    Parameters
+    ----------
+    stream : of rerun, connected to a file or a viewer.
+    header : what the run was.
+    only : the one trial that is shown step by step, by its position; all of them by default. The
+        run's measures count every trial in either case.
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, header: Mapping[str, object], *, only: int | None = None
+    ) -> None:
+        self._stream, self._only = stream, only
+        self._recorder = Recorder(stream)
+        self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
+        self._clock = Clock()
+        self._last: Time | None = None
+        self.trials = 0
+
+    def add(self, trial: Trial) -> None:
+        """Put the next trial into the recording."""
+        number, self.trials = self.trials, self.trials + 1
+        time = Time(number, self._clock.row, self._clock.seconds)
+        if self._only is None or self._only == number:
+            for moment in self._clock.moments(number, trial):
+                self._scene.add(moment)
+                time = Time.of(moment)
+            self._scene.close(trial, Time(number, self._clock.row - 1, self._clock.seconds))
+        self._run.add(number, trial, time)
+        self._last = time
+        if self.trials % _BATCH == 0:
+            self.flush()
+
+    def close(self) -> None:
+        """Send the rest, and the measures of the whole run."""
+        self.flush()
+        self._run.close()
+
+    def flush(self) -> None:
+        """Send what is there."""
+        if self._last is not None:
+            self._run.tell(self._last)
+        self._recorder.flush()
+
+    def lay_out(self, *, run_first: bool = False, live: bool = False) -> None:
+        """Send the layout that fits what has come so far; the run's tab may be the first seen."""
+        layout = blueprint(
+            single=self._only is not None or (self.trials == 1 and not live),
+            attributes=self._scene.attributes,
+            evidence=self._run.shows_evidence,
+            run_first=run_first,
+            live=live,
+        )
+        self._stream.send_blueprint(layout)
+
+
+def recording(name: str) -> rr.RecordingStream:
+    """Start a recording of our own; nothing of rerun's global state is touched."""
+    return rr.RecordingStream(APPLICATION, recording_id=name, make_default=False)
+
+
+def write_recording(
+    trials: Iterable[Trial],
+    path: str | Path,
+    header: Mapping[str, object],
+    *,
+    name: str = "run",
+    only: int | None = None,
+    run_first: bool = False,
+) -> int:
+    """Write trials into an .rrd file and give their number."""
+    stream = recording(name)
+    stream.save(Path(path))
+    replay = Replay(stream, header, only=only)
+    for trial in trials:
+        replay.add(trial)
+    replay.close()
+    replay.lay_out(run_first=run_first)
+    stream.flush()
+    stream.disconnect()
+    return replay.trials

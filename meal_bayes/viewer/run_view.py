@@ -1,0 +1,178 @@
+"""What is seen of a whole run: accuracy and cost so far, what was learned, the worst trials."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import rerun as rr
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.momdp import MOMDP
+from meal_bayes.viewer.palette import series_color
+from meal_bayes.viewer.recorder import Recorder, Time, part
+from meal_bayes.viewer.words import plain, question
+
+FACTS, TABLE = "/run/facts", "/run/table"
+ACCURACY, COST, CURVE, EVIDENCE = "/run/accuracy", "/run/cost", "/run/learning", "/run/evidence"
+_WINDOW = 50  # trials of the learning curve's moving mean
+_WORST = 10  # trials that are listed
+_LONG = 300  # characters of a fact
+_EVERY = 25  # trials between two versions of the table
+
+
+@dataclass
+class _Tally:
+    """Sums over the trials of one agent so far."""
+
+    trials: int = 0
+    right: int = 0
+    answered: int = 0
+    cost: float = 0.0
+    squares: float = 0.0  # of costs
+    reward: float = 0.0
+    recent: list[bool] = field(default_factory=list)
+
+    def add(self, trial: Trial) -> None:
+        self.trials += 1
+        self.right += trial.success
+        self.answered += trial.report is not None
+        self.cost += trial.cost
+        self.squares += trial.cost**2
+        self.reward += trial.reward
+        self.recent = [*self.recent[1 - _WINDOW :], trial.success]
+
+    @property
+    def accuracy(self) -> tuple[float, float]:
+        """Share that was right, and its variance as a Beta(1, 1) posterior has it."""
+        a, n = self.right + 1, self.trials + 2
+        return self.right / self.trials, a * (n - a) / (n**2 * (n + 1))
+
+    @property
+    def mean_cost(self) -> tuple[float, float]:
+        """Mean cost, s, and the variance of the mean; 0 for a single trial."""
+        n, mean = self.trials, self.cost / self.trials
+        variance = max(self.squares / n - mean**2, 0.0) / max(n - 1, 1)
+        return round(mean, 9), round(variance, 9)  # a plot would show the noise of equal costs
+
+
+class RunView:
+    """Puts the run's measures into a recording, one row a trial."""
+
+    def __init__(self, recorder: Recorder, header: Mapping[str, object]) -> None:
+        self._to = recorder
+        self._tallies: dict[str, _Tally] = {}
+        self._worst: list[tuple[float, str]] = []
+        self._evidence: set[str] = set()
+        self._momdp: MOMDP | None = None
+        for entity in (FACTS, TABLE):
+            recorder.fix(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
+        self._header(header)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Agents met so far."""
+        return tuple(self._tallies)
+
+    @property
+    def shows_evidence(self) -> bool:
+        """Whether the log tells how many percepts the confusion matrices rest on."""
+        return bool(self._evidence)
+
+    def add(self, number: int, trial: Trial, time: Time) -> None:
+        """Count a trial that ended at this time."""
+        name = trial.agent or "agent"
+        if name not in self._tallies:
+            self._introduce(name)
+        tally = self._tallies[name]
+        tally.add(trial)
+        for entity, (mean, variance) in ((ACCURACY, tally.accuracy), (COST, tally.mean_cost)):
+            to = f"{entity}/{part(name)}"
+            self._to.add(to, rr.Measurements, time, values=[mean], variances=[variance])
+        recent = sum(tally.recent) / len(tally.recent)
+        self._to.add(f"{CURVE}/{part(name)}", rr.Scalars, time, scalars=[recent])
+        self._count_evidence(trial.momdp, time)
+        self._note_worst(number, trial)
+        if number % _EVERY == 0 or tally.trials <= _EVERY:
+            self.tell(time)
+
+    def tell(self, time: Time) -> None:
+        """Write the table as it stands."""
+        self._to.add(TABLE, rr.TextDocument, time, text=[self._table()])
+
+    def close(self) -> None:
+        """Write the table of the whole run, for all times."""
+        self._to.fix(TABLE, rr.TextDocument.from_fields(text=self._table()))
+
+    def _introduce(self, name: str) -> None:
+        color = series_color(len(self._tallies))
+        self._tallies[name] = _Tally()
+        for entity in (ACCURACY, COST):
+            style = rr.Measurements.from_fields(names=plain(name), colors=color, widths=2)
+            self._to.fix(f"{entity}/{part(name)}", style)
+        line = rr.SeriesLines(names=plain(name), colors=color, widths=2)
+        self._to.fix(f"{CURVE}/{part(name)}", line)
+
+    def _header(self, header: Mapping[str, object]) -> None:
+        rows = ["|run||", "|---|---|"]
+        for name, value in _flat(header).items():
+            text = plain(value)[:_LONG]
+            rows.append(f"|{plain(name)}|{text}|")
+            self._to.stream.send_property(name, rr.AnyValues(value=value[:_LONG]))
+        self._to.fix(FACTS, rr.TextDocument.from_fields(text="\n".join(rows)))
+
+    def _count_evidence(self, momdp: MOMDP, time: Time) -> None:
+        """Percepts behind a behavior's matrices, mean over the queried attributes."""
+        counts = momdp.counts
+        if momdp is self._momdp or not counts.any():
+            return
+        self._momdp = momdp
+        for name, total in zip(momdp.behavior_names, counts.sum(axis=(2, 3)).mean(0), strict=True):
+            entity = f"{EVIDENCE}/{part(name)}"
+            if name not in self._evidence:
+                color = series_color(len(self._evidence))
+                self._evidence.add(name)
+                self._to.fix(entity, rr.SeriesLines(names=plain(name), colors=color, widths=2))
+            self._to.add(entity, rr.Scalars, time, scalars=[float(total)])
+
+    def _note_worst(self, number: int, trial: Trial) -> None:
+        """Keep the trials with the lowest reward, the surest of them first."""
+        sure = trial.last_belief.certainty
+        truth = plain(trial.task.query.report_name(trial.truth))
+        said = "no answer"
+        if trial.report is not None:
+            said = plain(trial.task.query.report_name(trial.report))
+        row = (
+            f"|{number}|{plain(trial.agent)}|{question(trial)}|{plain(trial.task.object_name)}"
+            f"|{said}|{truth}|{trial.cost:.1f}|{trial.reward:.1f}|"
+        )
+        self._worst.append((trial.reward - sure, row))
+        self._worst = sorted(self._worst)[:_WORST]
+
+    def _table(self) -> str:
+        rows = [
+            "|agent|trials|accuracy|no answer|cost, s|reward|",
+            "|---|---|---|---|---|---|",
+        ]
+        for name, tally in self._tallies.items():
+            (accuracy, variance), (cost, cost_variance) = tally.accuracy, tally.mean_cost
+            rows.append(
+                f"|{plain(name)}|{tally.trials}|{accuracy:.3f} ± {math.sqrt(variance):.3f}"
+                f"|{tally.trials - tally.answered}|{cost:.1f} ± {math.sqrt(cost_variance):.1f}"
+                f"|{tally.reward / tally.trials:.1f}|"
+            )
+        rows += ["", "**the trials with the lowest reward**", ""]
+        rows.append("|trial|agent|question|object|answer|truth|cost, s|reward|")
+        rows.append("|---|---|---|---|---|---|---|---|")
+        return "\n".join([*rows, *(row for _, row in self._worst)])
+
+
+def _flat(header: Mapping[str, object], before: str = "") -> dict[str, str]:
+    """Give the header's entries by dotted names, as text."""
+    flat = dict[str, str]()
+    for name, value in header.items():
+        if isinstance(value, Mapping):
+            flat.update(_flat(value, f"{before}{name}."))
+        else:
+            flat[f"{before}{name}"] = value if isinstance(value, str) else json.dumps(value)
+    return flat

@@ -1,0 +1,220 @@
+"""The viewer's own program: a window, a page in the browser, a picture without a display.
+
+It listens on 127.0.0.1 only and is started with its telemetry off.
+"""
+
+import importlib.util
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from rerun.experimental import ViewerClient
+
+from meal_bayes.errors import LogError, MealBayesError
+from meal_bayes.viewer.web import HERE, Page
+
+_SIZE = (1920, 1080)
+_START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no longer changes
+_NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
+_POLL = 0.3  # s
+_GROWN = 4000  # characters of a viewer's complaint
+
+
+class ViewerError(MealBayesError):
+    """The viewer does not start, or shows nothing."""
+
+
+class Viewer:
+    """The viewer as a process of its own, which ends with the `with` block.
+
+    Parameters
+    ----------
+    arguments : files to open and options of rerun's command line.
+    headless : without a window; needs a Vulkan driver, which may be one in software.
+    web : as a page for a browser, at `address`.
+    """
+
+    def __init__(
+        self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
+    ) -> None:
+        self.port, pages = free_ports(2)
+        self._command = [str(viewer_program()), *map(str, arguments)]
+        self._command += ["--bind", HERE, "--port", str(self.port), "--hide-welcome-screen"]
+        self.url = f"rerun+http://{HERE}:{self.port}/proxy"
+        self._page = Page(pages, self.port) if web else None
+        if headless:
+            self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
+        if self._page is not None:
+            self._command += ["--serve-web", "--web-viewer-port", str(pages)]
+            self._command += ["--cors-allow-origin", self._page.origin]
+        self._port = pages if web else self.port
+        self._process: subprocess.Popen[bytes] | None = None
+        self._said: IO[bytes]
+
+    @property
+    def address(self) -> str:
+        """Of the page, to be opened in a browser of this machine."""
+        return "" if self._page is None else self._page.address
+
+    def __enter__(self) -> Self:
+        # Telemetry is off where CI is set; a program in a CI phones nobody.
+        environment = {**os.environ, "CI": "1", "RUST_LOG": os.environ.get("RUST_LOG", "error")}
+        self._said = tempfile.TemporaryFile()  # a pipe that nobody empties would stop it
+        self._process = subprocess.Popen(
+            self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._said
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._page is not None:
+            self._page.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._said.close()
+
+    @property
+    def running(self) -> bool:
+        """Whether nobody has closed it."""
+        return self._process is not None and self._process.poll() is None
+
+    def wait(self) -> None:
+        """Wait until somebody closes it.
+
+        Raises
+        ------
+        ViewerError : it has ended by a fault, such as a machine without a display.
+        """
+        if self._process is None:
+            return
+        if self._process.wait():
+            self._said.seek(0)
+            raise ViewerError(_complaint(self._said.read()))
+
+    def wait_until_ready(self) -> None:
+        """Wait until it listens; errors as in `wait`."""
+        end = time.monotonic() + _START
+        while time.monotonic() < end:
+            if not self.running:
+                self.wait()
+                raise ViewerError("The viewer ended before it could show anything.")
+            try:
+                socket.create_connection((HERE, self._port), timeout=1).close()
+            except OSError:
+                time.sleep(_POLL)
+            else:
+                return
+        raise ViewerError(f"The viewer does not answer after {_START:.0f} s.")
+
+    def client(self) -> ViewerClient:
+        """Connect to control it, once it is ready."""
+        self.wait_until_ready()
+        client, end = ViewerClient.connect(self.url), time.monotonic() + _START
+        while True:
+            try:
+                client.get_state()
+            except Exception as fault:  # whatever the transport raises while it is not up yet
+                if not self.running or time.monotonic() > end:
+                    raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
+                time.sleep(_POLL)
+            else:
+                return client
+
+
+def take_picture(
+    recording: str | Path, path: str | Path | None = None, *, row: int = 0, notices: bool = False
+) -> tuple[bytes, Any]:
+    """Open a recording in a viewer without a window, and give its picture (PNG) and its state.
+
+    Parameters
+    ----------
+    recording : .rrd file.
+    path : where the picture is written, if anywhere.
+    row : on the timeline `step`.
+    notices : take the picture at once, though the viewer's greeting may still be in it.
+
+    Raises
+    ------
+    ViewerError : the viewer does not start (no Vulkan driver), or its picture never settles.
+    """
+    with Viewer(headless=True) as viewer:
+        client = viewer.client()
+        client.open(str(Path(recording).resolve()))
+        client.set_time("step", sequence=row, play_state="paused")
+        picture = _settled(client, 0.0 if notices else _NOTICE)
+        state = client.get_state()
+    if path is not None:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_bytes(picture)
+    return picture, state
+
+
+def _settled(client: ViewerClient, quiet: float) -> bytes:
+    """Take pictures until they stay equal for so many seconds."""
+    end, since, last = time.monotonic() + _SETTLE, time.monotonic(), b""
+    while time.monotonic() < end:
+        time.sleep(_POLL)
+        if client.get_state().loading:
+            continue
+        picture = client.take_screenshot()
+        if picture != last:
+            last, since = picture, time.monotonic()
+        elif time.monotonic() - since >= quiet:
+            return picture
+    raise ViewerError(f"The viewer's picture still changes after {_SETTLE:.0f} s.")
+
+
+def viewer_program() -> Path:
+    """Find rerun's binary: its Python wrapper would leave it running when it is ended itself."""
+    found = importlib.util.find_spec("rerun_cli")
+    places = list(found.submodule_search_locations or ()) if found is not None else []
+    for place in map(Path, places):
+        for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"):
+            if (place / name).is_file():
+                return place / name
+    raise ViewerError(
+        "The viewer's program is missing; install it with: pip install 'rerun-sdk>=0.41,<0.42'"
+    )
+
+
+def free_ports(count: int) -> list[int]:
+    """Find ports that nobody listens on."""
+    sockets = [socket.socket() for _ in range(count)]
+    try:
+        for one in sockets:
+            one.bind((HERE, 0))
+        return [one.getsockname()[1] for one in sockets]
+    finally:
+        for one in sockets:
+            one.close()
+
+
+def check_recording_name(path: Path) -> Path:
+    """Check that a file is named as rerun's recordings are."""
+    if path.suffix != ".rrd":
+        raise LogError(f"A recording's name ends in .rrd; found {path.name!r}.")
+    return path
+
+
+def _complaint(said: bytes) -> str:
+    text = " ".join(said.decode(errors="replace")[-_GROWN:].split())
+    way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        return f"The viewer cannot open a window, as there is no display; {way}."
+    if "adapter" in text:
+        return f"The viewer finds no graphics driver (Vulkan); {way}."
+    return f"The viewer ended by a fault ({text[-300:] or 'it said nothing'}); {way}."

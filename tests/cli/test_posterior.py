@@ -1,0 +1,115 @@
+"""`posterior`: what it writes, what it tells, and that other tools can read it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import load_percepts
+from meal_bayes.perception import table_counts
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.idata import load_netcdf
+
+FILES = {
+    "forest.png", "posterior.nc", "predictive.png", "reliability_each.png",
+    "reliability_together.png", "summary.csv",
+}  # fmt: skip
+GRID = ("posterior", "--attributes", "heavy,beans", "--draws", "200", "--json")
+
+
+def test_the_grid_writes_everything(run, tmp_path):
+    result = run(*GRID, "--out", "fit")
+    assert result.exit_code == 0
+    assert result.stdout.count("\n") == 1
+    told = json.loads(result.stdout)
+    assert told["config"]["attributes"] == "heavy,beans"
+    assert told["config"]["method"] == "grid"
+    assert {path.name for path in (tmp_path / "fit").iterdir()} == FILES
+    for name in FILES:
+        if name.endswith(".png"):
+            assert (tmp_path / "fit" / name).read_bytes().startswith(b"\x89PNG")
+    saved = load_netcdf(tmp_path / "fit" / "posterior.nc")["posterior"]
+    assert saved["mean"].dims == ("chain", "draw", "attribute", "behavior", "truth", "level")
+    assert saved["mean"].coords["attribute"].values.tolist() == ["heavy", "beans"]
+    assert saved["mean"].shape[:2] == (4, 200)
+    assert (tmp_path / "fit" / "summary.csv").read_text().count("\n") == 1 + 2 * 11 * 2 * 3
+    rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
+    assert len(rows) == 2 * 11  # reinit does not sense
+    lifting = rows["heavy", "lift_slow"]
+    assert lifting["tpr"] > 0.9
+    assert lifting["fpr"] < 0.1
+    low, high = lifting["tpr_interval"]
+    assert low < lifting["tpr"] < high
+    entry = saved["mean"].sel(attribute="heavy", behavior="lift_slow", truth="true", level="yes")
+    assert float(entry.mean()) == pytest.approx(lifting["tpr"])
+    assert [one["variable"] for one in told["convergence"]] == ["mean", "dispersion"]
+    assert told["divergences"] == 0
+    assert told["belief"]["together"]["nll"] < told["belief"]["each"]["nll"] < 0.6
+    assert all(0 < p < 1 for p in told["predictive_p"])
+
+
+def test_equal_commands_give_equal_draws_in_one_folder(run, tmp_path):
+    first, again, other = (
+        json.loads(run(*GRID, "--seed", seed).stdout) for seed in ("3", "3", "4")
+    )
+    assert first == again
+    assert first["rows"] != other["rows"]
+    assert first["out"] != other["out"]
+    assert len(list((tmp_path / "posteriors").iterdir())) == 2
+
+
+def test_a_held_out_object_is_not_learned_from(run):
+    """The rows are those that agents get when they are asked about the object."""
+    table = load_percepts("roc36")
+    name = table.objects[5]
+    told = json.loads(run(*GRID, "--held-out", name).stdout)
+    columns = [table.domain.attribute_index(one) for one in ("heavy", "beans")]
+    counts = table_counts(table, 5).counts[:, columns]
+    expected = ConfusionPosterior.from_objects(counts).mean[..., 1]  # (P,E,2)
+    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    found = np.array([[row["fpr"], row["tpr"]] for row in told["rows"]]).reshape(2, -1, 2)
+    np.testing.assert_allclose(found, expected[:, sensing], atol=0.01)
+
+
+def test_it_is_told_in_words(run):
+    result = run("posterior", "--attributes", "heavy", "--draws", "150", "--levels", "4")
+    assert result.exit_code == 0
+    for word in ("R-hat", "ESS bulk", "0 divergences", "yes of true", "lift_slow", "ECE"):
+        assert word in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 80
+    assert "draws, summary and figures in" in result.stderr
+
+
+def test_nuts_writes_the_same_files(run, tmp_path, table):
+    result = run(
+        "posterior", "--dataset", tmp_path / "kitchen.npz", "--method", "pymc", "--chains", "2",
+        "--model", "crossed", "--draws", "100", "--tune", "150", "--out", "fit", "--json",
+    )  # fmt: skip
+    assert result.exit_code == 0
+    told = json.loads(result.stdout)
+    assert {path.name for path in (tmp_path / "fit").iterdir()} == FILES
+    variables = {one["variable"] for one in told["convergence"]}
+    assert {"mean", "dispersion", "misperception", "log_odds_behavior_spread"} <= variables
+    assert told["divergences"] == 0
+    assert 0 < told["misperception"] < 0.2
+    rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
+    assert rows["red", "look"]["tpr"] > 0.8
+    assert rows["red", "look"]["fpr"] < 0.2
+    saved = load_netcdf(tmp_path / "fit" / "posterior.nc")
+    assert "diverging" in saved["sample_stats"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (("--attributes", "heavvy"), "did you mean 'heavy'"),
+        (("--held-out", "mug"), "mug"),
+        (("--levels", "3"), "expected one of [2, 4, 8]"),
+        (("--model", "crossed"), "--model crossed needs --method pymc"),
+        (("--method", "advi"), "advi"),
+        (("--dataset", "rock36"), "did you mean 'roc36'"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(fails, tmp_path, arguments, found):
+    assert found in fails("posterior", *arguments)
+    assert not (tmp_path / "posteriors").exists()

@@ -1,0 +1,115 @@
+"""`view`: a recording, a picture, a window; what is asked of it and cannot be is told."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from meal_bayes import viewer
+from meal_bayes.agents.asking import ask
+from meal_bayes.trial_log import write_trials
+from meal_bayes.viewer import window
+
+
+@pytest.fixture
+def log(run):
+    """Write a run of two files."""
+    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
+    trials = [ask("heavy, beans", dataset="roc36", object=o, agent="greedy") for o in objects]
+    for name, own in (("a", trials[:2]), ("b", trials[2:])):
+        write_trials(f"run/{name}.mcap", own, header={"seed": 0})
+    return Path("run")
+
+
+class Fake:
+    """Stands for the viewer's program; it is closed at once."""
+
+    started: ClassVar[list] = []
+
+    def __init__(self, arguments=(), *, headless=False, web=False):
+        self.started.append(([*map(str, arguments)], headless, web))
+        self.address, self.url = "http://127.0.0.1:1/?url=x", "rerun+http://127.0.0.1:1/proxy"
+        self.running = False
+        assert all(Path(argument).stat().st_size > 1000 for argument in arguments)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *fault):
+        pass
+
+    def wait(self):
+        pass
+
+    wait_until_ready = wait
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    monkeypatch.setattr(Fake, "started", [])
+    monkeypatch.setattr(viewer, "Viewer", Fake)
+    return Fake.started
+
+
+def test_a_file_and_a_folder_are_saved(run, log):
+    told = run("view", log, "--save", "out/all.rrd")
+    assert told.exit_code == 0
+    assert told.stdout.startswith("out/all.rrd: 3 trials, ")
+    assert run("view", log / "a.mcap", "--save", "a.rrd").stdout.startswith("a.rrd: 2 trials")
+    run("view", log, "--trial", "2", "--save", "one.rrd")
+    assert Path("one.rrd").stat().st_size < Path("out/all.rrd").stat().st_size
+
+
+def test_a_window_opens_a_recording_that_is_gone_afterwards(run, log, fake):
+    assert run("view", log).exit_code == 0
+    ((arguments, headless, web),) = fake
+    assert (headless, web) == (False, False)
+    assert Path(arguments[0]).name == "run.rrd"
+    assert not Path(arguments[0]).exists()
+
+
+def test_a_page_is_told_where_it_is(run, log, fake):
+    assert "http://127.0.0.1:1/" in run("view", log, "--web").stdout
+    assert fake[0][2] is True
+
+
+def test_a_run_is_followed(run, log, fake, monkeypatch):
+    followed = []
+
+    def follow(path, url, *, watching, on_trials):
+        followed.append((path, url, watching()))
+        on_trials(3)
+        return type("Follower", (), {"problems": ["run/a.mcap: torn"]})()
+
+    monkeypatch.setattr(viewer, "follow", follow)
+    told = run("view", log, "--live")
+    assert followed == [(log, "rerun+http://127.0.0.1:1/proxy", False)]
+    assert "3 trials" in told.stderr
+    assert "warning: run/a.mcap: torn" in told.stderr
+    assert "waiting for later.mcap" in run("view", "later.mcap", "--live", "--web").stderr
+
+
+def test_a_picture_shows_the_last_behavior(run, log, monkeypatch):
+    asked = []
+
+    def take_picture(recording, path, *, row):
+        asked.append(row)
+        path.write_bytes(b"picture")
+
+    monkeypatch.setattr(viewer, "take_picture", take_picture)
+    assert run("view", log, "--screenshot", "p.png").stdout == "p.png: 7 bytes\n"
+    run("view", log, "--trial", "1", "--screenshot", "p.png", "--step", "2")
+    assert asked[0] > 1
+    assert asked[1] == 2
+
+
+def test_what_cannot_be_is_one_line(run, log, fails, monkeypatch):
+    assert "holds 3 trials; give --trial 0 to 2" in fails("view", log, "--trial", "3",
+                                                          "--save", "a.rrd")  # fmt: skip
+    assert "ends in .rrd" in fails("view", log, "--save", "a.txt")
+    assert "no log none.mcap" in fails("view", "none.mcap")
+    assert "one of --save" in fails("view", log, "--save", "a.rrd", "--web")
+    assert "--live goes with --web" in fails("view", log, "--live", "--trial", "0")
+    assert "--step says" in fails("view", log, "--step", "1")
+    monkeypatch.setattr(window.importlib.util, "find_spec", lambda name: None)
+    assert "pip install 'rerun-sdk" in fails("view", log)

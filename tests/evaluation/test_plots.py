@@ -1,0 +1,162 @@
+"""Figures: what is drawn is what was given, in colors and words that everybody can read."""
+
+import itertools
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from meal_bayes.agents.asking import ask
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.plots import Series
+from meal_bayes.evaluation.statistics import Interval, wilson_interval
+
+X = np.arange(4.0)
+TWO = [Series("a", X, X / 4, X / 4 - 0.1, X / 4 + 0.1), Series("b", X, 1 - X / 4)]
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="predefined_plus")
+
+
+def every_figure(trial):
+    table = trial.momdp.confusion[:, 2, :2]
+    half = Interval(0.5, 0.1, 0.3, 0.7)
+    positive = np.linspace(0, 1, 60)
+    yield plots.lines(TWO, x_label="cost, s", y_label="accuracy", share=True)
+    yield plots.learning_curve(TWO)
+    yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", share=True)
+    yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s", reference=[0.4])
+    yield plots.reliability_diagram(positive, positive > 0.5)
+    yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], x_label="a", y_label="b",
+                         value_label="accuracy")  # fmt: skip
+    yield plots.confusion_matrices(table, ["heavy", "beans"], sd=table / 10, title="lift")
+    yield plots.belief_trace(trial)
+    yield plots.behavior_use({"a": [1.0, 2.0], "b": [0.5, 0.0]}, ["look", "grasp"])
+    yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
+
+
+def test_every_figure_is_labelled_and_written(trial, tmp_path):
+    before = dict(mpl.rcParams)
+    for number, ax in enumerate(every_figure(trial)):
+        assert ax.get_xlabel() or ax.get_xticklabels()
+        assert ax.get_xlabel() or ax.get_ylabel()
+        for ending, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
+            path = plots.save(ax, tmp_path / "figures" / f"{number}{ending}")
+            assert path.read_bytes().startswith(magic)
+            assert path.stat().st_size > 2000
+    assert dict(mpl.rcParams) == before
+
+
+def test_equal_figures_are_equal_files(trial, tmp_path):
+    for number, pair in enumerate(zip(every_figure(trial), every_figure(trial), strict=True)):
+        for ending in (".png", ".pdf", ".svg") if number == 0 else (".svg",):
+            one, other = (
+                plots.save(ax, tmp_path / f"{number}-{i}{ending}").read_bytes()
+                for i, ax in enumerate(pair)
+            )
+            assert one == other, (number, ending)
+
+
+def test_lines_and_bands_are_the_numbers():
+    ax = plots.lines(TWO, x_label="x", y_label="y")
+    for line, one in zip(ax.lines, TWO, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), np.stack([one.x, one.y], axis=1))
+        assert line.get_label() == one.name
+    (band,) = ax.collections  # b has none
+    corners = band.get_paths()[0].vertices
+    for x, low, high in zip(TWO[0].x, TWO[0].low, TWO[0].high, strict=True):
+        assert any(np.allclose(corner, (x, low)) for corner in corners)
+        assert any(np.allclose(corner, (x, high)) for corner in corners)
+    assert ax.get_legend() is not None
+
+
+def test_bars_and_their_intervals_are_the_numbers():
+    found = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
+    ax = plots.bars({"": found}, ["a", "b"], y_label="accuracy", reference=[0.3, np.nan])
+    assert [patch.get_height() for patch in ax.patches] == [0.4, 0.9]
+    (ends,) = [c.get_segments() for c in ax.collections]
+    assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["paper"]
+
+
+def test_the_reliability_diagram_counts():
+    positive = np.array([0.05] * 10 + [0.95] * 20)
+    truth = np.array([True] + [False] * 9 + [True] * 15 + [False] * 5)
+    ax = plots.reliability_diagram(positive, truth)
+    points = next(line for line in ax.lines if line.get_marker() == "o").get_xydata()
+    assert np.allclose(points, [(0.05, 0.1), (0.95, 0.75)])
+    columns = [patch.get_height() for patch in ax.patches]
+    assert columns == pytest.approx([1 / 3, *[0] * 8, 2 / 3])
+    (ends,) = [c.get_segments() for c in ax.collections]
+    assert np.allclose(ends[0][:, 1], wilson_interval(1, 10)[2:])
+
+
+def test_numbers_stand_in_the_maps():
+    table = np.array([[0.25, 0.5], [0.75, np.nan]])
+    ax = plots.heat_map(table, [1, 2], [3, 4], x_label="a", y_label="b", value_label="accuracy")
+    assert [text.get_text() for text in ax.texts] == ["0.25", "0.50", "0.75"]
+    rows = np.array([[[0.9, 0.1], [0.2, 0.8]]])
+    ax = plots.confusion_matrices(rows, ["red"], sd=rows / 10)
+    assert [text.get_text() for text in ax.texts][:2] == ["0.90\n± 0.09", "0.10\n± 0.01"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["not red", "red"]
+
+
+def test_the_trace_is_the_trials_beliefs(trial):
+    ax = plots.belief_trace(trial)
+    beliefs = [trial.first_belief, *(step.belief for step in trial.steps)]
+    drawn = [line for line in ax.lines if line.get_label() in trial.task.query.attributes]
+    expected = np.array([belief.positive for belief in beliefs]).T
+    np.testing.assert_allclose([line.get_ydata() for line in drawn], expected)
+    labels = [label.get_text() for label in ax.get_xticklabels()]
+    assert labels[:2] == ["prior", "look"]
+    assert labels[-1] == "report"
+
+
+def test_costs_are_drawn_as_shares():
+    ax = plots.cost_distribution({"a": [1.0, 5.0, 5.0, 9.0]})
+    (line,) = ax.lines
+    found = dict(zip(*line.get_data(), strict=True))
+    assert found[1.0] == pytest.approx(0.25)
+    assert found[5.0] == pytest.approx(0.75)
+
+
+def luminance(color):
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color]
+    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+
+
+def test_colors_differ_also_to_color_blind_eyes():
+    """In Machado's simulation of full deuteranopia and protanopia, of the first six colors."""
+    deutan = [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+              [-0.011820, 0.042940, 0.968881]]  # fmt: skip
+    protan = [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+              [-0.003882, -0.048116, 1.051998]]  # fmt: skip
+    colors = [mpl.colors.to_rgb(color) for color in plots.COLORS[:6]]
+    for seen in (np.eye(3), deutan, protan):
+        shown = [np.asarray(seen) @ color for color in colors]
+        for one, other in itertools.combinations(shown, 2):
+            assert np.abs(one - other).max() > 0.12
+    assert all(luminance(color) < 0.6 for color in colors)  # they stand out from white
+
+
+def test_names_with_signs_of_mathematics_are_names(trial, tmp_path):
+    series = [Series("$x^2$ & <b>", X, X), Series("\\frac{", X, X)]
+    ax = plots.lines(series, x_label="$", y_label="a_b$c")
+    assert plots.save(ax, tmp_path / "a.png").is_file()
+
+
+def test_what_does_not_fit_is_refused(tmp_path):
+    half = Interval(0.5, 0.1, 0.3, 0.7)
+    for call in (
+        lambda: Series("a", X, X[:2]),
+        lambda: Series("a", X, X, low=X),
+        lambda: plots.bars({"": [half]}, ["a", "b"], y_label="y"),
+        lambda: plots.reliability_diagram([0.5], [True, False]),
+        lambda: plots.heat_map(np.eye(2), [1], [1, 2], x_label="", y_label="", value_label=""),
+        lambda: plots.save(plots.learning_curve(TWO), tmp_path / "a.gif"),
+    ):
+        with pytest.raises(SettingsError):
+            call()

@@ -1,0 +1,192 @@
+"""The report: its figures are right, nothing leaves the page, damage is told."""
+
+import html
+import os
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.agents.asking import ask
+from meal_bayes.errors import LogError
+from meal_bayes.evaluation import summarize
+from meal_bayes.evaluation.report import write_report
+from meal_bayes.evaluation.tally import WORST, Place, Tally, batch_of
+from meal_bayes.trial_log import Logs, TrialWriter, write_trials
+
+OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
+AGENTS = ("predefined", "random", "greedy")
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return [
+        ask(question, dataset="roc36", object=name, agent=agent)
+        for agent in AGENTS
+        for name in OBJECTS
+        for question in ("heavy, beans", "blue")
+    ]
+
+
+@pytest.fixture(scope="module")
+def folder(trials, tmp_path_factory):
+    path = tmp_path_factory.mktemp("run")
+    header = {"config": {"dataset": "roc36", "note": "<script>alert(1)</script> & more"}}
+    for agent in AGENTS:
+        own = [trial for trial in trials if trial.agent == agent]
+        write_trials(path / agent / "unit-0000.mcap", own, header=header)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(folder, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    info = write_report(Logs(folder), path)
+    assert info.size == path.stat().st_size
+    return path
+
+
+class Links(HTMLParser):
+    """Every address that a page names."""
+
+    def __init__(self):
+        super().__init__()
+        self.found, self.tags = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href", "srcset", "action", "data", "poster"):
+                self.found.append(value)
+
+
+def cells(text):
+    """Rows of all tables as text."""
+    rows = re.findall(r"<tr>(.*?)</tr>", text, re.DOTALL)
+    plain = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL) for row in rows]
+    return [[html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in row] for row in plain]
+
+
+def test_the_table_holds_the_measures(trials, page):
+    rows = {row[0]: row for row in cells(page.read_text()) if row and len(row) == 8}
+    for measured in summarize(trials):
+        row = rows[measured.agent]
+        assert row[1] == str(measured.trials)
+        assert row[2].startswith(f"{measured.accuracy:.3f}")
+        assert row[3].startswith(f"{measured.cost_s:.1f}")
+        assert row[4].startswith(f"{measured.reward:.1f}")
+        assert row[5] == f"{measured.nll:.3f}"
+        assert row[6] == f"{measured.ece:.3f}"
+
+
+def test_attributes_and_behaviors_are_counted(trials, page):
+    rows = {row[0]: row for row in cells(page.read_text()) if row}
+    agents = list(dict.fromkeys(trial.agent for trial in sorted(trials, key=lambda t: t.agent)))
+    for name in ("heavy", "beans", "blue"):
+        asked = [trial for trial in trials if name in trial.task.query.attributes]
+        assert rows[name][1] == str(len(asked))
+        for agent, shown in zip(agents, rows[name][2:], strict=True):
+            own = [trial for trial in asked if trial.agent == agent]
+            at = [trial.task.query.attributes.index(name) for trial in own]
+            right = [
+                trial.report is not None and bool(trial.report[i] == trial.truth[i])
+                for trial, i in zip(own, at, strict=True)
+            ]
+            assert shown == f"{sum(right) / len(own):.3f}"
+    looks = sum(
+        step.decision.action == 0 for t in trials if t.agent == "greedy" for step in t.steps
+    )
+    assert any(
+        row[0] == "look" and any(cell.startswith(f"{looks} (") for cell in row[1:])
+        for row in cells(page.read_text())
+        if row
+    )
+
+
+def test_the_worst_trials_come_first(trials):
+    tally = Tally()
+    for number, trial in enumerate(trials):
+        tally.add(trial, Place(Path("a.mcap"), number))
+    worst = [trial.reward for _, trial in tally.worst]
+    assert len(worst) == WORST
+    assert worst[0] == min(trial.reward for trial in trials)
+    assert max(worst) <= sorted(trial.reward for trial in trials)[WORST - 1] + 1
+    place, trial = tally.worst[0]
+    assert trials[place.number] is trial
+
+
+def test_nothing_is_fetched_and_nothing_runs(page):
+    text = page.read_text()
+    links = Links()
+    links.feed(text)
+    assert "script" not in links.tags
+    assert all(link.startswith("data:") for link in links.found)
+    assert len(links.found) > 10
+    assert "default-src 'none'" in text
+    assert "&lt;script&gt;alert(1)" in text
+    assert not re.search(r"@import|url\((?!data:)", text)
+
+
+def test_equal_logs_give_equal_pages(folder, page, tmp_path):
+    write_report(Logs(folder), tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == page.read_bytes()
+
+
+def test_batches_make_a_learning_curve(trials, tmp_path):
+    for number in range(3):
+        for part in ("train", "test"):
+            header = {"batch": number, "part": part}
+            write_trials(tmp_path / f"batch_{number}_{part}.mcap", trials[:8], header=header)
+    write_report(Logs(tmp_path), tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    assert "hours of exploration before it" in text
+    assert batch_of({"batch": 3, "part": "test"}) == (
+        batch := batch_of({"batch": 3, "part": "test"})
+    )
+    assert (batch.number, batch.part) == (3, "test")
+    assert batch_of({"batch": "3", "part": "test"}) is None
+
+
+def test_an_unfinished_log_is_told_of(trials, tmp_path):
+    with TrialWriter(tmp_path / "a.mcap", {}) as log:
+        log.write(trials[0])
+        write_report(Logs(tmp_path), tmp_path / "r.html")
+    assert "was not finished by its writer" in (tmp_path / "r.html").read_text()
+    with pytest.raises(LogError):
+        write_report(Logs(tmp_path / "none"), tmp_path / "r.html")
+
+
+def test_it_reads_well_in_a_real_browser(page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    try:
+        from playwright.sync_api import sync_playwright  # noqa: PLC0415  may be missing
+    except ImportError:
+        sync_playwright = None
+    if browser is None or sync_playwright is None:
+        reason = "no browser: pip install '.[view]', apt-get install chromium"
+        if os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1":
+            pytest.fail(f"required but missing: {reason}")
+        pytest.skip(reason)
+    said, asked = [], []
+    with sync_playwright() as driver:
+        shown = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        for name, width in (("phone", 390), ("desk", 1200)):
+            tab = shown.new_page(viewport={"width": width, "height": 900})
+            tab.on("console", lambda message: said.append(message.text))
+            tab.on("pageerror", lambda fault: said.append(str(fault)))
+            tab.on("request", lambda request: asked.append(request.url))
+            tab.goto(page.as_uri())
+            assert tab.evaluate("document.documentElement.scrollWidth") <= width
+            broken = "[...document.images].filter(i => !i.complete || !i.naturalWidth).length"
+            assert tab.evaluate(broken) == 0
+            assert tab.evaluate("document.images.length") >= 10
+            small = "Math.min(...[...document.querySelectorAll('td')].filter(e => e.offsetParent)"
+            small += ".map(e => parseFloat(getComputedStyle(e).fontSize)))"
+            assert tab.evaluate(small) >= 14
+            tab.screenshot(path=tmp_path / f"{name}.png", full_page=True)
+            assert (tmp_path / f"{name}.png").stat().st_size > 50_000
+        shown.close()
+    assert said == []
+    assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}

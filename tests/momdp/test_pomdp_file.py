@@ -1,0 +1,380 @@
+"""Written .pomdp files are the problem that `flatten` gives; reading survives anything."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.momdp import FlatPOMDP, build_momdp, exchange, flatten
+from meal_bayes.momdp.pomdp_file import write_pomdp
+from meal_bayes.momdp.pomdp_reader import read_pomdp
+from meal_bayes.momdp.reference import load_reference
+
+TIGER = """
+# the tiger of Cassandra, Kaelbling and Littman
+discount: 0.95
+values: reward
+states: tiger-left tiger-right
+actions: listen open-left open-right
+observations: tiger-left tiger-right
+start: uniform
+
+T:listen
+identity
+T:open-left
+uniform
+T:open-right
+uniform
+
+O:listen
+0.85 0.15
+0.15 0.85
+O:open-left
+uniform
+O:open-right
+uniform
+
+R:listen : * : * : * -1
+R:open-left : tiger-left : * : * -100
+R:open-left : tiger-right : * : * 10
+R:open-right : tiger-left : * : * 10
+R:open-right : tiger-right : * : * -100
+"""
+
+
+def momdp_of(name, n, levels=2, seed=0, **options):
+    domain, rng = load_domain(name), np.random.default_rng(seed)
+    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))
+    prior = rng.uniform(0.2, 0.8, n)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
+
+
+def diagram_of(*effects):
+    states = ("x0", "x1", "x2", "term")
+    names = sorted({effect.behavior for effect in effects})
+    return build_momdp(
+        Domain(
+            "own",
+            ("red",),
+            tuple(Behavior(name, 1.0, ("color",) if name == "look" else ()) for name in names),
+            TransitionDiagram(states, "x0", effects),
+        ),
+        Query(("red",)),
+        np.tile([[0.8, 0.2], [0.3, 0.7]], (1, len(names), 1, 1)),
+    )
+
+
+def written(momdp, folder, **options) -> FlatPOMDP:
+    write_pomdp(momdp, folder / "own.pomdp", **options)
+    return read_pomdp(folder / "own.pomdp")
+
+
+def read(text, folder) -> FlatPOMDP:
+    (folder / "own.pomdp").write_text(text)
+    return read_pomdp(folder / "own.pomdp")
+
+
+@pytest.mark.parametrize("name", ["A1", "A2", "A3"])
+def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
+    ours = written(load_reference(reference)[name], tmp_path)
+    theirs = read_pomdp(reference / f"roc36_{name}.pomdp")
+    for field in ("state_names", "action_names", "observation_names", "discount"):
+        assert getattr(ours, field) == getattr(theirs, field)
+    for field in ("transition", "observation", "reward", "start"):  # theirs have 12 digits
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=2e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "levels"),
+    [("toy", 1, 2), ("toy", 2, 4), ("roc36", 2, 2), ("ispy32", 2, 2), ("cy101", 1, 4)],
+)
+def test_what_is_written_is_the_flat_problem(tmp_path, name, n, levels):
+    momdp = momdp_of(name, n, levels)
+    ours, flat = written(momdp, tmp_path), flatten(momdp)
+    for field in ("transition", "reward", "start"):
+        np.testing.assert_allclose(getattr(ours, field), getattr(flat, field), atol=1e-15)
+    assert ours.discount == flat.discount
+    percepts = np.where(flat.transition[..., None] > 0, flat.observation, 0.0)
+    both = np.where(flat.transition[..., None] > 0, ours.observation, 0.0)
+    np.testing.assert_allclose(both[..., :-2], percepts[..., :-1], atol=1e-15)
+    np.testing.assert_allclose(both[..., -2:].sum(-1), percepts[..., -1], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["toy", "roc36", "ispy32", "cy101"])
+def test_every_observation_tells_x(tmp_path, name):
+    """From a state whose x is known, the x of the next is known, whatever is observed."""
+    momdp = momdp_of(name, 1)
+    ours, end = written(momdp, tmp_path), momdp.terminal
+    x_of = np.append(np.repeat(np.arange(end), 2), end)
+    reached = ours.transition[..., None] * ours.observation > 0  # (A,S,S,Z)
+    at = np.stack([reached[:, :, x_of == x].any(axis=2) for x in range(end + 1)])  # (X,A,S,Z)
+    assert at.sum(axis=0).max() == 1
+    reinit = momdp.behavior_names.index("reinit")
+    assert ours.observation_names[-2:] == ("na", "done")
+    assert (ours.observation[reinit, :, 0, -1] == 1).all()  # back at x0
+
+
+def test_an_additive_reward(tmp_path):
+    momdp = replace(momdp_of("toy", 2), additive=True)
+    ours = written(momdp, tmp_path)
+    np.testing.assert_array_equal(ours.reward[0, momdp.n_behaviors :], [100.0, 0.0, 0.0, -100.0])
+    np.testing.assert_array_equal(ours.reward, flatten(momdp).reward)
+
+
+def test_a_shaped_reward(tmp_path):
+    momdp = momdp_of("toy", 2)
+    momdp = replace(momdp, bonus=np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape))
+    np.testing.assert_array_equal(written(momdp, tmp_path).reward, flatten(momdp).reward)
+
+
+def test_forbidden_behaviors_are_worth_less_than_any_report(tmp_path):
+    momdp = momdp_of("roc36_published", 1)
+    ours, e = written(momdp, tmp_path, forbid_illegal=True), momdp.n_behaviors
+    illegal = np.repeat(~momdp.legal[:-1], 2, axis=0)  # (S-1,E)
+    assert (ours.reward[:-1, :e][illegal] < ours.reward[:-1, e:].min()).all()
+    assert (ours.transition[:, :-1, -1].T[:, :e][illegal] == 1).all()
+    flat = flatten(momdp)
+    np.testing.assert_array_equal(ours.reward[:-1, :e][~illegal], flat.reward[:-1, :e][~illegal])
+    legal = np.nonzero(~illegal.T)
+    np.testing.assert_array_equal(ours.transition[:e, :-1][legal], flat.transition[:e, :-1][legal])
+
+
+@pytest.mark.parametrize(
+    ("momdp", "found"),
+    [
+        (momdp_of("toy", 1, precision=4.0), "precision=inf"),
+        (momdp_of("roc36_published", 1), "'x1' from 'x0' with a percept in 100%.*Forbid"),
+        (momdp_of("ispy32", 9), "9 attributes make a file of .*e\\+06 numbers; files end"),
+        (
+            diagram_of(
+                Effect("x0", "look", "x1"),
+                Effect("x1", "look", "x1", 0.5),
+                Effect("x0", "go", "x2"),
+            ),
+            "'look' arrives at 'x1' from 'x0' with a percept in 100%",
+        ),
+        (
+            diagram_of(Effect("x0", "look", "x1", 0.5), Effect("x0", "look", "x2", 0.5)),
+            "'look' in 'x0' leads to 'x1' or 'x2' with the same observation",
+        ),
+        (
+            diagram_of(Effect("x0", "go", "x1", 0.5), Effect("x0", "go", "x2", 0.3)),
+            "'go' in 'x0' leads to 'x1' or 'x2' with the same observation",
+        ),
+    ],
+)
+def test_what_a_file_cannot_hold_is_told(tmp_path, momdp, found):
+    with pytest.raises(SettingsError, match=found):
+        write_pomdp(momdp, tmp_path / "own.pomdp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_many_attributes_without_percepts_are_told(tmp_path):
+    names = tuple(f"attribute{i}" for i in range(12))
+    diagram = TransitionDiagram(("x0", "term"), "x0", (Effect("x0", "go", "x0"),))
+    domain = Domain("own", names, (Behavior("go", 1.0),), diagram)
+    momdp = build_momdp(domain, Query(names), np.full((12, 1, 2, 2), 0.5))
+    with pytest.raises(SettingsError, match="12 attributes"):
+        write_pomdp(momdp, tmp_path / "own.pomdp")
+
+
+def test_kinds_of_object_are_told(tmp_path):
+    domain = load_domain("toy")
+    momdp = build_momdp(
+        domain, Query(("red",)), np.full((1, 3, 4, 2), 0.5), kinds=np.full((1, 2, 2), 0.5)
+    )
+    with pytest.raises(SettingsError, match="several kinds of object"):
+        write_pomdp(momdp, tmp_path / "own.pomdp")
+
+
+def test_odd_names_become_identifiers(tmp_path):
+    names = (
+        "T",
+        "lift it!",
+        "lift\nit?",
+        "a0",
+        "reward",
+        "9",
+        "heb\N{LATIN SMALL LETTER E WITH ACUTE}",
+    )
+    domain = Domain(
+        "own",
+        ("red\n states: x",),
+        tuple(Behavior(name, 1.0) for name in names),
+        TransitionDiagram(
+            ("x\n0: #", "term"), "x\n0: #", tuple(Effect("*", name, "*") for name in names)
+        ),
+    )
+    momdp = build_momdp(domain, Query(domain.attributes), np.full((1, 7, 2, 2), 0.5))
+    read_back = written(momdp, tmp_path)
+    assert read_back.action_names == (
+        "T_", "lift_it_", "lift_it__", "a0_", "reward_", "n9", "heb_", "a0", "a1",
+    )  # fmt: skip
+    assert (tmp_path / "own.pomdp").read_text().startswith("# query: red states: x\n# s0: x 0: #\n")
+    np.testing.assert_array_equal(read_back.transition, flatten(momdp).transition)
+
+
+def test_tiny_probabilities_have_digits_on_both_sides_of_the_point(tmp_path):
+    momdp = momdp_of("toy", 1)
+    rows = momdp.confusion.copy()
+    rows[0, 0] = [[1 - 1e-7, 1e-7], [3e-12, 1 - 3e-12]]
+    read_back = written(replace(momdp, confusion=rows), tmp_path)
+    assert "e-" not in (tmp_path / "own.pomdp").read_text()
+    np.testing.assert_array_equal(read_back.observation[0, 0, 0, :2], rows[0, 0, 0])
+    np.testing.assert_array_equal(read_back.observation[0, 0, 1, :2], rows[0, 0, 1])
+
+
+def test_a_broken_off_file_never_gets_its_name(tmp_path, monkeypatch):
+    path = tmp_path / "own.pomdp"
+    path.write_text("what was there")
+
+    def broken(*_):
+        yield "discount: 0.9"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("meal_bayes.momdp.pomdp_file._lines", broken)
+    with pytest.raises(KeyboardInterrupt):
+        write_pomdp(momdp_of("toy", 1), path)
+    assert path.read_text() == "what was there"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folders_are_made_and_no_place_is_told(tmp_path):
+    write_pomdp(momdp_of("toy", 1), tmp_path / "new" / "own.pomdp")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["own.pomdp"]
+    (tmp_path / "file").touch()
+    with pytest.raises(SettingsError, match="cannot be written"):
+        write_pomdp(momdp_of("toy", 1), tmp_path / "file" / "own.pomdp")
+
+
+def test_a_file_is_written_line_by_line(tmp_path):
+    momdp = momdp_of("ispy32", 6)
+    tracemalloc.start()
+    try:
+        write_pomdp(momdp, tmp_path / "own.pomdp")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 0.4 * (tmp_path / "own.pomdp").stat().st_size
+
+
+def test_tiger(tmp_path):
+    tiger = read(TIGER, tmp_path)
+    assert tiger.state_names == ("tiger-left", "tiger-right")
+    assert tiger.discount == 0.95
+    np.testing.assert_array_equal(tiger.transition[0], np.eye(2))
+    np.testing.assert_array_equal(tiger.transition[1:], 0.5)
+    np.testing.assert_array_equal(tiger.observation[0], [[[0.85, 0.15], [0.15, 0.85]]] * 2)
+    np.testing.assert_array_equal(tiger.observation[1:], 0.5)
+    np.testing.assert_array_equal(tiger.reward, [[-1, -100, 10], [-1, 10, -100]])
+    np.testing.assert_array_equal(tiger.start, 0.5)
+
+
+def test_every_form_of_the_format(tmp_path):
+    text = """discount : 0.5 values:cost states: 3 actions: go stay observations: 2
+    start exclude: 1
+    T: * : * : 0 1.0   # all to 0 ...
+    T: go : 1   0.25 0.25
+        0.5
+    T: 1 identity
+    O: * uniform
+    O: go : 2
+    0.9 0.1
+    O: stay : 0 : 1 1.0   O: stay : 0 : 0 0
+    R: * : * : * : * 2
+    R: go : 1 : 2 : 1 +10
+    R: go : 1 : 1    4 6
+    R: stay : 2  1 1  1 1  3 5
+    """
+    made = read(text, tmp_path)
+    np.testing.assert_array_equal(made.transition[0], [[1, 0, 0], [0.25, 0.25, 0.5], [1, 0, 0]])
+    np.testing.assert_array_equal(made.transition[1], np.eye(3))
+    np.testing.assert_array_equal(made.observation[0, 0], [[0.5, 0.5], [0.5, 0.5], [0.9, 0.1]])
+    np.testing.assert_array_equal(made.observation[1, 2], [[0, 1], [0.5, 0.5], [0.5, 0.5]])
+    expected = 0.25 * 2 + 0.25 * 5 + 0.5 * (0.9 * 2 + 0.1 * 10)
+    np.testing.assert_allclose(made.reward, [[-2, -2], [-expected, -2], [-2, -4]])
+    np.testing.assert_array_equal(made.start, [0.5, 0, 0.5])
+    for start, belief in (
+        ("start: 1", [0, 1, 0]),
+        ("start: 0.5 0.25 0.25", [0.5, 0.25, 0.25]),
+        ("start include: 0 2", [0.5, 0, 0.5]),
+        ("start: uniform", [1 / 3] * 3),
+    ):
+        again = read(text.replace("start exclude: 1", start), tmp_path)
+        np.testing.assert_array_equal(again.start, belief)
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (("discount: 0.95", ""), "no discount"),
+        (("discount: 0.95", "discount: nan"), "statement of line 3: found 1 numbers; expected 1"),
+        (("states: tiger-left tiger-right", ""), "names no states"),
+        (("states: tiger-left", "states: tiger-right"), "line 5: states: expected names"),
+        (("states: tiger-left tiger-right", "states: 99999"), "more than 2e\\+07 entries"),
+        (("states: tiger-left tiger-right", "states: 999999999999999"), "states; expected some"),
+        (("states: tiger-left tiger-right", "states: 0"), "0 states; expected some"),
+        (("start: uniform", "start: 0.5 0.4"), "start must be probabilities"),
+        (("start: uniform", "start: tiger-left tiger-right"), "expected a state"),
+        (("start: uniform", "start exclude: 0 1"), "no state is left"),
+        (("values: reward", "values: gold"), "expected reward or cost"),
+        (("identity", "0.5 0.5 1"), "found 3 numbers; expected 4"),
+        (("identity", "0.5 0.4 0 1"), "rows of T must be probabilities"),
+        (("identity", "1.5 -0.5 0 1"), "rows of T must be probabilities"),
+        (("identity", ""), "found 0 numbers; expected 4"),
+        (("0.85 0.15\n", "0.85 inf\n"), "expected 4 finite ones"),
+        (("0.85 0.15\n", "0.85 much\n"), "expected 4 numbers"),
+        (("T:listen", "T:sing"), "line 10: 'sing' is none of the 3 actions"),
+        (("T:listen", "T:listen :"), "T lacks one of its states|'identity' is none of the"),
+        (("O:listen", "T:listen"), "rows of O|found 4 numbers"),
+        (("* -1", "* -1 2"), "found 2 numbers; expected 1"),
+        (("R:listen", "states: 4\nR:listen"), "line 25: states stands behind"),
+        (("# the", "the tiger\n#"), "found 'the tiger'; expected one of"),
+    ],
+)  # fmt: skip
+def test_a_damaged_file_is_told_with_its_line(tmp_path, change, found):
+    assert change[0] in TIGER
+    with pytest.raises(DataError, match=found):
+        read(TIGER.replace(*change, 1), tmp_path)
+
+
+def test_no_file_and_no_text_are_told(tmp_path):
+    with pytest.raises(SettingsError, match="No file"):
+        read_pomdp(tmp_path / "none.pomdp")
+    (tmp_path / "own.pomdp").write_bytes(b"\xff\xfe\x00" * 100)
+    with pytest.raises(DataError):
+        read_pomdp(tmp_path / "own.pomdp")
+    with pytest.raises(DataError, match="line 1 has more than"):
+        read("states: " + "x " * 2**20, tmp_path)
+    with (tmp_path / "own.pomdp").open("wb") as file:
+        file.truncate(2**27)
+    with pytest.raises(DataError, match="more than 64 MB"):
+        read_pomdp(tmp_path / "own.pomdp")
+
+
+def test_short_statements_cannot_keep_a_reader_busy(tmp_path, monkeypatch):
+    monkeypatch.setattr("meal_bayes.momdp.pomdp_reader._WORK", 1000)
+    with pytest.raises(DataError, match="set more than 1e\\+03 entries"):
+        read(TIGER + "T: * : * : * 0.5\n" * 100, tmp_path)
+
+
+def test_any_bytes_are_read_or_refused(tmp_path):
+    rng, path, whole = np.random.default_rng(0), tmp_path / "own.pomdp", TIGER.encode()
+    refused = 0
+    for _ in range(300):
+        damaged = bytearray(whole)
+        for place in rng.integers(len(whole), size=rng.integers(1, 4)):
+            damaged[place] = rng.choice(list(b" :#*0-.Tn\n\xffidentity"))
+        path.write_bytes(bytes(damaged[: rng.integers(1, len(whole) + 1)]))
+        try:
+            assert np.isfinite(read_pomdp(path).reward).all()
+        except DataError:
+            refused += 1
+    assert 100 < refused < 300
+
+
+def test_the_size_that_is_told_is_the_limit():
+    assert exchange.LARGEST == 1_000_000

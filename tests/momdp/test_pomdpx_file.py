@@ -1,0 +1,184 @@
+"""Written .pomdpx files are the MOMDP: read back by a small strict reader, as arrays."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import build_momdp, flatten
+from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.momdp.reference import load_reference
+
+
+def momdp_of(name, n, levels=2, seed=0, **options):
+    domain, rng = load_domain(name), np.random.default_rng(seed)
+    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))
+    prior = rng.uniform(0.2, 0.8, n)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
+
+
+def read_pomdpx(path: Path) -> SimpleNamespace:
+    """Read the form that is written: an observed and a hidden variable, one observation, tables."""
+    root = ElementTree.parse(path).getroot()
+    assert [part.tag for part in root] == [
+        "Discount", "Variable", "InitialStateBelief", "StateTransitionFunction", "ObsFunction",
+        "RewardFunction",
+    ]  # fmt: skip
+    observed, hidden = root.findall("Variable/StateVar")
+    assert (observed.get("fullyObs"), hidden.get("fullyObs")) == ("true", None)
+    values = {}
+    for variable in (observed, hidden):
+        for end in ("vnamePrev", "vnameCurr"):
+            values[variable.get(end)] = variable.findtext("ValueEnum").split()
+    values["o"] = root.findtext("Variable/ObsVar/ValueEnum").split()
+    values["a"] = root.findtext("Variable/ActionVar/ValueEnum").split()
+    for names in values.values():
+        assert len(set(names)) == len(names)
+        assert all(name.replace("_", "").isalnum() and name.isascii() for name in names)
+    tables = {}
+    for function in root.iter():
+        if function.tag in ("CondProb", "Func"):
+            variable = function.findtext("Var")
+            parents = [name for name in function.findtext("Parent").split() if name != "null"]
+            axes = parents if function.tag == "Func" else [*parents, variable]
+            tables[variable] = table_of(function.find("Parameter"), [values[n] for n in axes])
+    return SimpleNamespace(
+        discount=float(root.findtext("Discount")), values=values,
+        x0=tables["x0v"], y0=tables["y0v"], x=tables["x1v"], y=tables["y1v"], o=tables["o"],
+        reward=tables["r"],
+    )  # fmt: skip
+
+
+def table_of(parameter: ElementTree.Element, axes: list[list[str]]) -> np.ndarray:
+    """Carry the entries of a table out, in their order; what none sets is nan."""
+    assert parameter.get("type") == "TBL"
+    table = np.full([len(names) for names in axes], np.nan)
+    for entry in parameter:
+        words = entry.findtext("Instance").split()
+        assert len(words) == len(axes)
+        numbers = (entry.findtext("ProbTable") or entry.findtext("ValueTable")).split()
+        index = tuple(
+            slice(None) if word in "*-" else names.index(word)
+            for word, names in zip(words, axes, strict=True)
+        )
+        shape = [len(names) for word, names in zip(words, axes, strict=True) if word == "-"]
+        if numbers == ["uniform"]:
+            table[index] = 1 / shape[-1]
+        elif numbers == ["identity"]:
+            table[index] = np.eye(shape[0])
+        else:
+            table[index] = np.array(numbers, dtype=float).reshape(shape)
+    assert np.isfinite(table).all()
+    return table
+
+
+def written(momdp, folder, **options) -> SimpleNamespace:
+    write_pomdpx(momdp, folder / "own.pomdpx", **options)
+    return read_pomdpx(folder / "own.pomdpx")
+
+
+@pytest.mark.parametrize("name", ["A1", "A2", "A3"])
+def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
+    ours = written(load_reference(reference)[name], tmp_path)
+    theirs = read_pomdpx(reference / f"roc36_{name}.pomdpx")
+    assert ours.discount == theirs.discount
+    assert ours.values["a"] == theirs.values["a"]
+    assert ours.values["o"] == theirs.values["o"]
+    assert ours.values["o"][-1] == "na"
+    for table in ("x0", "y0", "x", "y", "o", "reward"):  # theirs have 12 digits
+        np.testing.assert_allclose(getattr(ours, table), getattr(theirs, table), atol=2e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "levels"),
+    [("toy", 1, 2), ("toy", 2, 4), ("roc36", 2, 2), ("ispy32", 3, 2), ("cy101", 1, 4)],
+)
+def test_what_is_written_is_the_flat_problem(tmp_path, name, n, levels):
+    momdp = momdp_of(name, n, levels)
+    ours, flat = written(momdp, tmp_path), flatten(momdp)
+    end, n_y, n_a = momdp.terminal, 2**n, momdp.n_actions
+    for rows in (ours.x0, ours.y0, ours.x, ours.y, ours.o):
+        np.testing.assert_allclose(rows.sum(axis=-1), 1.0, atol=1e-12)
+    joint = np.einsum("axX,ayY->axyXY", ours.x, ours.y)
+    living = joint[:, :end, :, :end].reshape(n_a, end * n_y, end * n_y)
+    np.testing.assert_allclose(living, flat.transition[:, :-1, :-1], atol=1e-15)
+    np.testing.assert_array_equal(ours.x[:, -1, -1], 1.0)
+    start = np.outer(ours.x0, ours.y0)
+    np.testing.assert_allclose(start[:end].ravel(), flat.start[:-1], atol=1e-15)
+    reward = ours.reward.transpose(1, 2, 0)  # (X,Y,A)
+    np.testing.assert_array_equal(reward[:end].reshape(-1, n_a), flat.reward[:-1])
+    np.testing.assert_array_equal(reward[end], 0.0)
+    shown = ours.o[:, :end].reshape(n_a, 1, end * n_y, -1)
+    reached = flat.transition[:, :-1, :-1, None] > 0
+    expected = np.where(reached, flat.observation[:, :-1, :-1], 0.0)
+    np.testing.assert_allclose(np.where(reached, shown, 0.0), expected, atol=1e-15)
+
+
+def test_actions_and_hidden_values_stand_in_our_order(tmp_path):
+    """As the alpha vectors of a solver are read by position."""
+    momdp = momdp_of("toy", 2)
+    ours, e = written(momdp, tmp_path), momdp.n_behaviors
+    assert ours.values["x0v"] == ["x0", "x1", "term"]
+    assert ours.values["y0v"] == ["y00", "y01", "y10", "y11"]
+    assert ours.values["a"] == ["look", "lift", "reinit", "a00", "a01", "a10", "a11"]
+    for y, values in enumerate(momdp.query.values):
+        assert ours.reward[e + momdp.query.index_of(values), 0, y] == momdp.correct
+    prior = np.where(momdp.query.values, momdp.prior, 1 - momdp.prior).prod(axis=1)
+    np.testing.assert_allclose(ours.y0, prior, atol=1e-15)
+
+
+def test_additive_and_shaped_rewards(tmp_path):
+    momdp = momdp_of("roc36", 2)
+    bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
+    momdp = replace(momdp, bonus=bonus, additive=True)
+    reward = written(momdp, tmp_path).reward.transpose(1, 2, 0)
+    flat = flatten(momdp).reward[:-1]
+    np.testing.assert_array_equal(reward[:-1].reshape(flat.shape), flat)
+    np.testing.assert_array_equal(reward[-1], 0.0)
+
+
+def test_forbidden_behaviors_end_the_trial_below_any_report(tmp_path):
+    momdp = momdp_of("roc36_published", 2)
+    with pytest.raises(SettingsError, match="Forbid illegal"):
+        write_pomdpx(momdp, tmp_path / "own.pomdpx")
+    ours, e = written(momdp, tmp_path, forbid_illegal=True), momdp.n_behaviors
+    illegal = ~momdp.legal[:-1].T  # (E,X-1)
+    assert (ours.reward[:e, :-1][illegal] < ours.reward[e:].min()).all()
+    assert (ours.x[:e, :-1, -1][illegal] == 1).all()
+    legal = momdp.transition[:, :-1][~illegal]
+    np.testing.assert_array_equal(ours.x[:e, :-1][~illegal], legal)
+
+
+def test_what_a_file_cannot_hold_is_told(tmp_path):
+    for momdp, found in (
+        (momdp_of("toy", 1, precision=4.0), "precision=inf"),
+        (momdp_of("ispy32", 9), "9 attributes"),
+    ):
+        with pytest.raises(SettingsError, match=found):
+            write_pomdpx(momdp, tmp_path / "own.pomdpx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_branching_diagram_is_written_as_x_is_observed(tmp_path):
+    """What .pomdp has to refuse: two x' that look alike."""
+    momdp = momdp_of("toy", 1)
+    transition, informative = momdp.transition.copy(), momdp.informative.copy()
+    transition[0, 0] = [0.5, 0.5, 0.0]
+    informative[0, 0] = 1.0
+    legal = momdp.legal.copy()
+    transition[0, 1], legal[1, 0] = [0.0, 0.0, 1.0], False
+    branching = replace(momdp, transition=transition, informative=informative, legal=legal)
+    np.testing.assert_array_equal(written(branching, tmp_path).x[0, 0], [0.5, 0.5, 0.0])
+
+
+def test_names_cannot_break_the_file(tmp_path):
+    names = ('<!DOCTYPE a [ <!ENTITY b "c"> ]>', "]]>&amp;\n", "*")
+    momdp = replace(momdp_of("toy", 1), behavior_names=names, x_names=("-", "<x>", "term"))
+    ours = written(momdp, tmp_path)
+    assert ours.values["a"][:3] == ["n__DOCTYPE_a_____ENTITY_b__c_____", "n____amp__", "n_"]
+    assert ours.values["x0v"] == ["n_", "n_x_", "term"]

@@ -1,0 +1,131 @@
+"""Alpha vectors decide as they say, and never what the MOMDP forbids."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.planners import History
+from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+
+LOOK, LIFT, REINIT = range(3)
+
+
+def momdp_of(n=1, **options):
+    domain = load_domain("toy")
+    rows = np.tile([[0.7, 0.3], [0.2, 0.8]], (n, 3, 1, 1))
+    return build_momdp(domain, Query(domain.attributes[:n]), rows, **options)
+
+
+def decide(momdp, belief, vectors, x, action):
+    policy = AlphaVectorPolicy(momdp, AlphaVectors(vectors, x, action))
+    return policy.decide(History(belief), np.random.default_rng(0))
+
+
+def test_the_best_vector_of_x_is_taken():
+    alpha = AlphaVectors([[1.0, 5.0], [4.0, 2.0], [9.0, 9.0]], [0, 0, 1], [7, 3, 2])
+    assert alpha.value([1.0, 0.0]) == 4.0
+    assert alpha.value([0.5, 0.5]) == 3.0
+    assert alpha.value([0.25, 0.75]) == 4.0
+    assert alpha.best_action([0.9, 0.1]) == 3
+    assert alpha.best_action([0.1, 0.9]) == 7
+    assert alpha.value([0.0, 1.0], x=1) == 9.0
+    assert not alpha.vectors.flags.writeable
+    with pytest.raises(SettingsError, match="V at least 1"):
+        alpha.at(2)
+
+
+@pytest.mark.parametrize(
+    ("vectors", "x", "action"),
+    [([1.0], [0], [0]), ([[1.0]], [0, 0], [0]), ([[1.0]], [0], [0, 1]), (np.ones((0, 2)), [], [])],
+)
+def test_lengths_that_differ_are_told(vectors, x, action):
+    with pytest.raises(SettingsError, match="Alpha vectors of shape"):
+        AlphaVectors(vectors, x, action)
+
+
+def test_the_joint_belief_runs_in_the_querys_bit_order():
+    """Value y = 1 is "not red, heavy": the first attribute is the leading bit."""
+    momdp = momdp_of(2, prior=[0.1, 0.8])
+    belief = initial_belief(momdp)
+    vectors = np.array([[0, 900.0, 0, 0], [0, 0, 900.0, 0]])
+    decision = decide(momdp, belief, vectors, [0, 0], [LOOK, LIFT])
+    np.testing.assert_allclose(decision.values[:2], [900 * 0.9 * 0.8, 900 * 0.1 * 0.2])
+    assert decision.action == LOOK
+    assert np.isnan(decision.values[REINIT])
+    assert np.isnan(decision.value_se[REINIT])
+
+
+def test_a_report_is_valued_exactly_and_needs_no_vector():
+    momdp = momdp_of(2, prior=[0.9, 0.2])
+    belief = initial_belief(momdp)
+    worth = -100 + 200 * 0.9 * 0.8
+    for look, action in ((worth - 1, 3 + 0b10), (worth + 1, LOOK)):
+        decision = decide(momdp, belief, [[look] * 4, [999.0] * 4], [0, 0], [LOOK, 3])
+        assert decision.action == action  # a report's own vector counts for nothing
+        assert decision.values[-1] == pytest.approx(worth)
+    policy = AlphaVectorPolicy(momdp, AlphaVectors([[worth + 1] * 4], [0], [LOOK]))
+    assert policy.lower_bound == pytest.approx(worth + 1)
+    policy = AlphaVectorPolicy(momdp, AlphaVectors([[worth + 1] * 4], [1], [REINIT]))
+    assert policy.lower_bound == pytest.approx(worth)
+
+
+def test_an_x_without_vectors_reports():
+    momdp = momdp_of(1, prior=0.8)
+    decision = decide(momdp, initial_belief(momdp).at(1), [[50.0, 50.0]], [0], [LOOK])
+    assert decision.action == 3 + 1
+
+
+@pytest.mark.parametrize(("abstain", "expected"), [(False, 3), (True, LIFT)])
+def test_illegal_behaviors_only_where_abstaining_is_allowed(abstain, expected):
+    """Only at x1: lift ends the trial there, look too."""
+    momdp = momdp_of(1, abstain=abstain)
+    belief = initial_belief(momdp).at(1)
+    decision = decide(momdp, belief, [[77.0, 77.0], [66.0, 66.0]], [1, 1], [LIFT, LOOK])
+    assert decision.action == expected
+
+
+def test_illegal_behaviors_that_stay_are_never_taken():
+    domain = load_domain("roc36_published")
+    rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, abstain=True)
+    stays = int(np.flatnonzero(~momdp.legal[0])[0])
+    decision = decide(momdp, initial_belief(momdp), [[999.0, 999.0]], [0], [stays])
+    assert decision.action >= momdp.n_behaviors
+
+
+def test_used_up_percepts_end_a_loop():
+    momdp = momdp_of(1, limit=2)
+    belief = initial_belief(momdp)
+    actions = []
+    for _ in range(3):
+        actions.append(decide(momdp, belief, [[99.9, 99.9]], [0], [LOOK]).action)
+        belief = update_belief(belief, momdp, Transition(LOOK, 0, np.array([1], dtype=np.int8)))
+    assert actions[:2] == [LOOK, LOOK]
+    assert actions[2] >= momdp.n_behaviors
+
+
+@pytest.mark.parametrize(
+    ("vectors", "x", "action", "found"),
+    [
+        (np.ones((1, 4)), [0], [0], "4 values; 1 attributes have 2"),
+        (np.ones((1, 2)), [3], [0], "x from 3 to 3; the MOMDP has 3"),
+        (np.ones((1, 2)), [-1], [0], "x from -1"),
+        (np.ones((2, 2)), [0, 0], [0, 5], "actions from 0 to 5; the MOMDP has 5"),
+    ],
+)
+def test_vectors_of_another_problem_are_told(vectors, x, action, found):
+    with pytest.raises(SettingsError, match=found):
+        AlphaVectorPolicy(momdp_of(), AlphaVectors(vectors, x, action))
+
+
+def test_vectors_at_the_end_are_no_harm():
+    """SARSOP writes some for `term` too."""
+    momdp = momdp_of()
+    alpha = AlphaVectors([[0.0, 0.0], [60.0, 60.0]], [2, 0], [LOOK, LOOK])
+    policy = AlphaVectorPolicy(momdp, alpha)
+    assert policy.lower_bound == 60.0
+    assert AlphaVectorPolicy(replace(momdp, additive=True), alpha).lower_bound == 60.0

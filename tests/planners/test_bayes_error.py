@@ -1,0 +1,142 @@
+"""Exact Bayes errors and tables of decision rules, against the definition of the model."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import build_momdp
+from meal_bayes.planners.bayes_error import SPAN, tabulate_rules
+from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.leaf import room_for
+
+COARSE = 0.02  # by how much errors read off the tables may be too high
+
+
+def brute_error(momdp, uses, weight, seen=None, *, cut=False):
+    """E min(b, 1-b) over every sequence of percepts, from the definition of the model."""
+    e_of = [e for e, k in enumerate(uses) for _ in range(k)]
+    rows, precision = momdp.confusion[0], momdp.precision[0]
+    before = np.zeros(rows.shape[::2]) if seen is None else np.array(seen[0], dtype=float)
+    if cut:
+        half = momdp.levels // 2
+        rows, before = (
+            np.stack([a[..., :half].sum(axis=-1), a[..., half:].sum(axis=-1)], axis=-1)
+            for a in (rows, before)
+        )
+    error = 0.0
+    for percepts in itertools.product(range(rows.shape[-1]), repeat=len(e_of)):
+        joint, count = weight[0].copy(), before.copy()
+        for e, z in zip(e_of, percepts, strict=True):
+            s, p = precision[e], rows[e, :, z]  # (C,) each
+            known = np.isinf(s)
+            finite = np.where(known, 1.0, s)
+            joint *= np.where(known, p, (finite * p + count[e, z]) / (finite + count[e].sum()))
+            count[e, z] += 1
+        error += joint.reshape(2, -1).sum(axis=1).min()
+    return error
+
+
+@st.composite
+def gatherings(draw, levels=2, most=5):
+    """A `toy` problem of one attribute, a plan's percepts, a belief, and percepts seen.
+
+    One behavior may be a person, whose answers tell of the truth, whatever kind the object is.
+    """
+    rng, kinds = np.random.default_rng(draw(st.integers(0, 2**32 - 1))), draw(st.integers(1, 3))
+    confusion = rng.dirichlet(np.ones(levels), (1, 3, 2 * kinds))
+    if draw(st.booleans()):
+        confusion[:, 1] = confusion[:, 1, ::kinds].repeat(kinds, axis=1)
+    known = draw(st.lists(st.booleans(), min_size=6 * kinds, max_size=6 * kinds))
+    finite = rng.gamma(1.0, 8.0, (1, 3, 2 * kinds)) + 1e-3
+    precision = np.where(np.reshape(known, finite.shape), np.inf, finite)
+    momdp = build_momdp(
+        load_domain("toy"),
+        Query(("red",)),
+        confusion,
+        precision,
+        kinds=rng.dirichlet(np.ones(kinds), (1, 2)),
+    )
+    uses = draw(
+        st.lists(st.integers(0, 3), min_size=2, max_size=2).filter(lambda u: sum(u) <= most)
+    )
+    seen = np.zeros((1, 3, levels), dtype=int)
+    seen[0, :2] = rng.integers(0, 3, (2, levels)) * draw(st.booleans())
+    odds = np.array([0.0, draw(st.floats(-6, 6))]).repeat(kinds)
+    weight = np.exp(odds) * rng.dirichlet(np.ones(kinds), 2).reshape(1, -1)
+    return momdp, [*uses, 0], weight / weight.sum(), seen
+
+
+def tells_of(momdp):
+    """Behaviors that the planner plans with, (E,)."""
+    return compile_momdp(momdp).informative[0]
+
+
+@given(gatherings())
+@settings(deadline=None, max_examples=150)
+def test_error_is_exact(small, case):
+    momdp, uses, *rest = case
+    uses = np.where(tells_of(momdp), uses, 0)
+    assert small.error(compile_momdp(case[0]), *case[1:]) == pytest.approx(
+        brute_error(momdp, uses, *rest), abs=1e-10
+    )
+
+
+@given(gatherings(levels=4, most=3))
+@settings(deadline=None, max_examples=60)
+def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(small, case):
+    momdp, uses, *rest = case
+    found, told = small.error(compile_momdp(case[0]), *case[1:]), np.where(tells_of(momdp), uses, 0)
+    assert found == pytest.approx(brute_error(momdp, told, *rest, cut=True), abs=1e-10)
+    assert found >= brute_error(*case) - 1e-12
+
+
+def test_percepts_beyond_the_limit_tell_nothing(small):
+    rng = np.random.default_rng(1)
+    momdp = small.random("toy", 1, 2, rng, precision=4.0, limit=[3, 2, np.inf])
+    seen, weight = np.array([[[1, 1], [0, 2], [0, 0]]]), small.weights(momdp, [0.3])
+    found = small.error(compile_momdp(momdp), [5, 5, 0], weight, seen)
+    assert found == pytest.approx(brute_error(momdp, [1, 0, 0], weight, seen), abs=1e-12)
+
+
+def test_of_many_percepts_of_a_behavior_seven_are_planned_with(small):
+    momdp = small.random("toy", 1, 2, np.random.default_rng(3))
+    weight = small.weights(momdp, [0.0])
+    seven = small.error(compile_momdp(momdp), [7, 0, 0], weight)
+    assert small.error(compile_momdp(momdp), [20, 0, 0], weight) == seven
+    assert seven == pytest.approx(brute_error(momdp, [7, 0, 0], weight), abs=1e-12)
+
+
+@given(gatherings())
+@settings(deadline=None, max_examples=100)
+def test_no_rule_is_better_than_the_best(small, case):
+    momdp, uses, weight, _ = case
+    problem = compile_momdp(momdp)
+    errs = np.empty((129, 1, momdp.n_kinds))
+    table = np.array([uses], dtype=np.int64), np.zeros(1, dtype=np.int64)
+    tabulate_rules(problem, *table, room_for(problem), errs)
+    exact = small.error(compile_momdp(momdp), uses, weight)
+    rules = errs[:, 0] @ weight[0]
+    assert (errs >= 0).all()
+    assert (errs <= 1 + 1e-12).all()
+    assert rules.min() >= exact - 1e-12
+    # With one kind a truth the rules next to the log-odds are as good as any, and nearly exact.
+    if momdp.n_kinds == 2:
+        odds = np.log(weight[0, 1] / weight[0, 0])
+        cell = int((odds + SPAN) * 128 / (2 * SPAN))
+        assert min(rules[cell], rules[cell + 1]) == pytest.approx(rules.min(), abs=1e-12)
+        assert rules.min() <= exact + COARSE
+
+
+def test_rules_are_exact_at_the_log_odds_that_they_are_made_for(small):
+    momdp = small.random("toy", 1, 2, np.random.default_rng(4))
+    problem, errs = compile_momdp(momdp), np.empty((129, 1, 2))
+    table = np.array([[2, 3, 0]]), np.zeros(1, dtype=np.int64)
+    tabulate_rules(problem, *table, room_for(problem), errs)
+    for g, odds in enumerate(np.linspace(-SPAN, SPAN, 129)):
+        weight = small.weights(momdp, [odds])
+        exact = brute_error(momdp, [2, 3, 0], weight)
+        assert errs[g, 0] @ weight[0] == pytest.approx(exact, abs=1e-12)

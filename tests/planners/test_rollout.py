@@ -1,0 +1,285 @@
+"""Simulated episodes estimate the exact value of a policy, of whatever kind objects are."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
+from meal_bayes.planners import Decision, Greedy
+from meal_bayes.planners.rollout import simulate
+
+EPISODES = 500
+PROBLEMS = {
+    "independent": {"seed": 0, "n": 2, "levels": 2, "finite": False, "limit": 3},
+    "dispersed": {"seed": 1, "n": 2, "levels": 2, "finite": True, "limit": 3},
+    "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
+    "mistaken": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2, "mistaken": 0.2},
+    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
+    "additive": {"seed": 6, "n": 2, "levels": 2, "finite": True, "limit": 2, "additive": True},
+    "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
+    | {"discount": 1.0},
+}
+
+
+class Gather:
+    """Looks and lifts, as often as told in turn, then reports; or leaves by an illegal behavior."""
+
+    def __init__(self, momdp, looks, *, leaves=False):
+        self.momdp, self.looks, self.leaves = momdp, looks, leaves
+
+    def decide(self, history, rng):
+        belief = history.belief
+        looked, lifted = belief.seen[0, 0].sum(), belief.seen[0, 1].sum()
+        action = best_report(self.momdp, belief)
+        if looked < self.looks:
+            action = 0
+        elif not lifted:
+            action = 1 if belief.x == 0 else action
+        elif self.leaves and belief.entropy > 0.9:
+            action = 0  # illegal once it is lifted
+        return Decision(action, np.full(4, np.nan), np.full(4, np.nan), np.zeros(4), (), 7)
+
+
+def run(momdp, policy, episodes=EPISODES, seed=0, **options):
+    return simulate(momdp, policy, episodes, np.random.default_rng(seed), **options)
+
+
+def near(found, se, exact, sigma=4.0):
+    return abs(found - exact) <= sigma * se
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_the_estimate_is_unbiased(small, problem):
+    momdp = small.toy(**PROBLEMS[problem])
+    policy = Gather(momdp, 2)
+    exact = small.expectimax(momdp).of_policy(policy, 0)
+    found = run(momdp, policy)
+    assert 0 < found.value_se < 3
+    assert near(found.value, found.value_se, exact)
+
+
+@pytest.mark.statistical
+def test_a_policy_that_looks_at_beliefs(small, toy):
+    policy = Greedy().solve(toy, np.random.default_rng(0))
+    exact = small.expectimax(toy).of_policy(policy, 0)
+    found = run(toy, policy)
+    assert near(found.value, found.value_se, exact)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_certainty_is_how_often_reports_are_right(small, problem):
+    found = run(small.toy(**PROBLEMS[problem]), Gather(small.toy(**PROBLEMS[problem]), 2))
+    gap = found.certainty - found.success
+    assert near(gap.mean(), gap.std() / np.sqrt(EPISODES), 0.0)
+
+
+@pytest.mark.statistical
+def test_the_expected_reward_has_less_variance_than_the_reward(small):
+    momdp = small.toy(**PROBLEMS["independent"])
+    found = run(momdp, Gather(momdp, 3))
+    drawn = np.where(found.success, momdp.correct, momdp.incorrect)
+    assert found.value_se < drawn.std() / np.sqrt(EPISODES)
+
+
+@pytest.mark.statistical
+def test_rows_are_drawn_once_an_episode(small):
+    """Of low precision an object's percepts agree more often than one row's would."""
+    momdp = small.momdp("toy", {"red": {"look": (0.5, 0.5)}}, 0.5)
+    shown = []
+
+    class Watch(Gather):
+        def decide(self, history, rng):
+            if history.belief.seen[0, 0].sum() == 4:
+                shown.append(tuple(history.belief.seen[0, 0]))
+                return Decision(best_report(momdp, history.belief), *[np.zeros(4)] * 3)
+            return Decision(0, *[np.zeros(4)] * 3)
+
+    run(momdp, Watch(momdp, 4))
+    alike = np.mean([0 in counts for counts in shown])
+    p = (0.25 * 1.25 * 2.25 * 3.25) / (0.5 * 1.5 * 2.5 * 3.5) * 2  # Polya urn
+    assert near(alike, np.sqrt(p * (1 - p) / EPISODES), p)
+
+
+def test_who_abstains_pays_for_what_he_does_and_gets_no_reward(small):
+    momdp = small.toy(**PROBLEMS["independent"], abstain=True)
+    found = run(momdp, Gather(momdp, 1, leaves=True), 200)
+    left = found.abstained
+    assert 0 < left.sum() < 200
+    assert not found.success[left].any()
+    assert not found.certainty[left].any()
+    assert (found.returns[left] < 0).all()
+    # look, lift (5 s, it may fail), then look, which ends the trial: discounted by the step.
+    lifts = np.round((found.cost[left] - 2.0) / 5.0).astype(int)
+    assert (lifts >= 1).all()
+    np.testing.assert_allclose(found.cost[left], 2.0 + 5.0 * lifts)
+    steps = [1 + 5 * sum(0.99**t for t in range(1, k + 1)) + 0.99 ** (k + 1) for k in lifts]
+    np.testing.assert_allclose(found.returns[left], -np.array(steps))
+
+
+def test_the_report_is_paid_as_the_problem_says(small):
+    """Nothing done: the reward is that of the prior."""
+
+    class Report(Gather):
+        def decide(self, history, rng):
+            return Decision(best_report(self.momdp, history.belief), *[np.zeros(4)] * 3)
+
+    for additive, share in ((False, 0.9 * 0.8), (True, 0.85)):
+        momdp = small.momdp("toy", small.rates, prior=[0.9, 0.2], additive=additive)
+        found = run(momdp, Report(momdp, 0), 50)
+        np.testing.assert_allclose(found.returns, -100 + 200 * share)
+        np.testing.assert_allclose(found.certainty, 0.72)
+        assert found.decisions == 50
+        assert not found.cost.any()
+
+
+def test_percepts_run_out(small):
+    momdp = small.toy(**PROBLEMS["independent"])
+    most = []
+
+    class Insist(Gather):
+        def decide(self, history, rng):
+            most.append(history.belief.seen.sum(axis=2).max())
+            assert history.perceived == (True,) * min(3, len(history.perceived)) + (False,) * max(
+                0, len(history.perceived) - 3
+            )
+            return Decision(0, *[np.zeros(4)] * 3)
+
+    found = run(momdp, Insist(momdp, 0), 5, max_steps=10)
+    assert max(most) == 3
+    np.testing.assert_array_equal(found.cost, 10.0)
+    assert found.decisions == 55  # the best report is the eleventh of each
+    assert (found.certainty > 0).all()
+
+
+def test_illegal_behaviors_that_change_nothing_are_free(small):
+    momdp = small.momdp("roc36_published", {"heavy": {}})
+    grasp = momdp.behavior_names.index("grasp")  # illegal at the start
+
+    class Stubborn:
+        def decide(self, history, rng):
+            return Decision(grasp, *[np.zeros(momdp.n_behaviors + 1)] * 3)
+
+    found = run(momdp, Stubborn(), 3, max_steps=4)
+    assert not found.cost.any()
+    np.testing.assert_allclose(found.returns, 0.0)  # a coin, of 500 and -500
+
+
+def test_the_history_is_what_happened(small):
+    momdp = small.toy(**PROBLEMS["dispersed"])
+
+    class Check(Gather):
+        def decide(self, history, rng):
+            belief = initial_belief(momdp)
+            assert history.cost == pytest.approx(sum(momdp.cost[a] for a in history.actions))
+            assert len(history.actions) == len(history.perceived) == len(history.moved)
+            assert history.belief.seen[0].sum() == sum(history.perceived)
+            assert history.belief.x == (history.moved[-1] if history.moved else belief.x)
+            return super().decide(history, rng)
+
+    found = run(momdp, Check(momdp, 2), 30)
+    assert found.simulations == 7 * found.decisions
+
+
+@pytest.mark.statistical
+def test_believing_in_another_model_costs(small):
+    """Shown the belief of a model that takes percepts for independent; paid by the true one."""
+    world = small.toy(1, 2, 2, finite=True, limit=3)
+    believed = replace(world, precision=np.full(world.precision.shape, np.inf))
+    seen = []
+
+    class Record(Gather):
+        def decide(self, history, rng):
+            seen.append(history.belief)
+            return super().decide(history, rng)
+
+    wrong = run(world, Record(believed, 2), believed=believed)
+    right = run(world, Gather(world, 2))
+    # What is perceived is the same, as the seeds are; only the reports differ.
+    np.testing.assert_array_equal(wrong.cost, right.cost)
+    assert (wrong.returns <= right.returns + 1e-9).all()
+    assert wrong.value < right.value
+    last = max(seen, key=lambda belief: belief.seen.sum())
+    again = initial_belief(believed)
+    orders = [[z for z, k in enumerate(last.seen[i, 0]) for _ in range(k)] for i in (0, 1)]
+    for percept in zip(*orders, strict=True):
+        again = update_belief(again, believed, Transition(0, 0, np.array(percept)))
+    lifted = last.seen[:, 1].argmax(axis=1)
+    again = update_belief(again, believed, Transition(1, 1, lifted))
+    np.testing.assert_allclose(last.log_odds, again.log_odds)
+
+
+@pytest.mark.statistical
+def test_branches_and_silence(small):
+    """A lift that drops the object is not perceived."""
+    effects = (
+        Effect("x0", "look", "x0", 0.5),
+        Effect("x0", "lift", "x1", 0.6),
+        Effect("x0", "lift", "x2", 0.4, senses=False),
+    )
+    diagram = TransitionDiagram(("x0", "x1", "x2", "term"), "x0", effects)
+    acts = (Behavior("look", 1.0, ("color",)), Behavior("lift", 2.0, ("haptics",)))
+    domain = Domain("dropping", ("red",), acts, diagram, report_reward=100.0)
+    momdp = small.momdp(domain, {"red": {"look": (0.8, 0.3), "lift": (0.9, 0.2)}})
+    silent = []
+
+    class Lift:
+        def decide(self, history, rng):
+            if not history.actions:
+                return Decision(1, *[np.zeros(3)] * 3)
+            silent.append((history.moved[-1], history.perceived[-1]))
+            return Decision(best_report(momdp, history.belief), *[np.zeros(3)] * 3)
+
+    found = run(momdp, Lift())
+    assert set(silent) == {(1, True), (2, False)}
+    dropped = np.mean([x == 2 for x, _ in silent])
+    assert near(dropped, np.sqrt(0.24 / EPISODES), 0.4)
+    exact = -2 + 0.99 * (0.6 * (-100 + 200 * 0.85))  # a coin is worth 0
+    assert near(found.value, found.value_se, exact)
+
+
+def test_equal_seeds_give_equal_episodes(toy):
+    one, same, other = (run(toy, Gather(toy, 2), 40, seed) for seed in (1, 1, 2))
+    for field in fields(one):
+        if field.name != "cpu_s":
+            assert np.array_equal(getattr(one, field.name), getattr(same, field.name))
+    assert (one.returns != other.returns).any()
+
+
+def test_the_world_does_not_know_the_policys_draws(toy):
+    """Whatever a policy draws, it meets the same objects and percepts."""
+
+    class Drawing(Gather):
+        def decide(self, history, rng):
+            rng.random(5)
+            return super().decide(history, rng)
+
+    one, other = run(toy, Gather(toy, 2), 40), run(toy, Drawing(toy, 2), 40)
+    np.testing.assert_array_equal(one.returns, other.returns)
+
+
+def test_results_are_read_only(toy):
+    found = run(toy, Gather(toy, 1), 3)
+    assert found.cpu_s >= 0
+    with pytest.raises(ValueError, match="read-only"):
+        found.returns[0] = 0.0
+
+
+@pytest.mark.parametrize("episodes", [-1, 0, 1])
+def test_too_few_episodes_are_told(toy, episodes):
+    with pytest.raises(SettingsError, match=f"episodes is {episodes}; a standard error"):
+        run(toy, Gather(toy, 1), episodes)
+
+
+def test_another_problem_cannot_be_believed_in(small, toy):
+    for believed in (
+        small.momdp("toy", {"red": {}}),
+        small.momdp("roc36", {"heavy": {}}),
+        small.momdp("toy", dict(reversed(small.rates.items()))),
+    ):
+        with pytest.raises(SettingsError, match="attributes and behaviors"):
+            run(toy, Gather(toy, 1), 3, believed=believed)

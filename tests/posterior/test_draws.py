@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from scipy.stats import beta, betabinom
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.posterior import ConfusionPosterior, fit_dispersion
+from meal_bayes.posterior.checks import simulate
+from meal_bayes.posterior.draws import Draws, draw_grid, level_names, replicate, sensing
+
+NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "ask", "lift"]}
+
+
+@pytest.fixture(scope="module", params=[2, 4])
+def counts(request):
+    levels = request.param
+    lean = np.stack([np.linspace(3, 1, levels), np.linspace(1, 3, levels)])
+    prior = np.broadcast_to(lean, (2, 3, 2, levels))
+    made = simulate(np.random.default_rng(3), prior, objects=12, recordings=5).counts
+    made[:, :, 1] = 0  # asking is not sensing
+    return made
+
+
+@pytest.fixture(scope="module")
+def draws(counts):
+    return draw_grid(counts, np.random.default_rng(0), **NAMES, draws=2000, chains=2)
+
+
+def test_draws_of_the_grid_agree_with_its_fit(counts, draws):
+    kept = counts[:, :, [0, 2]]
+    fit = fit_dispersion(kept)
+    mean, s = draws.rows()
+    assert draws.behaviors == ("look", "lift")
+    assert mean.shape == (4000, 2, 2, 2, counts.shape[-1])
+    np.testing.assert_allclose(mean.mean(axis=0), fit.mean, atol=0.01)
+    spread = 1 - (mean**2).sum(axis=-1)
+    dispersion = spread.sum(axis=0) / (spread / (s + 1)).sum(axis=0) - 1
+    np.testing.assert_allclose(np.log(dispersion / fit.dispersion), 0, atol=0.1)
+    assert draws.divergences == 0
+
+
+def test_a_row_of_known_dispersion_is_drawn_from_its_beta():
+    """One percept an object: s does not matter, and m is conjugate."""
+    counts = np.zeros((12, 1, 1, 2, 2), dtype=np.int64)
+    counts[:9, 0, 0, 1, 1] = counts[9:, 0, 0, 1, 0] = 1
+    drawn = draw_grid(
+        counts, np.random.default_rng(1), attributes=["a"], behaviors=["b"], prior=1.0, draws=5000
+    )
+    found = np.quantile(drawn.rows()[0][:, 0, 0, 1, 1], [0.025, 0.25, 0.5, 0.75, 0.975])
+    np.testing.assert_allclose(found, beta(10, 4).ppf([0.025, 0.25, 0.5, 0.75, 0.975]), atol=0.01)
+
+
+def test_equal_seeds_give_equal_draws(counts):
+    first, again, other = (
+        draw_grid(counts, np.random.default_rng(seed), **NAMES, draws=10).mean for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_the_summary_for_agents_is_the_grids_own(counts, draws):
+    found, expected = draws.posterior(counts), ConfusionPosterior.from_objects(counts)
+    np.testing.assert_array_equal(found.counts, expected.counts)
+    np.testing.assert_allclose(found.mean, expected.mean, atol=0.01)
+    np.testing.assert_allclose(np.log(found.dispersion / expected.dispersion), 0, atol=0.1)
+    weights = [p.concentration.sum(axis=-1)[:, [0, 2]] for p in (found, expected)]
+    np.testing.assert_allclose(np.log(weights[0] / weights[1]), 0, atol=0.35)  # A is a summary
+    np.testing.assert_allclose(found.concentration[:, 1], expected.concentration[:, 1])
+
+
+def test_replicates_are_percepts_of_new_objects():
+    """With known rows they are beta-binomial; a misperceived object shows the other row."""
+    counts = np.zeros((4000, 1, 2, 2, 2), dtype=np.int64)
+    counts[..., 1, 0] = 5
+    mean = np.broadcast_to(np.array([[0.9, 0.1], [0.2, 0.8]]), (1, 1, 1, 2, 2, 2))
+    s = np.full((1, 1, 1, 2, 2), 2.0)
+    plain = Draws(("a",), ("b", "c"), mean, s)
+    yes = replicate(plain, counts, np.random.default_rng(2), size=1)[0, :, 0, :, 1, 1]
+    expected = betabinom(5, 1.6, 0.4).pmf(range(6))
+    np.testing.assert_allclose(np.bincount(yes.ravel()) / 8000, expected, atol=0.02)
+    assert abs(np.corrcoef(yes.T)[0, 1]) < 0.05
+    odd = Draws(("a",), ("b", "c"), mean, s, np.full((1, 1), 0.3))
+    yes = replicate(odd, counts, np.random.default_rng(2), size=1)[0, :, 0, :, 1, 1]
+    assert yes.mean() / 5 == pytest.approx(0.7 * 0.8 + 0.3 * 0.1, abs=0.02)
+    assert np.corrcoef(yes.T)[0, 1] > 0.3  # behaviors of one object err together
+
+
+def test_variables_carry_their_dimensions(draws):
+    assert draws.variables["mean"][0] == ("attribute", "behavior", "truth", "level")
+    assert draws.coords["truth"] == ("false", "true")
+    assert len(level_names(8)) == 8
+    assert level_names(2) == ("no", "yes")
+
+
+def test_what_does_not_fit_together_is_told(counts):
+    rng = np.random.default_rng(0)
+    with pytest.raises(SettingsError, match="expected \\(objects, 1 attributes"):
+        draw_grid(counts, rng, attributes=["a"], behaviors=NAMES["behaviors"])
+    with pytest.raises(SettingsError, match="nothing to fit"):
+        draw_grid(np.zeros_like(counts), rng, **NAMES)
+    assert sensing(counts).tolist() == [True, False, True]

@@ -1,0 +1,156 @@
+"""NUTS: the model is the one that is written down, and it draws what the grid integrates."""
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from scipy.special import expit, logit, logsumexp
+from scipy.stats import betabinom, dirichlet_multinomial, truncnorm
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.posterior import dispersion as grid
+from meal_bayes.posterior import draw_grid, fit_hierarchical
+from meal_bayes.posterior.checks import simulate
+from meal_bayes.posterior.hierarchical import build_model
+from meal_bayes.posterior.idata import convergence, to_idata
+
+NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "lift"]}
+PLAIN = {"mode": "FAST_COMPILE"}  # no C compiler for a single value
+
+
+def simulated(levels, objects=6, behaviors=2, seed=3):
+    lean = np.stack([np.linspace(3, 1, levels), np.linspace(1, 3, levels)])
+    prior = np.broadcast_to(lean, (2, behaviors, 2, levels))
+    return simulate(np.random.default_rng(seed), prior, objects=objects, recordings=3).counts
+
+
+def log_scores(counts, mean, s):
+    """Log-probability (O,P,E,2) of an object's percepts under the row of each truth."""
+    shown = counts.sum(axis=3)
+    found = np.zeros((*shown.shape[:3], 2))
+    for o, p, e, t in np.ndindex(found.shape):
+        k, alpha = shown[o, p, e], s[p, e, t] * mean[p, e, t]
+        if k.sum() and len(k) == 2:
+            found[o, p, e, t] = betabinom.logpmf(k[1], k.sum(), alpha[1], alpha[0])
+        elif k.sum():
+            found[o, p, e, t] = dirichlet_multinomial.logpmf(k, alpha, k.sum())
+    return found
+
+
+def potential(model, name, point):
+    """Value of a potential where the model's variables take the values of `point`."""
+    variables = [variable for variable in model.free_RVs if variable.name in point]
+    term = next(term for term in model.potentials if term.name == name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # without a C compiler PyTensor says that it is slow
+        compiled = model.compile_fn(
+            [term], inputs=variables, point_fn=False, on_unused_input="ignore", **PLAIN
+        )
+    return float(compiled(*(point[variable.name] for variable in variables))[0])
+
+
+@pytest.mark.parametrize("levels", [2, 4])
+def test_same_is_the_grids_model(levels):
+    rng, counts = np.random.default_rng(0), simulated(levels)
+    counts[0, :, 0] = 0  # an object that was never looked at
+    model = build_model(counts, **NAMES)
+    shift, mu = rng.normal(size=(2, 2, 2)), rng.normal(size=(2, 2))
+    step = np.log(grid._GRID[1] / grid._GRID[0])
+    low, high = np.log(grid._GRID[[0, -1]]) + np.array([-step / 2, step / 2])
+    place = expit(logit((mu - low) / (high - low)) + shift)
+    log_s, jacobian = low + (high - low) * place, np.log(place * (1 - place)).sum()
+    mean = rng.dirichlet(np.ones(levels), (2, 2, 2))
+    point = {"log_s_standard": shift, "mu": mu, "mean": mean}
+    scores = log_scores(counts, mean, np.exp(log_s))
+    truth = counts.any(axis=(2, 4))[..., 1].astype(int)  # (O,P)
+    expected = np.take_along_axis(scores, truth[..., None, None], axis=-1).sum()
+    assert potential(model, "percepts", point) == pytest.approx(expected, rel=1e-6)
+    tau = grid._TAU
+    a, b = ((end - mu[..., None]) / tau for end in (low, high))
+    share = truncnorm.logpdf(log_s[..., None], a, b, loc=mu[..., None], scale=tau)  # (P,E,2,T)
+    votes = grid.youden(counts.sum(axis=0).astype(float)) > 0
+    pooled = (votes[..., None, None] * share).sum(axis=0) - tau**2 / 2
+    expected = logsumexp(pooled, axis=-1).sum() + jacobian
+    assert potential(model, "pooling", point) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("levels", [2, 4])
+def test_crossed_integrates_what_the_object_seems_to_be(levels):
+    counts = simulated(levels)
+    model = build_model(counts, **NAMES, model="crossed")
+    inner = [variable.name for variable in model.free_RVs]
+    assert sum(name.endswith("_standard") for name in inner) == 7  # effects, and epsilon
+    rng = np.random.default_rng(1)
+    point, shapes = {}, {v.name: s for v, s in zip(model.free_RVs, shapes_of(model), strict=True)}
+    for name in inner:
+        point[name] = rng.uniform(0.1, 0.9, shapes[name])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        compiled = model.compile_fn(
+            [model["mean"], model["dispersion"], model["misperception"]],
+            inputs=model.free_RVs, point_fn=False, **PLAIN,
+        )  # fmt: skip
+    mean, s, epsilon = compiled(*(point[name] for name in inner))
+    assert epsilon == pytest.approx(point["half_standard"] / 2)
+    odds = np.log(mean[..., 1:] / mean[..., :-1])
+    crossed = odds[0, 0] - odds[0, 1] - odds[1, 0] + odds[1, 1]
+    assert (np.abs(crossed) > 1e-3).any()  # a pair is more than its attribute and its behavior
+    scores = log_scores(counts, mean, s).sum(axis=2)  # (O,P,2)
+    truth = counts.any(axis=(2, 4))[..., 1]
+    right = np.where(truth, scores[..., 1], scores[..., 0])
+    wrong = np.where(truth, scores[..., 0], scores[..., 1])
+    expected = np.logaddexp(right + np.log1p(-epsilon), wrong + np.log(epsilon)).sum()
+    assert potential(model, "percepts", point) == pytest.approx(expected, rel=1e-6)
+
+
+def shapes_of(model):
+    return [tuple(int(n) for n in variable.shape.eval(**PLAIN)) for variable in model.free_RVs]
+
+
+@pytest.mark.statistical
+def test_nuts_draws_what_the_grid_integrates():
+    """The bar: means to .005, standard deviations to 3 %; here beside the Monte-Carlo error."""
+    names = {"attributes": ["red", "full"], "behaviors": ["look", "ask"]}
+    counts = simulated(2, objects=30)
+    counts[:, :, 1] = 0  # asking is not sensing
+    steps = []
+    found = fit_hierarchical(
+        counts, **names, draws=1000, tune=500, chains=2, cores=1, seed=4,
+        progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
+    assert found.divergences == 0
+    told = {one.variable: one for one in convergence(to_idata(found))}
+    assert set(told) == {"mean", "dispersion", "mu", "tau"}
+    assert all(one.r_hat < 1.01 for one in told.values())
+    (mean, s), (exact_mean, exact_s) = found.rows(), exact.rows()
+    assert found.behaviors == ("look",)
+    np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
+    np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
+    np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
+    np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
+    assert found.others["tau"][0] == ("behavior", "truth")
+    assert not steps or steps[-1] == (3000, 3000)  # nutpie has a bar of its own
+    posterior = found.posterior(counts)
+    assert posterior.mean.shape == (2, 2, 2, 2)
+    np.testing.assert_allclose(posterior.mean[:, :1], mean.mean(axis=0))
+
+
+def test_settings_that_cannot_be_are_told():
+    counts = simulated(2)
+    with pytest.raises(SettingsError, match="Unknown model 'other'; expected one of same, crossed"):
+        fit_hierarchical(counts, **NAMES, model="other")
+    with pytest.raises(SettingsError, match="expected \\(objects, 2 attributes, 1 behaviors"):
+        fit_hierarchical(counts, attributes=["a", "b"], behaviors=["c"])
+
+
+def test_one_attribute_or_behavior_has_nothing_to_cross():
+    model = build_model(simulated(2)[:, :1, :1], ["red"], ["look"], model="crossed")
+    assert {v.name for v in model.free_RVs} == {"log_odds_center", "log_s_center", "half_standard"}
+
+
+def test_the_room_does_not_load_pymc():
+    code = "import sys, meal_bayes.posterior as p; p.Draws; sys.exit('pymc' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

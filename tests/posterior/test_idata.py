@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.posterior import idata
+from meal_bayes.posterior.draws import Draws
+
+
+@pytest.fixture
+def draws():
+    rng = np.random.default_rng(0)
+    mean = rng.dirichlet([2.0, 2.0], (4, 250, 2, 3, 2))
+    dispersion = rng.lognormal(size=(4, 250, 2, 3, 2))
+    return Draws(
+        ("red", "full"),
+        ("look", "lift", "tap"),
+        mean,
+        dispersion,
+        rng.beta(1, 20, (4, 250)),
+        {"mu": (("behavior", "truth"), rng.normal(size=(4, 250, 3, 2)))},
+        {"diverging": np.zeros((4, 250), dtype=bool), "energy": rng.normal(size=(4, 250))},
+    )
+
+
+def test_every_dimension_has_its_names(draws):
+    found = idata.to_idata(draws)
+    entry = found["posterior"]["mean"].sel(
+        attribute="full", behavior="tap", truth="true", level="yes"
+    )
+    assert entry.dims == ("chain", "draw")
+    np.testing.assert_array_equal(entry.values, draws.mean[:, :, 1, 2, 1, 1])
+    assert found["posterior"]["dispersion"].dims == (
+        "chain", "draw", "attribute", "behavior", "truth",
+    )  # fmt: skip
+    assert found["posterior"]["mu"].dims == ("chain", "draw", "behavior", "truth")
+    assert found["posterior"]["misperception"].dims == ("chain", "draw")
+    assert found["sample_stats"]["diverging"].values.sum() == 0
+
+
+def test_netcdf_keeps_everything(draws, tmp_path):
+    observed = {"yes": (("truth", "number"), np.arange(12).reshape(2, 6))}
+    predicted = {"yes": (("truth", "number"), np.ones((1, 9, 2, 6), dtype=int))}
+    made = idata.to_idata(
+        draws, observed=observed, predicted=predicted, coords={"number": range(6)}
+    )
+    path = idata.save_netcdf(made, tmp_path / "new" / "posterior.nc")
+    found = idata.load_netcdf(path)
+    np.testing.assert_array_equal(found["posterior"]["mean"].values, draws.mean)
+    assert found["posterior"]["mean"].coords["attribute"].values.tolist() == ["red", "full"]
+    assert found["posterior"]["mean"].coords["level"].values.tolist() == ["no", "yes"]
+    assert found["observed_data"]["yes"].dims == ("truth", "number")
+    assert found["posterior_predictive"]["yes"].dims == ("chain", "draw", "truth", "number")
+    assert [file.name for file in path.parent.iterdir()] == ["posterior.nc"]
+
+
+def test_convergence_tells_the_worst(draws):
+    told = {one.variable: one for one in idata.convergence(idata.to_idata(draws))}
+    assert told["mean"].entries == 24
+    assert told["misperception"].entries == 1
+    assert all(one.r_hat < 1.02 and one.ess_bulk > 600 for one in told.values())
+    shifted = draws.mean.copy()
+    shifted[0, :, 1, 1, 0] = [0.999, 0.001]  # one chain, one row
+    shifted[0, ::2, 1, 1, 0] = [0.998, 0.002]
+    lost = Draws(draws.attributes, draws.behaviors, shifted, draws.dispersion)
+    worst = idata.convergence(idata.to_idata(lost))[0]
+    assert worst.r_hat > 1.3
+    assert worst.ess_bulk < 50
+
+
+def test_the_summary_names_every_entry(draws):
+    lines = idata.summary_csv(idata.to_idata(draws)).splitlines()
+    assert "r_hat" in lines[0]
+    assert len(lines) == 1 + 24 + 12 + 1 + 6
+    row = next(line for line in lines if line.startswith('"mean[red, look, true, yes]"'))
+    value = float(row.split('"')[2].split(",")[1])
+    assert value == pytest.approx(draws.mean[:, :, 0, 0, 1, 1].mean(), abs=1e-12)
+
+
+def test_a_file_that_is_no_posterior_is_told(tmp_path):
+    with pytest.raises(DataError, match="not a posterior"):
+        idata.load_netcdf(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("hello")
+    with pytest.raises(DataError, match="not a posterior"):
+        idata.load_netcdf(tmp_path / "text.nc")
+
+
+def test_netcdf_needs_a_library(draws, tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(SettingsError, match="pip install h5netcdf h5py"):
+        idata.save_netcdf(idata.to_idata(draws), tmp_path / "posterior.nc")
+    assert list(tmp_path.iterdir()) == []

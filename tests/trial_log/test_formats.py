@@ -1,0 +1,138 @@
+"""Logs of earlier formats open, and what format 2 added is there for us and for other tools."""
+
+import dataclasses
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import LogVersionError
+from meal_bayes.trial_log import (
+    Logs,
+    TrialWriter,
+    check_log,
+    log_info,
+    read_header,
+    read_trials,
+    recover_log,
+    salvage,
+    write_trials,
+)
+from meal_bayes.trial_log.encode import encode_trial
+from meal_bayes.trial_log.picture import confusion_picture, png, truth_rows
+from meal_bayes.trial_log.schema import PICTURES, STEP, ImageMessage
+
+OLD = Path(__file__).parent / "format1.mcap"  # written by the code of format 1
+
+
+@pytest.mark.parametrize(
+    "read", [read_header, log_info, check_log, recover_log, lambda p: list(read_trials(p)),
+             lambda p: list(salvage(p)), lambda p: list(Logs(p).trials())]
+)  # fmt: skip
+def test_a_log_of_format_1_is_refused_in_one_clear_line(read):
+    with pytest.raises(LogVersionError, match=r"format 1, this meal_bayes reads format 2; .*again"):
+        read(OLD)
+
+
+def test_counts_come_back(make, tmp_path):
+    (trial,) = make.trials(1, 5)
+    shape = trial.momdp.counts.shape
+    counts = np.arange(np.prod(shape), dtype=float).reshape(shape)
+    trial = dataclasses.replace(trial, momdp=dataclasses.replace(trial.momdp, counts=counts))
+    path = tmp_path / "a.mcap"
+    write_trials(path, [trial], header={})
+    (back,) = read_trials(path)
+    assert make.equal(back, trial)
+    assert (back.momdp.counts == counts).all()
+
+
+def test_additive_rewards_come_back(make, tmp_path):
+    (trial,) = make.trials(1, 5)
+    for additive in (False, True):
+        momdp = dataclasses.replace(trial.momdp, additive=additive)
+        path = tmp_path / f"{additive}.mcap"
+        write_trials(path, [dataclasses.replace(trial, momdp=momdp)], header={})
+        (back,) = read_trials(path)
+        assert back.momdp.additive is additive
+
+
+def unpacked(data):
+    """Read a PNG with a palette, by its chunks: (h,w,3)."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, parts = 8, {}
+    while at < len(data):
+        (size,) = struct.unpack_from(">I", data, at)
+        kind, content = data[at + 4 : at + 8], data[at + 8 : at + 8 + size]
+        (crc,) = struct.unpack_from(">I", data, at + 8 + size)
+        assert crc == zlib.crc32(kind + content)
+        parts[kind] = content
+        at += 12 + size
+    width, height = struct.unpack_from(">II", parts[b"IHDR"])
+    colors = np.frombuffer(parts[b"PLTE"], np.uint8).reshape(-1, 3)
+    lines = np.frombuffer(zlib.decompress(parts[b"IDAT"]), np.uint8).reshape(height, width + 1)
+    assert (lines[:, 0] == 0).all()
+    return colors[lines[:, 1:]]
+
+
+def test_the_picture_is_bright_where_a_percept_is_likely(make):
+    (trial,) = make.trials(1, 9)
+    momdp = trial.momdp
+    pixels = unpacked(png(confusion_picture(momdp, 0)))
+    n, k = len(momdp.query), momdp.levels
+    cell = pixels[: 9 * 2 * n : 9, : 14 * k : 14].astype(int)  # corners: no digit reaches them
+    mean, _ = truth_rows(momdp, 0)
+    greens = cell[..., 1].ravel()[np.argsort(mean, axis=None)]  # viridis: green grows with it
+    assert (np.diff(greens) >= -1).all()
+
+
+def test_rows_by_truth_are_those_of_drawn_objects(make):
+    rng = np.random.default_rng(4)
+    momdp = make.momdp(load_domain("toy"), 1, rng)
+    while momdp.kinds.shape[2] == 1:
+        momdp = make.momdp(load_domain("toy"), 1, rng)
+    mean, sd = truth_rows(momdp, 1)
+    for truth in (0, 1):
+        kinds = truth * 2 + rng.choice(2, 20_000, p=momdp.kinds[0, truth])
+        drawn = []
+        for kind in kinds:
+            row, weight = momdp.confusion[0, 1, kind], momdp.precision[0, 1, kind]
+            drawn.append(row if np.isinf(weight) else rng.dirichlet(weight * row))
+        assert np.allclose(np.mean(drawn, axis=0), mean[0, truth], atol=0.015)
+        assert np.allclose(np.std(drawn, axis=0), sd[0, truth], atol=0.015)
+
+
+def test_a_picture_comes_with_every_change_of_behavior(make, tmp_path):
+    trials = make.trials(4, 2, steps=5)
+    path = tmp_path / "a.mcap"
+    with TrialWriter(path, {}) as log:
+        for trial in trials:
+            log.write(trial)
+    expected = 0
+    for trial in trials:
+        done = [step.decision.action for step in trial.steps]
+        e = trial.momdp.n_behaviors
+        expected += sum(a < e and (i == 0 or done[i - 1] != a) for i, a in enumerate(done))
+    with path.open("rb") as file:
+        messages = list(make_reader(file).iter_messages(topics=[PICTURES, STEP]))
+    found = [one for one in messages if one[1].topic == PICTURES]
+    steps = [one for one in messages if one[1].topic == STEP]
+    assert len(found) == expected > 0
+    times = {message.log_time for _, _, message in steps}
+    for schema, _, message in found:
+        assert schema.name == "foxglove.CompressedImage"
+        image = ImageMessage.FromString(message.data)
+        assert image.format == "png"
+        assert image.timestamp.seconds * 10**9 == message.log_time
+        assert message.log_time in times
+        assert unpacked(image.data).shape[0] == 9 * 2 * 2
+
+
+def test_messages_without_pictures_are_the_same(make):
+    (trial,) = make.trials(1)
+    assert {message.topic for message in encode_trial(trial, 0, 0, b"")} == {
+        "/trial", "/step", "/log", "/outcome"
+    }  # fmt: skip

@@ -1,0 +1,52 @@
+"""Following a run: the real viewer's place is taken by a recording in memory."""
+
+import threading
+import time
+
+import rerun as rr
+
+from meal_bayes.trial_log import TrialWriter
+from meal_bayes.viewer import live
+
+
+def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
+    path, sent = tmp_path / "run.mcap", []
+    stream = rr.RecordingStream("test", make_default=False)
+    saved = tmp_path / "seen.rrd"
+    monkeypatch.setattr(stream, "connect_grpc", lambda url: sent.append(url) or stream.save(saved))
+    monkeypatch.setattr(live, "recording", lambda name: stream)
+    monkeypatch.setattr(live, "_POLL", 0.01)
+    seen, landed = [], threading.Event()
+
+    def write():
+        with TrialWriter(path, {"seed": 1}) as log:
+            for number, trial in enumerate(trials):
+                log.write(trial)
+                end = time.monotonic() + 20
+                while seen[-1:] != [number + 1] and time.monotonic() < end:
+                    time.sleep(0.01)
+        landed.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    follower = live.follow(path, "rerun+http://nowhere", watching=lambda: True,
+                           on_trials=seen.append)  # fmt: skip
+    writer.join()
+    assert sent == ["rerun+http://nowhere"]
+    assert seen == [1, 2, 3, 4]  # each was seen before the next was written
+    assert follower.finished
+    assert follower.problems == []
+    assert landed.is_set()
+    rows = read_back(saved)
+    assert len(rows["/entropy"]["step"]) == sum(len(trial.steps) + 2 for trial in trials)
+
+
+def test_it_ends_when_nobody_watches(tmp_path, monkeypatch):
+    stream = rr.RecordingStream("test", make_default=False)
+    stream.memory_recording()
+    monkeypatch.setattr(stream, "connect_grpc", lambda url: None)
+    monkeypatch.setattr(live, "recording", lambda name: stream)
+    monkeypatch.setattr(live, "_POLL", 0.01)
+    answers = iter([True, True, False])
+    follower = live.follow(tmp_path / "to come.mcap", "", watching=lambda: next(answers))
+    assert not follower.finished

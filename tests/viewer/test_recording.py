@@ -1,0 +1,202 @@
+"""What stands in an .rrd file is what stands in the MCAP file it was made of."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+import rerun as rr
+from mcap.reader import make_reader
+
+from meal_bayes.agents.trial import Task, Trial
+from meal_bayes.domain import Query
+from meal_bayes.trial_log import read_trials
+from meal_bayes.trial_log.schema import OutcomeMessage, StepMessage, TrialMessage
+from meal_bayes.viewer import write_recording
+
+TIMELINES = {"trial", "step", "sim_time"}
+KINDS = {"/trial": TrialMessage, "/step": StepMessage, "/outcome": OutcomeMessage}
+
+
+@pytest.fixture(scope="module")
+def messages(log):
+    """The log's own numbers, by MCAP's reader: for each trial its start, steps, and outcome."""
+    found = []
+    with log.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.topic == "/trial":
+                found.append((TrialMessage.FromString(message.data), [], []))
+            elif channel.topic == "/step":
+                found[-1][1].append(StepMessage.FromString(message.data))
+            elif channel.topic == "/outcome":
+                found[-1][2].append(OutcomeMessage.FromString(message.data))
+    return found
+
+
+def series(recorded, entity, column):
+    """Values of an entity by (trial, step)."""
+    rows = recorded[entity]
+    return dict(zip(zip(rows["trial"], rows["step"], strict=True), rows[column], strict=True))
+
+
+def starts(messages):
+    """First row of each trial: rows of the trials before it, and one free row behind each."""
+    first = 0
+    for start, steps, _ in messages:
+        yield first, start, steps
+        first += len(steps) + 2
+
+
+def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
+    compared = 0
+    entropy = series(recorded, "/entropy", "Scalars:scalars")
+    cost = series(recorded, "/cost", "Scalars:scalars")
+    for first, start, steps in starts(messages):
+        spent = 0.0
+        for row, message in enumerate([start, *steps]):
+            key = (start.trial, first + row)
+            spent += message.cost if row else 0.0
+            for name, p in zip(start.attributes, message.positive, strict=True):
+                found = series(recorded, f"/belief/{name}", "Scalars:scalars")[key]
+                assert found == pytest.approx([p], abs=1e-12)
+                compared += 1
+            bits = sum(-x * np.log2(x) for p in message.positive for x in (p, 1 - p) if x > 0)
+            assert entropy[key] == pytest.approx([bits], abs=1e-9)
+            assert cost[key] == pytest.approx([spent])
+        free = (start.trial, first + len(steps) + 1)  # where lines break
+        assert np.isnan(entropy[free] + cost[free]).all()
+    assert compared > 30
+    assert len(entropy) == sum(len(steps) + 2 for _, steps, _ in messages)
+
+
+def test_expected_rewards_and_their_errors_are_the_logs(messages, recorded):
+    values = series(recorded, "/expected_reward/set_0", "Measurements:values")
+    variances = series(recorded, "/expected_reward/set_0", "Measurements:variances")
+    for first, start, steps in starts(messages):
+        for row, step in enumerate(steps, start=1):
+            key = (start.trial, first + row)
+            report, *behaviors = values[key]  # the report stands first
+            np.testing.assert_array_equal([*behaviors, report], step.values)
+            report, *behaviors = variances[key]
+            np.testing.assert_allclose(
+                [*behaviors, report], np.nan_to_num(step.value_se) ** 2, rtol=1e-12
+            )
+
+
+def test_sim_time_is_when_a_step_began(messages, recorded):
+    times = series(recorded, "/entropy", "sim_time")
+    before = 0.0
+    for first, start, steps in starts(messages):
+        assert times[start.trial, first].total_seconds() == pytest.approx(before)
+        for row, step in enumerate(steps, start=1):
+            found = times[start.trial, first + row].total_seconds()
+            assert found == pytest.approx(before)
+            before += step.cost
+
+
+def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
+    action = series(recorded, "/lanes/action", "StateChange:state")
+    where = series(recorded, "/lanes/x", "StateChange:state")
+    story = series(recorded, "/story", "TextDocument:text")
+    labels = series(recorded, "/diagram/nodes", "GraphNodes:labels")
+    for (first, start, steps), trial in zip(starts(messages), trials, strict=True):
+        for row, step in enumerate(steps, start=1):
+            key = (start.trial, first + row)
+            report = step.action == trial.momdp.n_behaviors
+            assert action[key] == ["report" if report else step.action_name]
+            assert where[key] == [trial.momdp.x_names[step.next_x]]
+            assert f"trial {start.trial}, step {row}:" in story[key][0]
+            assert set(labels[key]) >= set(trial.momdp.x_names[:-1])
+        verdict = "**right**" if trial.success else "**WRONG"
+        assert trial.report is None or verdict in story[start.trial, first + len(steps)][0]
+        assert "now it would answer" in story[start.trial, first][0]
+
+
+def test_measures_of_the_run_count_every_trial(trials, recorded):
+    agents = {trial.agent for trial in trials}
+    for agent in agents:
+        own = [trial for trial in trials if trial.agent == agent]
+        found = recorded[f"/run/accuracy/{agent}"]["Measurements:values"]
+        right = np.cumsum([trial.success for trial in own])
+        assert np.ravel(found) == pytest.approx(right / np.arange(1, len(own) + 1))
+        cost = recorded[f"/run/cost/{agent}"]["Measurements:values"][-1]
+        assert cost == pytest.approx([np.mean([trial.cost for trial in own])])
+    (table,) = recorded["static /run/table"]["TextDocument:text"][-1]
+    for agent in agents:
+        assert f"|{agent}|" in table
+    facts = "".join(map(str, recorded["static /run/facts"]["TextDocument:text"]))
+    assert "roc36" in facts
+    assert "a b  c" in facts  # signs of Markdown are taken out
+
+
+def test_every_row_stands_on_all_three_timelines(recorded):
+    for entity, columns in recorded.items():
+        if not entity.startswith("static "):
+            assert set(columns) >= TIMELINES, entity
+
+
+def test_one_trial_alone_and_the_measures_of_all(trials, log, read_back, tmp_path):
+    path = tmp_path / "one.rrd"
+    assert write_recording(read_trials(log), path, {}, only=2) == len(trials)
+    rows = read_back(path)
+    steps = len(trials[2].steps)
+    assert rows["/entropy"]["step"] == list(range(steps + 2))
+    assert set(rows["/entropy"]["trial"]) == {2}
+    measured = sum(len(rows[f"/run/cost/{a}"]["step"]) for a in {t.agent for t in trials})
+    assert measured == len(trials)
+
+
+def test_equal_logs_give_equal_rows(log, read_back, tmp_path):
+    found = []
+    for name in ("a", "b"):
+        write_recording(read_trials(log), tmp_path / f"{name}.rrd", {})
+        rows = read_back(tmp_path / f"{name}.rrd")
+        rows.pop("static /__properties", None)  # when it was made
+        found.append(repr(rows))
+    assert found[0] == found[1]
+
+
+def test_strange_names_break_nothing(trials, read_back, tmp_path):
+    trial = trials[0]
+    strange = ("a/b|c`*#\n", "<b>&$x$")
+    query = Query(strange)
+    momdp = dataclasses.replace(
+        trial.momdp,
+        query=query,
+        x_names=tuple(f"x/{i}|" for i in range(len(trial.momdp.x_names))),
+        behavior_names=tuple(f"do: {i}/*" for i in range(trial.momdp.n_behaviors)),
+    )
+    task = Task("t", query, 0, "object\n| # ", ("k",))
+    odd = Trial(
+        task, "agent / #1", momdp, trial.first_belief, trial.steps, trial.truth, trial.report
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_recording([odd, odd], tmp_path / "odd.rrd", {"a/b": {"c": ["x", None]}})
+    rows = read_back(tmp_path / "odd.rrd")
+    assert len([entity for entity in rows if entity.startswith("/belief/")]) == 2
+    text = rows["/story"]["TextDocument:text"][0][0]
+    assert "<b>" not in text
+    assert "`" not in text
+
+
+def test_no_trials_make_no_recording_to_stumble_over(tmp_path):
+    assert write_recording([], tmp_path / "none.rrd", {}) == 0
+    assert (tmp_path / "none.rrd").is_file()
+
+
+def test_rerun_opens_the_mcap_file_itself_to_something_useful(messages, log, read_back, tmp_path):
+    stream = rr.RecordingStream("other", make_default=False)
+    stream.save(tmp_path / "direct.rrd")
+    stream.log_file_from_path(log)
+    stream.flush()
+    stream.disconnect()
+    rows = read_back(tmp_path / "direct.rrd")
+    steps = sum(len(steps) for _, steps, _ in messages)
+    lines = rows["/log"]["TextLog:text"]
+    assert len(lines) == steps
+    assert "belief heavy" in lines[0][0]
+    pictures = next(c for n, c in rows["/confusion"].items() if n.startswith("EncodedImage:blob"))
+    assert all(bytes(picture[0][:4]) == b"\x89PNG" for picture in pictures)
+    columns = [c for n, c in rows["/step"].items() if "meal_bayes.Step" in n]
+    assert [len(column) for column in columns] == [steps]

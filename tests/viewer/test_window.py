@@ -1,0 +1,143 @@
+"""The real viewer, without a window: every view shows something and reports nothing."""
+
+import io
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import image as png
+
+from meal_bayes.trial_log import read_header, read_trials
+from meal_bayes.viewer import Viewer, ViewerError, window, write_recording
+
+SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
+TRIAL = {
+    "question and answer", "why this action", "log", "belief now (orange: before the step)",
+    "belief over steps", "expected reward of each action, band = one standard error",
+    "entropy, bits", "cost so far, s", "where the robot is, what it just did",
+    "search tree: action, percepts → next action", "action, x, percepts",
+    "what a percept of this behavior tells",
+}  # fmt: skip
+RUN = {
+    "accuracy so far, band = one standard error", "agents and worst trials", "run facts",
+    "mean cost so far, s, band = one standard error",
+    "learning curve: accuracy of the last 50 trials",
+}  # fmt: skip
+EVIDENCE = "percepts behind each confusion matrix"  # where the log tells of them
+
+
+@pytest.fixture(scope="module")
+def vulkan() -> None:
+    """Skip loudly where there is no Vulkan driver, also none in software."""
+    folders = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
+    if not any(list(folder.glob("*.json")) for folder in folders if folder.is_dir()):
+        reason = "no Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers"
+        if os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1":
+            pytest.fail(f"required but missing: {reason}")
+        pytest.skip(reason)
+
+
+@pytest.fixture(scope="module")
+def looked_at(vulkan, tmp_path_factory):
+    """Open the sample in the real viewer, once for each tab: views' states and pictures by name."""
+    folder = tmp_path_factory.mktemp("sample")
+    states, pictures, complaints = {}, {}, []
+    for name, run_first in (("trial", False), ("run", True)):
+        recording = folder / f"{name}.rrd"
+        write_recording(
+            read_trials(SAMPLE), recording, read_header(SAMPLE), name=name, run_first=run_first
+        )
+        with Viewer(headless=True) as viewer:
+            client = viewer.client()
+            client.open(str(recording))
+            client.set_time("step", sequence=4, play_state="paused")
+            pictures[name] = window._settled(client, 1.0)
+            for view in client.get_state().views:
+                states[view.name] = view
+                if view.name in ({*RUN, EVIDENCE} if run_first else TRIAL):
+                    pictures[view.name] = client.take_screenshot(view.view_id)
+            complaints += [one for one in client.get_logs() if one.level == "ERROR"]
+    return states, pictures, complaints
+
+
+def test_no_view_reports_anything(looked_at):
+    states, _, complaints = looked_at
+    assert set(states) - {EVIDENCE} == TRIAL | RUN
+    assert {name: view.reports for name, view in states.items() if view.reports} == {}
+    assert complaints == []
+
+
+@pytest.mark.parametrize("name", sorted({*TRIAL, *RUN, EVIDENCE}))
+def test_no_view_is_blank(name, looked_at):
+    states, pictures, _ = looked_at
+    if name == EVIDENCE and name not in states:
+        pytest.skip("the sample log does not count the percepts behind its matrices")
+    pixels = png.imread(io.BytesIO(pictures[name]))[..., :3]
+    shown = pixels[40:]  # below the title
+    back = np.median(shown.reshape(-1, 3), axis=0)
+    marked = np.abs(shown - back).max(axis=2) > 0.2
+    assert marked.mean() > 0.002, f"{marked.sum()} pixels differ from the background"
+
+
+def test_the_whole_picture_is_as_large_as_a_screen(looked_at):
+    _, pictures, _ = looked_at
+    assert png.imread(io.BytesIO(pictures["trial"])).shape[:2] == (1080, 1920)
+
+
+def test_the_viewer_listens_to_this_machine_only(vulkan):
+    with Viewer(headless=True) as viewer:
+        viewer.wait_until_ready()
+        bound = listening(viewer._process.pid)
+    assert bound
+    assert bound <= {"0100007F"}  # 127.0.0.1, as the kernel writes it
+
+
+def listening(pid: int) -> set[str]:
+    """Addresses on which a process accepts connections."""
+    inodes = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        target = str(entry.readlink())
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    rows = [line.split() for table in ("tcp", "tcp6")
+            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]]  # fmt: skip
+    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in inodes}
+
+
+def test_what_it_is_started_with(monkeypatch):
+    started = {}
+
+    class Process:
+        def __init__(self, command, env, **kinds):
+            started.update(command=command, env=env)
+
+        def kill(self):
+            pass
+
+        def wait(self):
+            return 0
+
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    with Viewer(["a.rrd"], web=True) as viewer:
+        assert viewer.address.startswith("http://127.0.0.1:")
+    assert started["env"]["CI"] == "1"  # which turns its telemetry off
+    command = started["command"]
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert "--serve-web" in command
+    assert "a.rrd" in command
+
+
+def test_a_viewer_that_cannot_open_a_window_says_what_to_do(monkeypatch, tmp_path):
+    fake = tmp_path / "rerun"
+    fake.write_text("#!/bin/sh\necho 'No graphics adapter was found' >&2\nexit 3\n")
+    fake.chmod(0o755)
+    monkeypatch.setattr(window, "viewer_program", lambda: fake)
+    for display, said in (("", "no display"), (":0", "no graphics driver")):
+        monkeypatch.setenv("DISPLAY", display)
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        with Viewer() as viewer, pytest.raises(ViewerError, match=rf"{said}.*--web"):
+            viewer.wait()
+        with Viewer() as viewer, pytest.raises(ViewerError, match=said):
+            viewer.client()
