@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from meal_bayes.domain import Query, load_domain
+from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP, build_momdp
 from meal_bayes.momdp.reference import load_reference
 
@@ -42,7 +42,7 @@ def momdp_of(model: str, reference: str | None) -> MOMDP:
     kind, _, rest = model.partition("-")
     if kind == "ispy32":
         momdp = _learned("ispy32", _large_query(int(rest)))
-        return replace(_unasked(momdp), additive=True)
+        return replace(momdp, additive=True)
     if kind.startswith("clean"):
         return _learned("roc36", ASKED[: int(kind.removeprefix("clean"))])
     models = load_reference(reference)
@@ -68,27 +68,22 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     columns = [table.domain.attribute_index(name) for name in asked]
     posterior = knowledge_without(table, 0, object_level=False).posterior
     confusion, precision = posterior.select(columns, exact=True)
-    query = Query(tuple(asked))
+    domain, query = _unasked(table.domain), Query(tuple(asked))
+    kept = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
     return build_momdp(
-        table.domain, query, confusion, precision, correct=500, incorrect=-500, abstain=True
-    )
+        domain, query, confusion[:, kept], precision[:, kept],
+        correct=500, incorrect=-500, abstain=True,
+    )  # fmt: skip
 
 
-def _unasked(momdp: MOMDP) -> MOMDP:
-    """Leave out the behavior that answers for itself, which at once settles any additive query."""
-    kept = [e for e, name in enumerate(momdp.behavior_names) if name != "ask"]
-    return replace(
-        momdp,
-        behavior_names=tuple(momdp.behavior_names[e] for e in kept),
-        transition=momdp.transition[kept],
-        informative=momdp.informative[kept],
-        legal=momdp.legal[:, kept],
-        confusion=momdp.confusion[:, kept],
-        precision=momdp.precision[:, kept],
-        cost=momdp.cost[kept],
-        bonus=momdp.bonus[:, kept],
-        limit=momdp.limit[kept],
-    )
+def _unasked(domain: Domain) -> Domain:
+    """Leave out behaviors that answer for themselves: one settles any additive query at once."""
+    kept = tuple(behavior for behavior in domain.behaviors if behavior.answer_accuracy is None)
+    names = {behavior.name for behavior in kept}
+    effects = tuple(effect for effect in domain.diagram.effects if effect.behavior in names)
+    diagram = replace(domain.diagram, effects=effects)
+    sequence = tuple(name for name in domain.predefined if name in names)
+    return replace(domain, behaviors=kept, diagram=diagram, predefined=sequence)
 
 
 def _large_query(n: int) -> tuple[str, ...]:

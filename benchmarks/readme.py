@@ -36,22 +36,22 @@ class Run:
 
 
 _OFFLINE = "meal-bayes run offline --jobs 2 --json"
-_CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1500"
+_CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 200"
 RUNS = (
     Run(
         "ROC36, two attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 400",
+        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 100",
         {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
     ),
     Run(
         "ROC36, three attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 400",
+        f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 100",
         {"random": (0.130, 10.12), "predefined_plus": (0.373, 37.10), "morc": (0.903, 33.87)},
     ),
     Run("CY101, one of ten attributes", _CY101),
     Run(
         "ISPY32, one of 37 attributes",
-        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 600",
+        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 200",
     ),
 )
 PAPER_RUN = Run(

@@ -4,7 +4,9 @@ Parameters are drawn from the prior, percepts from the parameters; then the rank
 among 99 posterior draws is uniform. Grid and closed forms take seconds (and 20 times as many
 simulations show how far off an approximation is); NUTS takes minutes, so its part is run apart.
 
-    python benchmarks/sbc.py [--json] [--only closed|same|crossed]
+And do grid and NUTS agree, on the real recordings?
+
+    python benchmarks/sbc.py [--json] [--only closed|same|crossed|agree]
 """
 
 import argparse
@@ -15,8 +17,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from meal_bayes.datasets import load_percepts
+from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import coverage, rank_statistics, simulate, uniformity
+from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.draws import Draws, draw_grid, replicate
 from meal_bayes.seeds import stream
 
@@ -32,10 +37,10 @@ def main() -> None:
     """Measure, and print a table or JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--only", choices=["closed", "same", "crossed"], help="one part")
+    parser.add_argument("--only", choices=["closed", "same", "crossed", "agree"], help="one part")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    parts = {"closed": closed, "same": same, "crossed": crossed}
+    parts = {"closed": closed, "same": same, "crossed": crossed, "agree": agree}
     rows = []
     for name in [arguments.only] if arguments.only else parts:
         for row in parts[name](arguments.seed):
@@ -184,6 +189,40 @@ def crossed(seed: int) -> Iterator[Row]:
         ("misperception", prior[2], drawn[2]),
     ):
         yield judged("NUTS crossed", of, true, values, rng) | extra
+
+
+def agree(seed: int) -> Iterator[Row]:
+    """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.idata import convergence, to_idata  # noqa: PLC0415
+
+    for dataset in ("roc36", "ispy32", "cy101"):
+        table, start = load_percepts(dataset), time.perf_counter()
+        counts = table_counts(table, 0).counts[:, :4, :4]
+        named = {
+            "attributes": table.domain.attributes[:4],
+            "behaviors": [behavior.name for behavior in table.domain.behaviors[:4]],
+        }
+        nuts = fit_hierarchical(counts, **named, draws=3000, seed=seed)
+        exact = draw_grid(counts, stream(seed, "agree"), **named, draws=20_000)
+        votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
+        first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))
+        ratio = first.std(axis=0) / second.std(axis=0)
+        s = [1 / (1 + found.rows()[1][:, votes]) for found in (nuts, exact)]
+        told = convergence(to_idata(nuts))
+        yield {
+            "posterior": "NUTS same",
+            "of": dataset,
+            "rows": int(ratio.size),
+            "mean_off": round(float(np.abs(first.mean(0) - second.mean(0)).max()), 5),
+            "sd_ratio": [round(float(ratio.min()), 4), round(float(ratio.max()), 4)],
+            "sd_ratio_error": round(float(1 / np.sqrt(2 * told[0].ess_bulk)), 4),
+            "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
+            "r_hat": round(max(one.r_hat for one in told), 4),
+            "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),
+            "divergences": nuts.divergences,
+            "seconds": round(time.perf_counter() - start),
+        }
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ class Agent:
     name: str
     solver: Callable[[Domain, Query], Solver]
     object_level: bool = False  # objects differ (finite precision), or Eq. 8
-    misperceives: bool = False  # percepts of one object may err together, or never do
+    shared_degree: bool = False  # all percepts of an object may err together, or never do
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
@@ -53,7 +53,7 @@ class Agent:
         columns = [domain.attribute_index(name) for name in query.attributes]
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
         kinds = None
-        if self.misperceives and knowledge.degree is not None:
+        if self.shared_degree and knowledge.degree is not None:
             rows, within = knowledge.degree.select(confusion, precision)  # (N,E,M,K), (N,E,M)
             # Percepts depend on the degree alone, whatever the truth: its rows stand twice.
             confusion, precision = np.tile(rows, (1, 1, 2, 1)), np.tile(within, (1, 1, 2))

@@ -68,7 +68,7 @@ AGENTS = {
             _pomcp,
             searches=True,
             object_level=True,
-            misperceives=True,
+            shared_degree=True,
             base_rates=True,
             levels=4,
             abstain=True,

@@ -29,7 +29,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     )
 
 
-AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc or bayes"
+AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
 logs_option = click.option(
     "--logs",
     type=click.Path(file_okay=False, path_type=Path),

@@ -17,7 +17,7 @@ class PerceptionSettings:
     recipe: str = "stacked"  # or "paper": support vector machines, Cohen's kappa weights
     kernel: str = "rbf"  # exp(-d^2 / w^2), w the median distance; "polynomial": degree 2
     noise: float = 0.15  # lambda of C = K + lambda I
-    ridge: float = 1.0  # on the stacker's slopes
+    ridge: float = 0.75  # on the stacker's slopes
     levels: int = 2  # K, what an observed percept tells: yes or no; 4: and how surely
     folds: int = 5  # "paper" only: grouped folds, an object never split
     box: float = 10.0  # "paper" only: the support vector machine's C

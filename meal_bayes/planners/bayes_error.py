@@ -13,9 +13,9 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import NDArray
 
-OUTCOMES = 256  # joint outcomes of a plan that are held for one attribute
-BINS = 32  # to which they are merged, by likelihood ratio, before there would be more
-WIDEST = 8.0  # log likelihood ratios beyond are merged
+OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute
+BINS = 64  # to which they are merged, by likelihood ratio, before there would be more
+WIDEST = 12.0  # log likelihood ratios beyond are merged
 SPAN = 16.0  # log-odds covered by the tables of decision rules
 
 
@@ -47,7 +47,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     compile: callers bring the room (`Work`). numba's cache looks at the file of a kernel alone,
     but kernels call kernels of other files, so their digest is made part of its version.
     """
-    compiled: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
+    options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+    compiled: Callable[..., Any] = njit(**options)(function)
     held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if held is not None:  # it is None where compilation is switched off
         held._version = f"{held._version} {_SOURCES}"
@@ -111,20 +112,26 @@ def _speaks(outcomes, a):
 
 
 @kernel
+def _bins(outcomes):
+    """So many bins are merged to: fewer where there is room for fewer outcomes."""
+    return BINS if outcomes.shape[1] >= OUTCOMES else BINS // 2
+
+
+@kernel
 def _merge(m, work):
     """Merge outcomes of like likelihood ratio, which can only raise an error; how many are left."""
     outcomes, bins = work.outcomes, work.counts
-    kinds = outcomes.shape[0]
-    for b in range(BINS):
+    kinds, most = outcomes.shape[0], _bins(outcomes)
+    for b in range(most):
         for c in range(kinds):
             bins[c, b] = 0.0
     for a in range(m):
-        b = int((_speaks(outcomes, a) + WIDEST) * (BINS / (2.0 * WIDEST)))
-        b = max(0, min(BINS - 1, b))
+        b = int((_speaks(outcomes, a) + WIDEST) * (most / (2.0 * WIDEST)))
+        b = max(0, min(most - 1, b))
         for c in range(kinds):
             bins[c, b] += outcomes[c, a]
     m = 0
-    for b in range(BINS):
+    for b in range(most):
         filled = 0.0
         for c in range(kinds):
             outcomes[c, m] = bins[c, b]
@@ -141,15 +148,16 @@ def _enumerate(problem, uses, plan, i, work):
     Percepts are cut to yes/no.
     """
     outcomes, counts, m = work.outcomes, work.counts, 1
-    kinds = outcomes.shape[0]
+    kinds, held = outcomes.shape
+    most = held / _bins(outcomes) - 1.0
     for e in range(uses.shape[1]):
         if uses[plan, e] == 0 or not problem.informative[i, e]:
             continue
         seen = work.total[e]
-        k = int(min(float(uses[plan, e]), problem.limit[e] - seen, OUTCOMES / BINS - 1.0))
+        k = int(min(float(uses[plan, e]), problem.limit[e] - seen, most))
         if k <= 0:
             continue
-        if m * (k + 1) > OUTCOMES:
+        if m * (k + 1) > held:
             m = _merge(m, work)
         fresh = seen == 0.0 and k < problem.fresh.shape[3]
         for c in range(kinds):

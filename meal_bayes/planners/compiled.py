@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 
 _INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's kind are not planned with
-_USES = 7  # percepts of one behavior that the table of first counts goes to
+_USES = 15  # percepts of one behavior that the table of first counts goes to
 
 
 class Compiled(NamedTuple):

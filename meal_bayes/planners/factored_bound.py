@@ -96,6 +96,7 @@ def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
         precision=momdp.precision[some],
         prior=momdp.prior[some],
         kinds=momdp.kinds[some],
+        counts=momdp.counts[some],
         bonus=bonus,
     )
 

@@ -1,5 +1,6 @@
 """Value iteration from above on a grid of marginal beliefs, and the grid's refinement."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ def _coarsest(momdp: MOMDP, problem: Compiled, points: int) -> Grid:
         make_axis(momdp, i, 0) if told.any() else momdp.prior[i : i + 1]
         for i, told in enumerate(tells)
     ]
-    size, top = int(np.prod([len(axis) for axis in axes])), worth_at_most(momdp, problem)
+    size, top = math.prod(len(axis) for axis in axes), worth_at_most(momdp, problem)
     if size > points:
         raise SettingsError(
             f"The coarsest grid of beliefs in {tells.any(axis=1).sum()} attributes has {size} "
@@ -105,8 +106,8 @@ def _coarsest(momdp: MOMDP, problem: Compiled, points: int) -> Grid:
 def _finer(momdp: MOMDP, grid: Grid, axes: list[int], points: int) -> Grid | None:
     """Halve the steps of some axes, unless the grid would have too many points."""
     finer = {i: make_axis(momdp, i, grid.levels[i] + 1) for i in axes}
-    size = [len(finer[i]) if i in finer else n for i, n in enumerate(grid.table.size)]
-    if not axes or np.prod(size) > points:
+    size = [len(finer[i]) if i in finer else n for i, n in enumerate(grid.table.size.tolist())]
+    if not axes or math.prod(size) > points:
         return None
     table, percepts, levels = grid.table, list(grid.percepts), list(grid.levels)
     for i, axis in finer.items():

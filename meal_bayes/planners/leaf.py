@@ -151,6 +151,8 @@ def open_loop_value(problem, plans, x, weight, row, work, floor):
     """Value of the best plan from x, or `floor` if none is better; otherwise as below."""
     _locate(plans, weight, row, work)
     start, end, best = plans.first[x], plans.first[x + 1], floor
+    if start == end:
+        return best
     for plan in range(start, end):
         known = _tells(problem, plans, plan, work)
         value = _plan_value(problem, plans, plan, True, weight, row, work, best)
@@ -189,6 +191,8 @@ def open_loop_values(problem, plans, x, weight, row, work, out):
         out[row, a] = -np.inf
         work.computed[a] = 0
     start, end = plans.first[x], plans.first[x + 1]
+    if start == end:
+        return
     for plan in range(start, end):
         a = plans.action[plan]
         known = _tells(problem, plans, plan, work)
@@ -307,9 +311,10 @@ def remember(work: Work, seen: NDArray[np.float64]) -> None:
 def room_for(problem: Compiled, plans: Plans | None = None) -> Work:
     """Make the room that the kernels need for a MOMDP and its plans."""
     n, e, c, k = problem.confusion.shape
+    held = OUTCOMES if plans is None else OUTCOMES // 4  # a library is made once, leaves often
     return Work(
-        outcomes=np.empty((c, OUTCOMES)),
-        counts=np.empty((c, OUTCOMES)),
+        outcomes=np.empty((c, held)),
+        counts=np.empty((c, held)),
         yes=np.zeros((n, e)),
         total=np.zeros(e),
         seen=np.zeros((n, e, k)),

@@ -31,7 +31,7 @@ from meal_bayes.planners.factored import Factored
 from meal_bayes.planners.factored_grid import Table, make_room
 from meal_bayes.planners.leaf import Plans, room_for
 from meal_bayes.planners.plan_library import no_plans, plans_for
-from meal_bayes.planners.search import ENUMERATE, SAMPLED, Leaf, Tree, search
+from meal_bayes.planners.search import ENUMERATE, Leaf, Tree, search
 from meal_bayes.planners.solver import Decision, History, TreeEdge, choose
 
 _LOGGED = 40  # edges of the second level that a decision keeps
@@ -97,7 +97,7 @@ class POMCPPolicy:
         begin = time.thread_time()
         momdp, belief, settings = self.momdp, history.belief, self.settings
         outcomes = float(momdp.levels) ** len(momdp.query)
-        width = 2 * int(outcomes if outcomes <= ENUMERATE else SAMPLED) + 2
+        width = self.problem.branch_x.shape[2] * int(min(outcomes, ENUMERATE)) + 2
         nodes = settings.room
         if settings.milliseconds is None:
             nodes = min(nodes, (settings.simulations + 1) * width + 1)

@@ -61,7 +61,8 @@ def simulate(
     momdp : the world. At finite precision every episode draws the object's rows.
     policy : decides.
     episodes : how many, 2 or more.
-    rng : of world and policy alike; equal states give equal episodes.
+    rng : every episode spawns its own streams of world and policy from it, so that policies are
+        paired: at equal states they meet the same objects and the same luck.
     believed : MOMDP whose belief the policy is shown, the world's by default: what it costs to
         believe in another observation model. Both need the same x, behaviors and attributes.
     max_steps : after which the best report is made.
@@ -75,9 +76,8 @@ def simulate(
         raise SettingsError("`believed` must have the attributes and behaviors of `momdp`.")
     if episodes < 2:  # noqa: PLR2004
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
-    world_rng, policy_rng = rng.spawn(2)
     rows = [
-        _episode(momdp, believed, policy, world_rng, policy_rng, max_steps) for _ in range(episodes)
+        _episode(momdp, believed, policy, *luck.spawn(2), max_steps) for luck in rng.spawn(episodes)
     ]
     returns, certainty, success, cost, abstained, decisions, simulations, cpu = zip(
         *rows, strict=True

@@ -236,7 +236,7 @@ def search(problem, leaf, tree, work, x, seen, simulations, exploration, rng):
     """Grow the tree by simulations, from the belief in `work.weight` if empty; how many it had."""
     n, n_behaviors, k_levels = seen.shape
     here, yes, count, path = work.seen, work.yes, work.total, work.path
-    width = 2 * min(float(k_levels) ** n, ENUMERATE) + 2  # room that one expansion may need
+    width = problem.branch_x.shape[2] * min(float(k_levels) ** n, ENUMERATE) + 2  # of an expansion
     begin = -1 if tree.size[0] == 0 else 0
     for done in range(begin, simulations):
         if tree.size[0] + width > tree.x.shape[0]:

@@ -178,8 +178,7 @@ def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) 
     each = np.array(
         [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
     )  # (S,2,O,P,E)
-    epsilon = np.zeros(len(mean)) if draws.misperception is None else draws.misperception.ravel()
-    epsilon, truth, odds = epsilon[picked], by_truth[..., 1], _base_log_odds(by_truth)
+    epsilon, truth, odds = draws.epsilon[picked], by_truth[..., 1], _base_log_odds(by_truth)
     known = np.asarray(by_truth.any(axis=-1))  # (O,P)
     seen = known[..., None] & (shown.sum(axis=-1) > 0)  # (O,P,E)
     own = np.broadcast_to(truth[..., None], seen.shape)

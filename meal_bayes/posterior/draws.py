@@ -69,6 +69,12 @@ class Draws:
         """Draws after which the sampler lost its way; 0 for draws that no chain made."""
         return int(np.sum(self.statistics.get("diverging", 0)))
 
+    @property
+    def epsilon(self) -> Array:
+        """The misperception of each draw (C*S,); 0 where the model has none."""
+        size = self.mean.shape[0] * self.mean.shape[1]
+        return np.zeros(size) if self.misperception is None else self.misperception.ravel()
+
     def rows(self) -> tuple[Array, Array]:
         """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
         return _flat(self.mean), _flat(self.dispersion)
@@ -77,18 +83,23 @@ class Draws:
         """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
         A row keeps its mean; its weight A the mean's variance, sum_k m_k (1 - m_k) / (A + 1); its
-        s what a second percept says when it equals the first, as on the grid.
+        s what a second percept says when it equals the first, as on the grid. Where a share epsilon
+        of objects shows the other truth's row, that is within the row here.
         """
         array = np.asarray(counts)
         whole = ConfusionPosterior.from_objects(array)
-        mean, s = self.rows()
-        center, spread = mean.mean(axis=0), 1 - (mean**2).sum(axis=-1)
-        variance = mean.var(axis=0).sum(axis=-1)
+        m, s = self.rows()
+        unlike = (1 - (m**2).sum(axis=-1)) * s / (s + 1)  # two percepts of one object differ
+        epsilon = self.epsilon[:, None, None, None]
+        mean = (1 - epsilon[..., None]) * m + epsilon[..., None] * m[..., ::-1, :]
+        unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
+        center, variance = mean.mean(axis=0), mean.var(axis=0).sum(axis=-1)
         weight = (1 - (center**2).sum(axis=-1)) / variance - 1
+        share = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
         columns = sensing(array)
         concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
         concentration[:, columns] = weight[..., None] * center
-        dispersion[:, columns] = spread.sum(axis=0) / (spread / (s + 1)).sum(axis=0) - 1
+        dispersion[:, columns] = share / (1 - share)
         return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
 
 
@@ -209,11 +220,10 @@ def replicate(
     number = kept.sum(axis=-1)  # (O,P,E,2)
     mean, s = draws.rows()
     picked = np.linspace(0, len(mean) - 1, size).astype(int)
-    epsilon = np.zeros(len(mean)) if draws.misperception is None else draws.misperception.ravel()
     found = np.empty((size, *kept.shape), dtype=np.int64)
     for n, index in enumerate(picked):
         alpha = np.broadcast_to(s[index, ..., None] * mean[index], kept.shape)
-        swap = rng.random(kept.shape[:2]) < epsilon[index]
+        swap = rng.random(kept.shape[:2]) < draws.epsilon[index]
         alpha = np.where(swap[:, :, None, None, None], alpha[..., ::-1, :], alpha)
         gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
         found[n] = rng.multinomial(number, gamma / gamma.sum(axis=-1, keepdims=True))

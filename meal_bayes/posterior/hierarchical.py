@@ -8,7 +8,7 @@ functions and their derivatives for each.
 `same` is the model of `dispersion`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
 each truth alone, and m has the prior that the grid learned. `crossed` pools the log-odds of m and
 ln s over attributes and over behaviors, with what is left to the pair, and lets each object *seem*
-to be what it is not with probability epsilon, to all behaviors alike (see `dependence`).
+to be what it is not with probability epsilon, to all behaviors alike.
 
 Effects are written as spread x standard (non-centered), and sum to zero over what they cross, so
 that the sampler meets neither funnels nor ridges.
@@ -29,7 +29,6 @@ from scipy.special import gammaln
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import dispersion as grid
-from meal_bayes.posterior.dependence import TYPICAL
 from meal_bayes.posterior.draws import TRUTHS, Draws, level_names, sensed
 from meal_bayes.seeds import stream
 
@@ -57,6 +56,8 @@ _LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a p
 _ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
 _ROW = ("attribute", "behavior", "truth")
 _LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
+_MISPERCEIVED = 0.05  # prior scale of epsilon
+_SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
 _INNER = "_standard"  # what is sampled, and told by what it makes
 
 Progress = Callable[[int, int], None]
@@ -151,7 +152,7 @@ def build_model(
             )
             pm.Potential("percepts", (number * scores).sum())
         else:
-            half = pm.Beta("half_standard", 1.0, 0.5 / TYPICAL)
+            half = pm.Beta("half_standard", 1.0, 0.5 / _MISPERCEIVED)
             epsilon = pm.Deterministic("misperception", half / 2)  # or false and true could swap
             pm.Potential("percepts", _shared_class(counts, pattern_of, scores, epsilon))
     return built
@@ -162,17 +163,21 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     alpha = np.broadcast_to(grid.fit_dispersion(counts, prior).prior, counts.shape[1:])
     votes = grid.youden(counts.sum(axis=0).astype(float)) > 0  # the others tell nothing of mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
-    # In the log-odds of its place between the ends, a row lies beside mu: both move together.
-    place = pm.math.logit((mu - _LOW) / (_HIGH - _LOW)) + pm.Flat("log_s_standard", dims=_ROW)
+    # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:
+    # mu moves them together, and the sampler meets no funnel. The width is no part of the model:
+    # it has a law of its own, about the tau that the rows speak for, which leaves theirs as it is.
+    width = pm.Flat("width_standard", dims=("behavior", "truth"))  # log
+    place = pm.math.logit((mu - _LOW) / (_HIGH - _LOW))
+    place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=_ROW)
     log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
-    jacobian = -pt.softplus(place) - pt.softplus(-place)
+    jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
     center, tau = mu[..., None], grid._TAU  # (T,)
     inside = pt.log(pt.erf((_HIGH - center) / _ROOT / tau) - pt.erf((_LOW - center) / _ROOT / tau))
     share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
-    pooled = (votes[..., None, None] * share).sum(axis=0)  # (E,2,T)
-    by_tau = pooled - 0.5 * tau**2
-    pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian.sum())
+    by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)
     mean_tau = (pm.math.softmax(by_tau, axis=-1) * tau).sum(axis=-1)
+    own = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
+    pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian + own.sum())
     pm.Deterministic("tau", mean_tau, dims=("behavior", "truth"))  # given the rest
     mean = pm.Dirichlet("mean", alpha, dims=(*_ROW, "level"))
     return mean, pm.Deterministic("dispersion", pt.exp(log_s), dims=_ROW)

@@ -151,7 +151,7 @@ class TestPreparing:
         for name in ("morc", "bayes"):
             task, changed = make.task(table, 3), make.change_object(table, 3)
             one, other = (Morc(t, fast(name), 0).prepare(task)[0] for t in (table, changed))
-            for field in ("confusion", "precision", "prior", "misperception"):
+            for field in ("confusion", "precision", "prior", "kinds"):
                 np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
             near = Morc(make.change_object(table, 4), fast(name), 0).prepare(task)[0]
             assert not np.array_equal(one.confusion, near.confusion)
@@ -159,7 +159,7 @@ class TestPreparing:
     def test_the_paper_s_agent_has_eq_8_and_a_uniform_prior(self, table, make):
         momdp, _ = Morc(table, fast("morc"), 0).prepare(make.task(table, 1))
         assert np.isinf(momdp.precision).all()
-        assert not momdp.misperception.any()
+        assert momdp.n_kinds == 2
         np.testing.assert_array_equal(momdp.prior, 0.5)
         assert momdp.discount == 0.99
 

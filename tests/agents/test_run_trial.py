@@ -54,9 +54,14 @@ class ScriptedPercepts:
         return np.array(next(self.percepts), dtype=np.int8)
 
 
-def momdp_of(name="toy", attributes=("red", "heavy"), **options):
+def momdp_of(name="toy", attributes=("red", "heavy"), mistaken=0.0, **options):
     domain = load_domain(name)
-    confusion = np.tile([[0.8, 0.2], [0.3, 0.7]], (len(attributes), len(domain.behaviors), 1, 1))
+    rows = np.array([[0.8, 0.2], [0.3, 0.7]])
+    if mistaken:  # kinds: typical and mistaken objects of each truth
+        share = [[1 - mistaken, mistaken], [mistaken, 1 - mistaken]]
+        options["kinds"] = np.broadcast_to(share, (len(attributes), 2, 2))
+        rows = np.concatenate([rows, rows])
+    confusion = np.tile(rows, (len(attributes), len(domain.behaviors), 1, 1))
     return build_momdp(domain, Query(attributes), confusion, **options)
 
 
@@ -81,7 +86,7 @@ class TestAWholeTrial:
     @pytest.fixture(scope="class")
     @staticmethod
     def trial():
-        momdp = momdp_of(misperception=0.02, precision=9.0)
+        momdp = momdp_of(mistaken=0.02, precision=9.0)
         return trial_of(momdp, Script(momdp, *ACTIONS), LIFTED, PERCEPTS)
 
     def test_costs_are_paid_for_every_execution(self, trial):

@@ -50,7 +50,8 @@ def test_the_grid_writes_everything(run, tmp_path):
 
 def test_equal_commands_give_equal_draws_in_one_folder(run, tmp_path):
     first, again, other = (
-        json.loads(run(*GRID, "--seed", seed).stdout) for seed in ("3", "3", "4")
+        json.loads(run(*GRID[:2], "heavy", "--draws", "20", "--json", "--seed", seed).stdout)
+        for seed in ("3", "3", "4")
     )
     assert first == again
     assert first["rows"] != other["rows"]
@@ -83,15 +84,15 @@ def test_it_is_told_in_words(run):
 def test_nuts_writes_the_same_files(run, tmp_path, table):
     result = run(
         "posterior", "--dataset", tmp_path / "kitchen.npz", "--method", "pymc", "--chains", "2",
-        "--model", "crossed", "--draws", "100", "--tune", "150", "--out", "fit", "--json",
+        "--draws", "150", "--tune", "150", "--out", "fit", "--json",
     )  # fmt: skip
     assert result.exit_code == 0
     told = json.loads(result.stdout)
     assert {path.name for path in (tmp_path / "fit").iterdir()} == FILES
     variables = {one["variable"] for one in told["convergence"]}
-    assert {"mean", "dispersion", "misperception", "log_odds_behavior_spread"} <= variables
+    assert variables == {"mean", "dispersion", "mu", "tau"}
     assert told["divergences"] == 0
-    assert 0 < told["misperception"] < 0.2
+    assert told["misperception"] is None
     rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
     assert rows["red", "look"]["tpr"] > 0.8
     assert rows["red", "look"]["fpr"] < 0.2

@@ -155,6 +155,38 @@ class TestTheBound:
         bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
         assert best - 1e-6 <= bound <= best + lost + 0.02
 
+    def test_it_is_tight_where_percepts_may_fail_to_come(self):
+        """One behavior to and fro, half of the time without a percept."""
+        momdp = replace(to_and_fro(1), prior=[0.5], discount=0.5)
+        momdp = replace(momdp, informative=0.4 * momdp.informative)
+        best = attainable(momdp, 0, momdp.prior, 8)
+        bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
+        assert best - 1e-6 <= bound <= best + 0.5**8 * (momdp.correct - best) + 0.02
+
+    @pytest.mark.parametrize("additive", [False, True])
+    def test_what_pays_is_done_for_ever(self, additive):
+        """Failures cost and pay as well; percepts tell nothing, so that the pay is expected."""
+        momdp = to_and_fro(2)
+        transition = momdp.transition.copy()
+        transition[0, 0, :2] = transition[0, 1, 1::-1] = [0.3, 0.7]
+        momdp = replace(
+            momdp,
+            transition=transition,
+            confusion=np.full((2, 1, 2, 2), 0.5),
+            bonus=[[[3.0, -1.0]], [[-2.0, 5.0]]],
+            additive=additive,
+        )
+        pay = 0.8 * 3 - 0.2 - 0.1 * 2 + 0.9 * 5 - momdp.cost[0]
+        worth = pay / (1 - momdp.discount)
+        policy = solve(momdp)
+        decision = policy.decide(History(initial_belief(momdp)), RNG)
+        assert policy.upper_bound == pytest.approx(worth, abs=0.2)
+        assert decision.values[0] == pytest.approx(worth, abs=0.2)
+        assert decision.action == 0
+        telling_too = replace(momdp, confusion=to_and_fro(2).confusion)
+        for size in (1, 2):
+            assert upper_bound(telling_too, size=size) >= worth - 1e-6
+
     @pytest.mark.parametrize(
         ("n", "points", "floor", "roof"),
         [
@@ -194,6 +226,30 @@ class TestTheBound:
         assert attainable(momdp, momdp.start, momdp.prior, 5) <= found < momdp.correct
         nearly = solve(replace(momdp, discount=1 - 1e-6), tolerance=1e-5).upper_bound
         assert found == pytest.approx(nearly, abs=0.02)
+
+
+def to_and_fro(n):
+    """Make a problem of two x and one behavior between them."""
+    transition = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+    return MOMDP(
+        query=Query(tuple("ab"[:n])),
+        x_names=("left", "right", "term"),
+        behavior_names=("cross",),
+        start=0,
+        transition=transition,
+        informative=(transition > 0).astype(float),
+        legal=np.array([[True], [True], [False]]),
+        confusion=np.array([[[[0.8, 0.2], [0.3, 0.7]]]] * n),
+        precision=np.full((n, 1, 2), np.inf),
+        prior=np.array([0.2, 0.9])[:n],
+        kinds=np.ones((n, 2, 1)),
+        cost=np.array([0.5]),
+        correct=20.0,
+        incorrect=-20.0,
+        bonus=np.zeros((n, 1, 2)),
+        limit=np.full(1, np.inf),
+        discount=0.9,
+    )
 
 
 def without_failures(momdp):

@@ -9,7 +9,7 @@ from meal_bayes.planners.leaf import Plans, open_loop_values, plan_values, remem
 from meal_bayes.planners.plan_library import moves_of, no_plans, plans_for
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
-MOST = 7  # percepts of one behavior that are planned with
+MOST = 15  # percepts of one behavior that are planned with
 COARSE = 0.02  # by how much errors read off the tables may be too high
 
 

@@ -98,3 +98,22 @@ def test_what_does_not_fit_together_is_told(counts):
     with pytest.raises(SettingsError, match="nothing to fit"):
         draw_grid(np.zeros_like(counts), rng, **NAMES)
     assert sensing(counts).tolist() == [True, False, True]
+
+
+def test_rows_for_agents_hold_what_is_misperceived():
+    """Given the truth, a share epsilon of objects shows the other row: more unlike each other."""
+    rng = np.random.default_rng(5)
+    counts = np.zeros((4, 1, 1, 2, 2), dtype=np.int64)
+    counts[:2, ..., 0, 0] = counts[2:, ..., 1, 1] = 3
+    noise = rng.normal(0, 0.01, (1, 500, 1, 1, 2))
+    yes = np.array([0.1, 0.8]) + noise
+    mean, s = np.stack([1 - yes, yes], axis=-1), np.full((1, 500, 1, 1, 2), 2.0)
+    odd = Draws(("a",), ("b",), mean, s, np.full((1, 500), 0.2))
+    found = odd.posterior(counts)
+    np.testing.assert_allclose(found.mean[0, 0, :, 1], [0.24, 0.66], atol=0.002)
+    own = rng.beta(2 * np.array([0.8, 0.1]), 2 * np.array([0.2, 0.9]), (200_000, 2))
+    theta = np.where(rng.random(200_000) < 0.2, own[:, 1], own[:, 0])  # of true objects
+    equal = (theta**2 + (1 - theta) ** 2).mean()
+    m, precision = found.mean[0, 0, 1], found.dispersion[0, 0, 1]
+    assert (1 + precision * (m**2).sum()) / (precision + 1) == pytest.approx(equal, abs=0.005)
+    assert precision < 1.2

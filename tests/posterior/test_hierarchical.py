@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy.special import expit, logit, logsumexp
-from scipy.stats import betabinom, dirichlet_multinomial, truncnorm
+from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import dispersion as grid
@@ -20,10 +20,10 @@ NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "lift"]}
 PLAIN = {"mode": "FAST_COMPILE"}  # no C compiler for a single value
 
 
-def simulated(levels, objects=6, behaviors=2, seed=3):
+def simulated(levels):
     lean = np.stack([np.linspace(3, 1, levels), np.linspace(1, 3, levels)])
-    prior = np.broadcast_to(lean, (2, behaviors, 2, levels))
-    return simulate(np.random.default_rng(seed), prior, objects=objects, recordings=3).counts
+    prior = np.broadcast_to(lean, (2, 2, 2, levels))
+    return simulate(np.random.default_rng(3), prior, objects=6, recordings=3).counts
 
 
 def log_scores(counts, mean, s):
@@ -56,13 +56,13 @@ def test_same_is_the_grids_model(levels):
     rng, counts = np.random.default_rng(0), simulated(levels)
     counts[0, :, 0] = 0  # an object that was never looked at
     model = build_model(counts, **NAMES)
-    shift, mu = rng.normal(size=(2, 2, 2)), rng.normal(size=(2, 2))
+    shift, (mu, width) = rng.normal(size=(2, 2, 2)), rng.normal(size=(2, 2, 2))
     step = np.log(grid._GRID[1] / grid._GRID[0])
     low, high = np.log(grid._GRID[[0, -1]]) + np.array([-step / 2, step / 2])
-    place = expit(logit((mu - low) / (high - low)) + shift)
-    log_s, jacobian = low + (high - low) * place, np.log(place * (1 - place)).sum()
+    place = expit(logit((mu - low) / (high - low)) + np.exp(width) * shift)
+    log_s, jacobian = low + (high - low) * place, (np.log(place * (1 - place)) + width).sum()
     mean = rng.dirichlet(np.ones(levels), (2, 2, 2))
-    point = {"log_s_standard": shift, "mu": mu, "mean": mean}
+    point = {"log_s_standard": shift, "width_standard": width, "mu": mu, "mean": mean}
     scores = log_scores(counts, mean, np.exp(log_s))
     truth = counts.any(axis=(2, 4))[..., 1].astype(int)  # (O,P)
     expected = np.take_along_axis(scores, truth[..., None, None], axis=-1).sum()
@@ -72,7 +72,9 @@ def test_same_is_the_grids_model(levels):
     share = truncnorm.logpdf(log_s[..., None], a, b, loc=mu[..., None], scale=tau)  # (P,E,2,T)
     votes = grid.youden(counts.sum(axis=0).astype(float)) > 0
     pooled = (votes[..., None, None] * share).sum(axis=0) - tau**2 / 2
-    expected = logsumexp(pooled, axis=-1).sum() + jacobian
+    mean_tau = np.exp(logsumexp(pooled, axis=-1, b=tau) - logsumexp(pooled, axis=-1))
+    own = norm.logpdf(width, np.log(mean_tau), 0.3) - norm.logpdf(0, 0, 0.3)  # up to a constant
+    expected = logsumexp(pooled, axis=-1).sum() + jacobian + own.sum()
     assert potential(model, "pooling", point) == pytest.approx(expected, rel=1e-6)
 
 
@@ -112,8 +114,11 @@ def shapes_of(model):
 @pytest.mark.statistical
 def test_nuts_draws_what_the_grid_integrates():
     """The bar: means to .005, standard deviations to 3 %; here beside the Monte-Carlo error."""
-    names = {"attributes": ["red", "full"], "behaviors": ["look", "ask"]}
-    counts = simulated(2, objects=30)
+    names = {"attributes": list("abcd"), "behaviors": ["look", "ask", "lift"]}
+    rng, m, s = np.random.default_rng(3), np.array([0.25, 0.75]), 2.0
+    yes = rng.binomial(5, rng.beta(s * m, s * (1 - m), (30, 4, 3, 2)))
+    counts = np.stack([5 - yes, yes], axis=-1)
+    counts[:15, ..., 1, :] = counts[15:, ..., 0, :] = 0
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     found = fit_hierarchical(
@@ -126,7 +131,7 @@ def test_nuts_draws_what_the_grid_integrates():
     assert set(told) == {"mean", "dispersion", "mu", "tau"}
     assert all(one.r_hat < 1.01 for one in told.values())
     (mean, s), (exact_mean, exact_s) = found.rows(), exact.rows()
-    assert found.behaviors == ("look",)
+    assert found.behaviors == ("look", "lift")
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
     np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
@@ -134,8 +139,8 @@ def test_nuts_draws_what_the_grid_integrates():
     assert found.others["tau"][0] == ("behavior", "truth")
     assert not steps or steps[-1] == (3000, 3000)  # nutpie has a bar of its own
     posterior = found.posterior(counts)
-    assert posterior.mean.shape == (2, 2, 2, 2)
-    np.testing.assert_allclose(posterior.mean[:, :1], mean.mean(axis=0))
+    assert posterior.mean.shape == (4, 3, 2, 2)
+    np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))
 
 
 def test_settings_that_cannot_be_are_told():
