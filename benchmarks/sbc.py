@@ -39,11 +39,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--only", choices=["closed", "same", "crossed", "agree"], help="one part")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--fits", type=int, default=SIMULATIONS, help="of the crossed model")
     arguments = parser.parse_args()
     parts = {"closed": closed, "same": same, "crossed": crossed, "agree": agree}
     rows = []
     for name in [arguments.only] if arguments.only else parts:
-        for row in parts[name](arguments.seed):
+        for row in parts[name](arguments):
             rows.append(row)
             if not arguments.json:
                 print(tell(row), flush=True)
@@ -68,7 +69,7 @@ def judged(posterior: str, of: str, truth: object, draws: object, rng: np.random
         "posterior": posterior,
         "of": of,
         "simulations": int(ranks.size),
-        "p": round(uniformity(ranks, RANKED), 4),
+        "p": round(uniformity(ranks, RANKED, bins=20 if ranks.size >= SIMULATIONS else 10), 4),
         "ecdf_off": round(float(np.abs(np.sort((ranks + 0.5) / (RANKED + 1)) - ecdf).max()), 4),
         "covered": dict(zip(map(str, MASSES), coverage(truth, drawn, MASSES).round(3).tolist(),
                             strict=True)),
@@ -98,11 +99,11 @@ def names(attributes: int, behaviors: int) -> dict[str, list[str]]:
     }
 
 
-def closed(seed: int) -> Iterator[Row]:
+def closed(settings: argparse.Namespace) -> Iterator[Row]:
     """Conjugate rows, the grid's exact draws, and the Dirichlets that sum the grid up."""
     for times in (1, MORE):
         behaviors = SIMULATIONS * times // 2
-        rng = stream(seed, "sbc", "closed", times)
+        rng = stream(settings.seed, "sbc", "closed", times)
         prior = leaning(2, 4.0, 1, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5, independent=True)
         posterior = ConfusionPosterior.from_counts(made.counts, prior=prior)
@@ -133,17 +134,17 @@ def dirichlet(rng: np.random.Generator, alpha: np.ndarray) -> np.ndarray:
     return gamma / gamma.sum(axis=-1, keepdims=True)
 
 
-def same(seed: int) -> Iterator[Row]:
+def same(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the grid's hierarchy: behaviors and truths are independent, so one fit is all."""
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
 
     behaviors = SIMULATIONS // 2
     for levels in (2, 4):
-        rng, start = stream(seed, "sbc", "same", levels), time.perf_counter()
+        rng, start = stream(settings.seed, "sbc", "same", levels), time.perf_counter()
         prior = leaning(levels, 4.0, 3, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5)
         found = fit_hierarchical(made.counts, **names(3, behaviors), prior=prior, chains=2,
-                                 draws=500, tune=500, seed=seed)  # fmt: skip
+                                 draws=500, tune=500, seed=settings.seed)  # fmt: skip
         mean, s = found.rows()
         extra = {"divergences": found.divergences, "seconds": round(time.perf_counter() - start)}
         kind = f"NUTS same, {levels} levels"
@@ -151,7 +152,7 @@ def same(seed: int) -> Iterator[Row]:
         yield judged(kind, "s", made.dispersion[0], s[:, 0], rng) | extra
 
 
-def crossed(seed: int) -> Iterator[Row]:
+def crossed(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the crossed hierarchy, small: a fit for each simulation."""
     import pymc as pm  # noqa: PLC0415
 
@@ -163,12 +164,12 @@ def crossed(seed: int) -> Iterator[Row]:
     template[: objects // 2, ..., 0, 0] = template[objects // 2 :, ..., 1, 0] = recordings
     model = build_model(template, **named, model="crossed")
     prior = pm.draw(
-        [model["mean"], model["dispersion"], model["misperception"]], SIMULATIONS,
-        random_seed=int(stream(seed, "sbc", "prior").integers(2**31)),
+        [model["mean"], model["dispersion"], model["misperception"]], settings.fits,
+        random_seed=int(stream(settings.seed, "sbc", "prior").integers(2**31)),
     )  # fmt: skip
     before = Draws(*map(tuple, named.values()), *(values[None] for values in prior))
-    rng, start = stream(seed, "sbc", "crossed"), time.perf_counter()
-    made = replicate(before, template, rng, size=SIMULATIONS)
+    rng, start = stream(settings.seed, "sbc", "crossed"), time.perf_counter()
+    made = replicate(before, template, rng, size=settings.fits)
     kept: list[tuple[np.ndarray, ...]] = []
     lost = 0
     for number, counts in enumerate(made):
@@ -177,9 +178,9 @@ def crossed(seed: int) -> Iterator[Row]:
         mean, s = found.rows()
         kept.append((yes(mean), s, found.misperception.ravel()))
         lost += found.divergences
-        if not (number + 1) % 20:
-            print(f"crossed: {number + 1}/{SIMULATIONS} fits, {time.perf_counter() - start:.0f} s",
-                  file=sys.stderr, flush=True)  # fmt: skip
+        if not (number + 1) % 10:
+            passed = time.perf_counter() - start
+            print(f"{number + 1}/{settings.fits} fits, {passed:.0f} s", file=sys.stderr, flush=True)
     drawn = [np.stack(values, axis=1) for values in zip(*kept, strict=True)]  # (L,200,...)
     extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
     pair = (0, 0, 1)
@@ -191,7 +192,7 @@ def crossed(seed: int) -> Iterator[Row]:
         yield judged("NUTS crossed", of, true, values, rng) | extra
 
 
-def agree(seed: int) -> Iterator[Row]:
+def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
     from meal_bayes.posterior.idata import convergence, to_idata  # noqa: PLC0415
@@ -203,8 +204,8 @@ def agree(seed: int) -> Iterator[Row]:
             "attributes": table.domain.attributes[:4],
             "behaviors": [behavior.name for behavior in table.domain.behaviors[:4]],
         }
-        nuts = fit_hierarchical(counts, **named, draws=3000, seed=seed)
-        exact = draw_grid(counts, stream(seed, "agree"), **named, draws=20_000)
+        nuts = fit_hierarchical(counts, **named, draws=3000, seed=settings.seed)
+        exact = draw_grid(counts, stream(settings.seed, "agree"), **named, draws=20_000)
         votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
         first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)

@@ -13,6 +13,15 @@ def missing(reason: str) -> None:
     pytest.skip(reason)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what takes minutes, and say so, unless everything is required (CI)."""
+    if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
+        return
+    for item in items:
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.skip(reason="long; set MEAL_BAYES_REQUIRE_ALL=1"))
+
+
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """Return the folder mirror of the public recordings."""

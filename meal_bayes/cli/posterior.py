@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from meal_bayes.cli.options import dataset_option, json_option, seed_option
+from meal_bayes.cli.options import dataset_option, json_option
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
 
@@ -48,7 +48,8 @@ _TOLD = 12  # pairs in the table
 @click.option("--tune", type=click.IntRange(min=10), default=1000, show_default=True,
               help="Steps before them (pymc).")  # fmt: skip
 @click.option("--chains", type=click.IntRange(min=2), default=4, show_default=True)
-@seed_option()
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S",
+              help="Equal seeds give equal draws.")  # fmt: skip
 @json_option
 def posterior(
     dataset: str,
@@ -243,7 +244,7 @@ def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
     _print_rows(draws)
     belief, p = facts["belief"], facts["predictive_p"]
     told = {
-        "sampler": _verdict(facts),
+        "draws": _verdict(facts) if draws.statistics else "independent, from the grid",
         "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
         "objects seen; near 0 or 100 % the model does not fit",
         "beliefs": f"learned without the object, after one behavior: {_told(belief['each'])}; "

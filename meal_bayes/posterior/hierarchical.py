@@ -98,7 +98,12 @@ def fit_hierarchical(
     """
     kept, names, sensors = sensed(counts, attributes, behaviors)
     built = build_model(kept, names, sensors, model=model, prior=prior)
-    trace = _sample(built, draws, tune, chains, cores, seed, progress)
+    try:
+        trace = _sample(built, draws, tune, chains, cores, seed, progress)
+    except ValueError as fault:
+        if "Not enough samples" in str(fault):  # so PyMC says that it was interrupted early
+            raise KeyboardInterrupt from None
+        raise
     posterior = trace["posterior"]
     if posterior.sizes["draw"] < draws:
         raise KeyboardInterrupt

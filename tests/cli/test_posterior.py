@@ -75,12 +75,13 @@ def test_a_held_out_object_is_not_learned_from(run):
 def test_it_is_told_in_words(run):
     result = run("posterior", "--attributes", "heavy", "--draws", "150", "--levels", "4")
     assert result.exit_code == 0
-    for word in ("R-hat", "ESS bulk", "0 divergences", "yes of true", "lift_slow", "ECE"):
+    for word in ("R-hat", "ESS bulk", "independent", "yes of true", "lift_slow", "ECE"):
         assert word in result.stdout
     assert max(map(len, result.stdout.splitlines())) <= 80
     assert "draws, summary and figures in" in result.stderr
 
 
+@pytest.mark.long
 def test_nuts_writes_the_same_files(run, tmp_path, table):
     result = run(
         "posterior", "--dataset", tmp_path / "kitchen.npz", "--method", "pymc", "--chains", "2",

@@ -111,6 +111,7 @@ def shapes_of(model):
     return [tuple(int(n) for n in variable.shape.eval(**PLAIN)) for variable in model.free_RVs]
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 def test_nuts_draws_what_the_grid_integrates():
     """The bar: means to .005, standard deviations to 3 %; here beside the Monte-Carlo error."""
