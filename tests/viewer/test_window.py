@@ -1,5 +1,6 @@
 """The real viewer, without a window: every view shows something and reports nothing."""
 
+import contextlib
 import io
 import os
 import subprocess
@@ -98,9 +99,10 @@ def listening(pid: int) -> set[str]:
     """Addresses on which a process accepts connections."""
     inodes = set()
     for entry in Path(f"/proc/{pid}/fd").iterdir():
-        target = str(entry.readlink())
-        if target.startswith("socket:["):
-            inodes.add(target[8:-1])
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            target = str(entry.readlink())
+            if target.startswith("socket:["):
+                inodes.add(target[8:-1])
     rows = [line.split() for table in ("tcp", "tcp6")
             for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]]  # fmt: skip
     return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in inodes}
