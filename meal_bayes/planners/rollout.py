@@ -76,9 +76,10 @@ def simulate(
         raise SettingsError("`believed` must have the attributes and behaviors of `momdp`.")
     if episodes < 2:  # noqa: PLR2004
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
-    rows = [
-        _episode(momdp, believed, policy, *luck.spawn(2), max_steps) for luck in rng.spawn(episodes)
-    ]
+    rows = []
+    for luck in rng.spawn(episodes):
+        world_rng, policy_rng = luck.spawn(2)
+        rows.append(_episode(momdp, believed, policy, world_rng, policy_rng, max_steps))
     returns, certainty, success, cost, abstained, decisions, simulations, cpu = zip(
         *rows, strict=True
     )
