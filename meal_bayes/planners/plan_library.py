@@ -31,6 +31,7 @@ class Moves(NamedTuple):
     paths: dict[tuple[int, int], Path]  # (x, behavior) -> cheapest way to its percept, executed
     macros: Macros
     walked: "dict[tuple[int, Path], Walked]"  # walks already taken
+    mixtures: dict[int, frozenset[Path]]  # by x, made when first asked for
 
 
 class Walked(NamedTuple):
@@ -139,7 +140,7 @@ def _find_moves(problem: Compiled) -> Moves:
     walked: dict[tuple[int, Path], Walked] = {
         (x, ()): Walked(x, 0.0, 1.0, nothing, unweighted) for x in range(size)
     }
-    moves = Moves(target, senses, paths, macros, walked)
+    moves = Moves(target, senses, paths, macros, walked, {})
     for row, path in paths.items():
         macros.first[row] = path[0]
         end = _walk(problem, moves, row[0], path)
@@ -181,12 +182,14 @@ def _prefixes(moves: Moves, x: int, row: NDArray[np.int64]) -> list[Path]:
     return prefixes
 
 
-def _mixtures(moves: Moves, x: int) -> set[Path]:
+def _mixtures(moves: Moves, x: int) -> frozenset[Path]:
     """One or two percepts of one behavior, then none, one or two of another, as far as one gets."""
-    reached = [e for start, e in moves.paths if start == x]
-    rows = itertools.product(reached, (1, 2), reached, (0, 1, 2))
-    walks = (np.array([e] * k + [f] * more) for e, k, f, more in rows)
-    return {_prefixes(moves, x, walk)[-1] for walk in walks}
+    if x not in moves.mixtures:
+        reached = [e for start, e in moves.paths if start == x]
+        rows = itertools.product(reached, (1, 2), reached, (0, 1, 2))
+        walks = (np.array([e] * k + [f] * more) for e, k, f, more in rows)
+        moves.mixtures[x] = frozenset(_prefixes(moves, x, walk)[-1] for walk in walks)
+    return moves.mixtures[x]
 
 
 def _add_with_rests(moves: Moves, x: int, path: Path, kept: list[set[Path]]) -> None:
