@@ -5,21 +5,33 @@ the named agents are a table in `recipes.py`.
 """
 
 from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.experience import Experience, Feedback
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.morc import Morc
+from meal_bayes.agents.morc_itrs import PUBLISHED, MorcItrs, OnlineAgent, Surroundings, heard
+from meal_bayes.agents.online_recipes import ONLINE_AGENTS, load_online_agent
 from meal_bayes.agents.recipes import AGENTS, load_agent
 from meal_bayes.agents.trial import Step, Streams, Task, Trial, run_trial
 
 __all__ = [
     "AGENTS",
+    "ONLINE_AGENTS",
+    "PUBLISHED",
     "Agent",
+    "Experience",
+    "Feedback",
     "Knowledge",
     "Morc",
+    "MorcItrs",
+    "OnlineAgent",
     "Step",
     "Streams",
+    "Surroundings",
     "Task",
     "Trial",
+    "heard",
     "knowledge_without",
     "load_agent",
+    "load_online_agent",
     "run_trial",
 ]

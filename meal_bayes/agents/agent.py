@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
@@ -39,15 +40,30 @@ class Agent:
         limit: float = np.inf,
         reward: float | None = None,
     ) -> tuple[MOMDP, Policy]:
-        """Build the query's MOMDP and solve it (Alg. 1, l. 1-5).
+        """Build the query's MOMDP and solve it (Alg. 1, l. 1-5); see `model`."""
+        momdp = self.model(query, knowledge, limit=limit, reward=reward)
+        return momdp, self.solver(knowledge.domain, query).solve(momdp, rng)
+
+    def model(
+        self,
+        query: Query,
+        knowledge: Knowledge,
+        *,
+        limit: float = np.inf,
+        reward: float | None = None,
+        told: NDArray[np.int8] | None = None,
+        trust: float = 1.0,
+    ) -> MOMDP:
+        """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
 
         Parameters
         ----------
         query : what is asked.
         knowledge : learned without the object at hand.
-        rng : for the solver.
         limit : recordings of a behavior that one trial can perceive.
         reward : r+ = -r-, the domain's by default.
+        told : (N,) what people said of this object before; -1 nothing.
+        trust : Pr(what people said is right).
         """
         domain = knowledge.domain
         columns = [domain.attribute_index(name) for name in query.attributes]
@@ -58,12 +74,15 @@ class Agent:
             # Percepts depend on the degree alone, whatever the truth: its rows stand twice.
             confusion, precision = np.tile(rows, (1, 1, 2, 1)), np.tile(within, (1, 1, 2))
             kinds = np.broadcast_to(knowledge.degree.kinds, (len(columns), 2, rows.shape[2]))
-        momdp = build_momdp(
+        prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
+        if told is not None:
+            prior = np.where(told < 0, prior, np.where(told == 1, trust, 1.0 - trust))
+        return build_momdp(
             domain,
             query,
             confusion,
             precision,
-            prior=knowledge.base_rates[columns] if self.base_rates else 0.5,
+            prior=prior,
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
@@ -72,4 +91,3 @@ class Agent:
             abstain=self.abstain,
             counts=knowledge.posterior.counts[columns],
         )
-        return momdp, self.solver(domain, query).solve(momdp, rng)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain
-from meal_bayes.perception import table_counts
+from meal_bayes.perception import ConfusionCounts, table_counts
 from meal_bayes.posterior import ConfusionPosterior, SharedDegree, learn_degree
 
 
@@ -39,16 +39,31 @@ def knowledge_without(
         (ours), or take all percepts as independent (the paper).
     """
     counts = table_counts(table, held_out, levels=levels)
-    base_rates = _base_rates(table.labels, held_out)
+    labels = table.labels.copy()
+    labels[held_out] = -1
+    return knowledge_of(table.domain, counts, labels, object_level=object_level)
+
+
+def knowledge_of(
+    domain: Domain,
+    counts: ConfusionCounts,
+    labels: NDArray[np.int8],
+    *,
+    object_level: bool = True,
+) -> Knowledge:
+    """Learn from the percepts of training objects.
+
+    Parameters
+    ----------
+    counts : what classifiers said of objects that they never saw.
+    labels : (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
+    object_level : as in `knowledge_without`.
+    """
+    positive, known = (labels == 1).sum(axis=0), (labels >= 0).sum(axis=0)
+    base_rates = np.asarray((positive + 1) / (known + 2))
     if not object_level:
-        return Knowledge(table.domain, ConfusionPosterior.from_counts(counts), base_rates)
+        return Knowledge(domain, ConfusionPosterior.from_counts(counts), base_rates)
     posterior = ConfusionPosterior.from_objects(counts)
-    shown = table.training_levels(held_out, levels)  # the held-out object's row is zero
-    degree = learn_degree(posterior, shown, table.labels, base_rates)
-    return Knowledge(table.domain, posterior, base_rates, degree)
-
-
-def _base_rates(labels: NDArray[np.int8], held_out: int) -> NDArray[np.float64]:
-    others = np.delete(labels, held_out, axis=0)
-    positive, known = (others == 1).sum(axis=0), (others >= 0).sum(axis=0)
-    return np.asarray((positive + 1) / (known + 2))
+    shown = counts.counts.sum(axis=3)  # (O,P,E,K)
+    degree = learn_degree(posterior, shown, labels, base_rates)
+    return Knowledge(domain, posterior, base_rates, degree)

@@ -11,11 +11,14 @@ from meal_bayes.cli.data import data
 from meal_bayes.cli.demo import demo
 from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log
+from meal_bayes.cli.online import online
 from meal_bayes.cli.posterior import posterior
 from meal_bayes.cli.program import Program
 from meal_bayes.cli.report import report
 from meal_bayes.cli.run import run
 from meal_bayes.cli.view import view
+
+run.add_command(online)
 
 
 def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:

@@ -10,6 +10,15 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
+from meal_bayes.evaluation.learning import (
+    LearningRow,
+    LearningSummary,
+    curves_of,
+    hours_to,
+    learning_rows,
+    pooled_ece,
+    summarize_learning,
+)
 from meal_bayes.evaluation.statistics import (
     Interval,
     bootstrap_interval,
@@ -21,15 +30,22 @@ from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
 
 __all__ = [
     "Interval",
+    "LearningRow",
+    "LearningSummary",
     "SummaryRow",
     "bootstrap_interval",
     "brier",
     "calibration_error",
     "clustered_se",
     "compare",
+    "curves_of",
     "expected_calibration_error",
+    "hours_to",
+    "learning_rows",
     "negative_log_likelihood",
     "paired_difference",
+    "pooled_ece",
     "summarize",
+    "summarize_learning",
     "wilson_interval",
 ]

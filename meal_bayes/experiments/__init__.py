@@ -4,13 +4,17 @@ In: a config. Out: logs under logs/, which `evaluation` reads.
 """
 
 from meal_bayes.experiments.offline import DEFAULT_AGENTS, OfflineConfig, OfflineRun, run_offline
+from meal_bayes.experiments.online import OnlineConfig, OnlineRun, run_online
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [
     "DEFAULT_AGENTS",
     "OfflineConfig",
     "OfflineRun",
+    "OnlineConfig",
+    "OnlineRun",
     "askable",
     "offline_tasks",
     "run_offline",
+    "run_online",
 ]

@@ -1,24 +1,68 @@
-"""Many tasks at once: joblib's processes here."""
+"""Many tasks at once: joblib's processes here, or the workers of a Dask cluster."""
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 from joblib import Parallel, delayed
 
+from meal_bayes.errors import SettingsError
+
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
+_PATIENCE = "10s"  # for a scheduler to answer
+
 
 def in_parallel(
-    function: Callable[[Work], Result], work: Iterable[Work], *, jobs: int
+    function: Callable[[Work], Result],
+    work: Iterable[Work],
+    *,
+    jobs: int,
+    cluster: str | None = None,
 ) -> Iterator[Result]:
     """Call a function on every piece of work; results come as they are ready, in any order.
 
     Work derives its random streams from its own coordinates, so neither the order nor the number
     of processes changes a result.
+
+    Parameters
+    ----------
+    jobs : processes on this machine.
+    cluster : address of a Dask scheduler; then its workers do the work, and what a worker that dies
+        had in hand goes to another.
+
+    Raises
+    ------
+    SettingsError : a cluster without the extra that brings Dask, or one that does not answer.
     """
+    if cluster is not None:
+        yield from _on_cluster(function, work, cluster)
+        return
     if jobs == 1:
         yield from map(function, work)
         return
     pool = Parallel(n_jobs=jobs, return_as="generator_unordered")
     yield from pool(delayed(function)(piece) for piece in work)
+
+
+def _on_cluster(
+    function: Callable[[Work], Result], work: Iterable[Work], address: str
+) -> Iterator[Result]:
+    try:
+        from dask.distributed import Client, as_completed  # noqa: PLC0415  an extra
+    except ImportError as fault:
+        raise SettingsError(
+            "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
+        ) from fault
+    try:
+        client = Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError) as fault:
+        raise SettingsError(
+            f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
+            "127.0.0.1`, and its workers with `dask worker ADDRESS`."
+        ) from fault
+    with client:
+        futures = [client.submit(function, piece, pure=False, retries=3) for piece in work]
+        for future in as_completed(futures):
+            yield future.result()
+            future.release()

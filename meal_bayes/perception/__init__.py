@@ -11,7 +11,13 @@ from meal_bayes.perception.cross_validation import (
     fit_perception,
 )
 from meal_bayes.perception.ensemble import Perception
-from meal_bayes.perception.perceiver import ConfusionSampler, Perceiver, RecordedPercepts
+from meal_bayes.perception.kernels import Kernels, fit_and_score
+from meal_bayes.perception.perceiver import (
+    ConfusionSampler,
+    FittedPercepts,
+    Perceiver,
+    RecordedPercepts,
+)
 from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, named_settings
 from meal_bayes.perception.tables import build_percept_table
 
@@ -20,12 +26,15 @@ __all__ = [
     "PAPER",
     "ConfusionCounts",
     "ConfusionSampler",
+    "FittedPercepts",
+    "Kernels",
     "Perceiver",
     "Perception",
     "PerceptionSettings",
     "RecordedPercepts",
     "build_percept_table",
     "cross_validate",
+    "fit_and_score",
     "fit_and_validate",
     "fit_perception",
     "named_settings",

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, believable
-from meal_bayes.perception.ensemble import BehaviorClassifier, Perception
+from meal_bayes.perception.ensemble import BehaviorClassifier, BehaviorFit, Perception
+from meal_bayes.perception.modality import ModalityClassifier
 from meal_bayes.perception.recipes import recipe_of
 from meal_bayes.perception.recordings import BehaviorRecordings, recordings_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
@@ -46,18 +47,32 @@ def fit_and_validate(
     counts = np.zeros(shape, np.int64)
     classifiers = {}
     for index, behavior in enumerate(domain.behaviors):
-        recordings = recordings_of(dataset, training_set, behavior.name, settings.kernel)
-        if recordings is None or not behavior.modalities:
+        found = recordings_of(dataset, training_set, behavior.name, settings.kernel)
+        if found is None or not behavior.modalities:
             continue
-        modalities, pool, nested = recipe_of(settings).fit(recordings, settings)
-        believed = np.ones(nested.shape[1], np.bool_)
-        if settings.believable_only:
-            believed = believable(_count(recordings, nested, 2, n_objects))[:, 0]
-        nested = np.where(believed, nested, 0.0)
-        counts[:, :, index] = _count(recordings, nested, settings.levels, n_objects).counts[:, :, 0]
-        classifiers[behavior.name] = BehaviorClassifier(modalities, pool, believed)
+        recordings, spaces = found
+        fit, believed, own = fit_behavior(recordings, settings, n_objects)
+        counts[:, :, index] = own.counts[:, :, 0]
+        parts = zip(spaces.items(), fit.dual, fit.bias, strict=True)
+        modalities = tuple(ModalityClassifier(*named, dual, bias) for named, dual, bias in parts)
+        classifiers[behavior.name] = BehaviorClassifier(modalities, fit.pool, believed)
     perception = Perception(domain, classifiers, dataset.labels, settings.levels)
     return perception, ConfusionCounts(counts)
+
+
+def fit_behavior(
+    recordings: BehaviorRecordings, settings: PerceptionSettings, n_objects: int
+) -> tuple[BehaviorFit, NDArray[np.bool_], ConfusionCounts]:
+    """Fit one behavior; tell of which attributes (P,) it is believed, and count its percepts.
+
+    The counts, (O,P,1,2,K), are of objects that the classifiers behind them never saw.
+    """
+    fit = recipe_of(settings).fit(recordings, settings)
+    believed = np.ones(fit.nested.shape[1], np.bool_)
+    if settings.believable_only:
+        believed = believable(_count(recordings, fit.nested, 2, n_objects))[:, 0]
+    nested = np.where(believed, fit.nested, 0.0)
+    return fit, believed, _count(recordings, nested, settings.levels, n_objects)
 
 
 def _count(

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,16 @@ class Pool(Protocol):
     def log_odds(self, decisions: Floats) -> Floats:
         """Log-odds of "true", (B,P)."""
         ...
+
+
+class BehaviorFit(NamedTuple):
+    """A behavior fitted to n recordings, M modalities."""
+
+    dual: Floats  # (M,P,n) weight of each recording in the modalities' decisions
+    bias: Floats  # (M,P)
+    pool: Pool
+    nested: Floats  # (n,P) log-odds of each recording by classifiers that never saw its object;
+    # NaN where its label is unknown
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """One modality of one behavior: features made comparable, and a closed-form kernel classifier."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ class FeatureSpace:
         """Bring raw features (B,D) into this space, (B,d)."""
         squashed = _squash(features)[:, self.kept]
         return np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
+
+    def over(self, features: NDArray[np.floating]) -> "FeatureSpace":
+        """Keep means, spreads and width, for other recordings (n,D)."""
+        return replace(self, rows=self.standardize(features))
 
     def similarity(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Kernel between standardized rows (B,d) and this space's recordings, (B,n)."""

@@ -18,8 +18,8 @@ from sklearn.svm import SVC
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.percepts import THRESHOLD
+from meal_bayes.perception.ensemble import BehaviorFit
 from meal_bayes.perception.leave_out import known_patterns
-from meal_bayes.perception.modality import ModalityClassifier
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stacker
@@ -175,11 +175,9 @@ def _sets_of(folds: Iterable[int], size: int) -> set[frozenset[int]]:
     return sets
 
 
-def fit_paper(
-    recordings: BehaviorRecordings, settings: PerceptionSettings
-) -> tuple[tuple[ModalityClassifier, ...], KappaPool, Floats]:
+def fit_paper(recordings: BehaviorRecordings, settings: PerceptionSettings) -> BehaviorFit:
     """Fit one behavior by the paper's recipe; as `fit_stacked`, nested outputs by folds."""
-    grams, labels = recordings.grams(), recordings.labels
+    grams, labels = recordings.grams, recordings.labels
     n_modalities, (n, n_attributes) = len(grams), labels.shape
     dual, bias = np.zeros((n_modalities, n_attributes, n)), np.zeros((n_modalities, n_attributes))
     sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros_like(bias)
@@ -194,11 +192,7 @@ def fit_paper(
         nested[np.ix_(known, attributes)] = _nested(machines, decisions)
         duals, bias[:, attributes] = machines.train(np.ones(len(truth), np.bool_))
         dual[np.ix_(np.arange(n_modalities), attributes, known)] = duals
-    classifiers = tuple(
-        ModalityClassifier(modality, space, dual[m], bias[m])
-        for m, (modality, space) in enumerate(recordings.spaces.items())
-    )
-    return classifiers, KappaPool(sigmoid, weights), nested
+    return BehaviorFit(dual, bias, KappaPool(sigmoid, weights), nested)
 
 
 def _nested(

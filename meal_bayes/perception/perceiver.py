@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.percepts import PerceptTable, level_edges
+from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, level_edges, levels_of
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 
@@ -82,6 +82,31 @@ class RecordedPercepts:
                 "build it with these attributes and objects."
             )
         return self.table.levels_of(recorded, self.levels)
+
+
+@dataclass(frozen=True, slots=True)
+class FittedPercepts:
+    """Percepts of recordings that a fitted Psi has scored all at once."""
+
+    domain: Domain
+    objects: tuple[str, ...]  # (O,)
+    labels: NDArray[np.int8]  # (O,P) what a person who is asked knows; nothing else uses them
+    log_odds: NDArray[np.float16]  # (O,R,E,P)
+    levels: int = 2  # K
+
+    def __post_init__(self) -> None:
+        set_frozen(self, log_odds=freeze(self.log_odds, np.float16))
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Levels of the outputs, or a drawn answer."""
+        e, columns = self.domain.behavior_index(instance.behavior), columns_of(self.domain, query)
+        accuracy = self.domain.behaviors[e].answer_accuracy
+        if accuracy is not None:
+            return answer(self.labels[instance.object_index, columns], accuracy, self.levels, rng)
+        scored = self.log_odds[instance.object_index, instance.recording, e, columns]
+        return levels_of(scored, BIN_EDGES, self.levels)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,9 +22,9 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     shape = (len(dataset.objects), dataset.recordings, len(domain.attributes))
     outputs = np.full((*shape[:2], len(domain.behaviors), shape[2]), np.nan)
     for index, behavior in enumerate(domain.behaviors):
-        recordings = recordings_of(dataset, everything, behavior.name, settings.kernel)
-        if recordings is not None:
-            nested = recipe_of(settings).fit(recordings, settings)[2]
+        found = recordings_of(dataset, everything, behavior.name, settings.kernel)
+        if found is not None:
+            nested = recipe_of(settings).fit(found[0], settings).nested
             outputs[:, :, index] = nested.reshape(shape)
     return outputs
 

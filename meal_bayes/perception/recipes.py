@@ -6,16 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.perception.ensemble import Pool
-from meal_bayes.perception.modality import ModalityClassifier
+from meal_bayes.perception.ensemble import BehaviorFit
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import fit_stacked, stacked_outputs
 
 Floats = NDArray[np.float64]
-Fit = Callable[
-    [BehaviorRecordings, PerceptionSettings], tuple[tuple[ModalityClassifier, ...], Pool, Floats]
-]
+Fit = Callable[[BehaviorRecordings, PerceptionSettings], BehaviorFit]
 Outputs = Callable[
     [Floats, NDArray[np.int8], NDArray[np.bool_], NDArray[np.int64], PerceptionSettings],
     tuple[Floats, Floats],

@@ -21,6 +21,7 @@ class PerceptionSettings:
     levels: int = 2  # K, what an observed percept tells: yes or no; 4: and how surely
     folds: int = 5  # "paper" only: grouped folds, an object never split
     box: float = 10.0  # "paper" only: the support vector machine's C
+    by_object: bool = True  # cross-validate over objects; False: over samples, as published
     nested: bool = True  # stackers learn from decisions that saw none of the objects left out
     balanced: bool = True  # both classes weigh the same, so a percept is a likelihood ratio
     nonnegative: bool = True  # a modality may be ignored, never turned around

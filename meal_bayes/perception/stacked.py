@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.perception.ensemble import Pool
+from meal_bayes.perception.ensemble import BehaviorFit
 from meal_bayes.perception.leave_out import (
     KernelProblem,
     all_objects,
@@ -15,7 +15,6 @@ from meal_bayes.perception.leave_out import (
     known_patterns,
     leave_out,
 )
-from meal_bayes.perception.modality import ModalityClassifier
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 
@@ -37,15 +36,14 @@ class Stacker:
         return slopes + self.weights[:, 0]
 
 
-def fit_stacked(
-    recordings: BehaviorRecordings, settings: PerceptionSettings
-) -> tuple[tuple[ModalityClassifier, ...], Pool, Floats]:
-    """Fit one behavior: its classifiers, their stackers, and the nested outputs (n,P).
+def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) -> BehaviorFit:
+    """Fit one behavior: its classifiers, their stackers, and the nested outputs.
 
     The nested output on a recording comes from classifiers and stackers that never saw its object;
     it is NaN where the label is unknown.
     """
-    grams, labels = recordings.grams(), recordings.labels
+    grams, labels = recordings.grams, recordings.labels
+    groups = recordings.objects if settings.by_object else np.arange(len(labels))
     n_modalities, (n, n_attributes) = len(grams), labels.shape
     dual = np.zeros((n_modalities, n_attributes, n))
     weights = np.zeros((n_attributes, 1 + n_modalities))
@@ -54,17 +52,13 @@ def fit_stacked(
         problem = kernel_problem(
             grams[:, known][:, :, known],
             labels[np.ix_(known, attributes)] == 1,
-            recordings.objects[known],
+            groups[known],
             settings.noise,
         )
         weights[attributes] = all_objects(problem, settings)
         nested[np.ix_(known, attributes)] = each_object(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_modalities), attributes, known)] = problem.duals
-    classifiers = tuple(
-        ModalityClassifier(modality, space, dual[m], np.zeros(n_attributes))
-        for m, (modality, space) in enumerate(recordings.spaces.items())
-    )
-    return classifiers, Stacker(weights), nested
+    return BehaviorFit(dual, np.zeros((n_modalities, n_attributes)), Stacker(weights), nested)
 
 
 def stacked_outputs(

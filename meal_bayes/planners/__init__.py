@@ -8,7 +8,8 @@ from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
 from meal_bayes.planners.factored import Factored
 from meal_bayes.planners.factored_bound import upper_bound
 from meal_bayes.planners.greedy import Greedy
-from meal_bayes.planners.open_loop import OpenLoop
+from meal_bayes.planners.many import single_values
+from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pbvi import PBVI
 from meal_bayes.planners.policy_file import read_policy
 from meal_bayes.planners.pomcp import POMCP, compile_kernels
@@ -18,6 +19,7 @@ from meal_bayes.planners.solver import (
     Decision,
     History,
     Policy,
+    Remembering,
     Solver,
     TreeEdge,
     unvalued,
@@ -33,10 +35,12 @@ __all__ = [
     "Greedy",
     "History",
     "OpenLoop",
+    "OpenLoopPolicy",
     "Policy",
     "Predefined",
     "Random",
     "RandomLegal",
+    "Remembering",
     "Rollouts",
     "Sarsop",
     "Solver",
@@ -44,6 +48,7 @@ __all__ = [
     "compile_kernels",
     "read_policy",
     "simulate",
+    "single_values",
     "unvalued",
     "upper_bound",
 ]

@@ -35,6 +35,7 @@ class Compiled(NamedTuple):
     bonus: NDArray[np.float64]  # (N,E,2)
     shaped: bool
     limit: NDArray[np.float64]  # (E,)
+    paid: NDArray[np.float64]  # (E,) percepts of a trial that shaping pays for
     exact: NDArray[np.bool_]  # (E,) are its rows known, so that percepts seen tell nothing of them?
     plain: bool  # are all rows known, and percepts never used up?
     prior: NDArray[np.float64]  # (N,C) of the kinds, none of them 0
@@ -97,6 +98,7 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         bonus=momdp.bonus.copy(),
         shaped=bool(momdp.bonus.any()),
         limit=momdp.limit.copy(),
+        paid=momdp.limit.copy(),
         exact=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
         plain=bool(np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()),
         prior=prior / prior.sum(axis=1, keepdims=True),

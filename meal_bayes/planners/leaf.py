@@ -138,7 +138,7 @@ def _bonus(problem, plans, plan, work):
     for e in range(plans.uses.shape[1]):
         uses = plans.uses[plan, e]
         if uses > 0:
-            share = min(1.0, max(0.0, problem.limit[e] - work.total[e]) / uses)
+            share = min(1.0, max(0.0, problem.paid[e] - work.total[e]) / uses)
             for i in range(work.chance.shape[0]):
                 b = work.chance[i]
                 mean = b * problem.bonus[i, e, 1] + (1.0 - b) * problem.bonus[i, e, 0]

@@ -20,9 +20,12 @@ class OpenLoop:
     any MOMDP, and microseconds a decision.
     """
 
+    paid: float = np.inf  # percepts of a behavior in a trial that shaping pays for
+
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
         """Make the plan library; nothing in it is random."""
         problem = compile_momdp(momdp)
+        problem = problem._replace(paid=np.minimum(problem.paid, self.paid))
         return OpenLoopPolicy(momdp, problem, plans_for(problem))
 
 
@@ -33,6 +36,11 @@ class OpenLoopPolicy:
     momdp: MOMDP
     problem: Compiled
     plans: Plans
+
+    def repaid(self, momdp: MOMDP) -> "OpenLoopPolicy":
+        """Follow the same plans where exploring pays otherwise, and the prior may be another."""
+        problem = self.problem._replace(bonus=momdp.bonus.copy(), shaped=bool(momdp.bonus.any()))
+        return OpenLoopPolicy(momdp, problem, self.plans)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Take the first behavior of the best plan."""

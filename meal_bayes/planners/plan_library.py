@@ -71,6 +71,8 @@ def plans_for(problem: Compiled) -> Plans:
             grow_plans(problem, moves.macros, x, first, _LENGTH, work, grown)
             found = {path for row in grown for path in _prefixes(moves, x, row)}
             found |= {(int(a),) for a in np.flatnonzero(legal)} | _mixtures(moves, x)
+            if problem.shaped:
+                found |= _tours(problem, moves, x)
             for path in _winners(problem, moves, work, x, sorted(found), beliefs):
                 _add_with_rests(moves, x, path, kept)
     plans = _arrays(problem, moves, [_cheapest(problem, moves, x, p) for x, p in enumerate(kept)])
@@ -190,6 +192,33 @@ def _mixtures(moves: Moves, x: int) -> frozenset[Path]:
         walks = (np.array([e] * k + [f] * more) for e, k, f, more in rows)
         moves.mixtures[x] = frozenset(_prefixes(moves, x, walk)[-1] for walk in walks)
     return moves.mixtures[x]
+
+
+def _tours(problem: Compiled, moves: Moves, x: int) -> set[Path]:
+    """From every first behavior on, go to what pays best for a first percept, while it pays."""
+    pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0).tolist()
+    tours: set[Path] = set()
+    for start, first in moves.paths:
+        if start != x:
+            continue
+        path: Path = ()
+        left, e, here = set(range(len(pay))), first, x
+        while e >= 0:
+            path = (*path, *moves.paths[here, e])
+            here = moves.macros.end[here, e]
+            left -= set(path)
+            tours.add(path)
+            gain, e = max(
+                (
+                    (sum(pay[a] for a in left.intersection(moves.paths[here, other]))
+                     - moves.macros.cost[here, other], other)
+                    for other in left
+                    if (here, other) in moves.paths
+                ),
+                default=(0.0, -1),
+            )  # fmt: skip
+            e = e if gain > 0 else -1
+    return tours
 
 
 def _add_with_rests(moves: Moves, x: int, path: Path, kept: list[set[Path]]) -> None:

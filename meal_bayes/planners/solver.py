@@ -1,6 +1,6 @@
 """The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -66,6 +66,25 @@ class Solver(Protocol):
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
         """Make a policy for a MOMDP."""
         ...
+
+
+@dataclass(slots=True)
+class Remembering:
+    """A policy whose decisions are kept by what they depend on: x and the percepts seen.
+
+    For policies that neither draw nor look at the rest of the history.
+    """
+
+    policy: Policy
+    _made: dict[tuple[int, bytes], Decision] = field(default_factory=dict)
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the next action, as the last time in the same place."""
+        key = history.belief.x, history.belief.seen.tobytes()
+        decision = self._made.get(key)
+        if decision is None:
+            decision = self._made[key] = self.policy.decide(history, rng)
+        return decision
 
 
 def unvalued(momdp: MOMDP, action: int) -> Decision:

@@ -1,5 +1,7 @@
 """A robot that replays recordings: failures from the diagram, instances from a data set."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from meal_bayes.datasets import Dataset, Instance
@@ -26,6 +28,8 @@ class RecordedRobot:
         looks percepts up by (object, behavior, recording).
     repeats : recordings never run out, each is drawn anew from all (for percepts that are drawn
         from tables).
+    supply : gives the recordings to come of an object, (E,) lists, the next one last; drawn by
+        default.
     """
 
     def __init__(
@@ -36,13 +40,14 @@ class RecordedRobot:
         dataset: Dataset | None = None,
         *,
         repeats: bool = False,
+        supply: Callable[[int], list[list[int]]] | None = None,
     ) -> None:
         if recordings < 1 or (dataset is not None and recordings > dataset.recordings):
             has = "1 or more" if dataset is None else f"1 to {dataset.recordings}"
             raise SettingsError(f"recordings = {recordings}; expected {has}.")
         self._domain, self._dataset = domain, dataset
         self._recordings, self._repeats = recordings, repeats
-        self._order_rng = order_rng
+        self._order_rng, self._supply = order_rng, supply
         self._walk = DiagramWalk(domain)
         self._object = -1
         self._left: list[list[int]] = []  # (E,) recordings to come, the next one last
@@ -54,6 +59,9 @@ class RecordedRobot:
         ):
             raise SettingsError(f"Object {object_index} is not in the data set.")
         self._object = object_index
+        if self._supply is not None:
+            self._left = self._supply(object_index)
+            return self._walk.start()
         luck = self._order_rng.random((len(self._domain.behaviors), self._recordings))
         self._left = luck.argsort(axis=1).tolist()
         return self._walk.start()

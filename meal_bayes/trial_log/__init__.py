@@ -6,6 +6,7 @@ runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byt
 
 from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Logs, log_files
+from meal_bayes.trial_log.marks import BatchMarks, Marks
 from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_trials
 from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
@@ -14,10 +15,12 @@ from meal_bayes.trial_log.writer import TrialWriter, write_trials
 __all__ = [
     "ACTIVE",
     "FORMAT_VERSION",
+    "BatchMarks",
     "Follower",
     "LogInfo",
     "LogReport",
     "Logs",
+    "Marks",
     "TrialWriter",
     "check_log",
     "log_files",

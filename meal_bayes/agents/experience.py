@@ -1,0 +1,154 @@
+"""What a robot at work has gathered (Alg. 2): recordings, and what people told of the objects.
+
+The world hands a training object's recordings out in one order, each once; when all are out, they
+come again, but hold nothing new. So the trials of a run tell which recordings the robot has, and D
+is rebuilt from their log alone.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.domain import Domain, unknown
+from meal_bayes.errors import SettingsError
+
+_ANSWERS = ("verdict", "all")
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """What a person tells after a trial.
+
+    Raises
+    ------
+    SettingsError : unknown answers, an error rate outside [0, 1).
+    """
+
+    answers: str = "verdict"  # "right" or "wrong" of the report; "all": every queried attribute
+    error: float = 0.0  # Pr(a person errs), for each thing told
+
+    def __post_init__(self) -> None:
+        if self.answers not in _ANSWERS:
+            raise SettingsError(unknown("feedback", self.answers, _ANSWERS))
+        if not 0 <= self.error < 1:
+            raise SettingsError(f"A person errs with probability {self.error}; give 0 to below 1.")
+
+    def told(self, trial: Trial, rng: np.random.Generator) -> NDArray[np.int8]:
+        """Labels of the queried attributes that a person's words imply, (N,); -1 unknown.
+
+        By a verdict the robot learns v where its report was right, or where it asked for a single
+        attribute (Sect. 7.3); an abstention teaches nothing.
+        """
+        nothing = np.full(len(trial.truth), -1, np.int8)
+        if self.answers == "all":
+            errs = rng.random(len(trial.truth)) < self.error
+            return np.where(trial.truth ^ errs, 1, 0).astype(np.int8)
+        if trial.report is None:
+            return nothing
+        right = trial.success ^ bool(rng.random() < self.error)
+        if right:
+            return trial.report.astype(np.int8)
+        return (~trial.report).astype(np.int8) if len(trial.report) == 1 else nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Experience:
+    """Recordings gathered and labels told, O objects, E behaviors, R recordings, P attributes.
+
+    With `memory` the robot knows an object again: a label told once holds for all recordings of
+    the object, earlier and later ones. Without, it labels the recordings of its own trial.
+    """
+
+    order: NDArray[np.int64]  # (O,E,R) in which the world hands recordings out
+    used: NDArray[np.int64]  # (O,E) handed out so far, again and again
+    labels: NDArray[np.int8]  # (O,E,R,P) of the recordings gathered; -1 not labelled
+    gathered: NDArray[np.bool_]  # (O,E,R)
+    told: NDArray[np.int8]  # (O,P) -1 unknown
+    attempts: NDArray[np.int64]  # (E,2) legal executions that failed, and that succeeded
+    memory: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("order", "used", "attempts"):
+            set_frozen(self, **{name: freeze(getattr(self, name), np.int64)})
+        for name in ("labels", "told"):
+            set_frozen(self, **{name: freeze(getattr(self, name), np.int8)})
+        set_frozen(self, gathered=freeze(self.gathered, np.bool_))
+
+    @classmethod
+    def none(
+        cls, dataset: Dataset, rng: np.random.Generator, *, memory: bool = False
+    ) -> "Experience":
+        """Start with D empty; `rng` draws the order of recordings."""
+        o, p = dataset.labels.shape
+        e, r = len(dataset.domain.behaviors), dataset.recordings
+        order = rng.random((o, e, r)).argsort(axis=-1)
+        return cls(
+            order,
+            np.zeros((o, e), np.int64),
+            np.full((o, e, r, p), -1, np.int8),
+            np.zeros((o, e, r), np.bool_),
+            np.full((o, p), -1, np.int8),
+            np.zeros((e, 2), np.int64),
+            memory,
+        )
+
+    def pretrain(self, dataset: Dataset, objects: NDArray[np.intp]) -> "Experience":
+        """Execute every behavior once on some objects, recording 1, all labels told."""
+        labels, gathered, told = self.labels.copy(), self.gathered.copy(), self.told.copy()
+        sensing = np.flatnonzero([bool(b.modalities) for b in dataset.domain.behaviors])
+        at = np.ix_(objects, sensing, np.zeros(1, np.intp))
+        labels[at] = dataset.labels[objects][:, None, None]
+        gathered[at] = True
+        told[objects] = dataset.labels[objects]
+        return replace(self, labels=labels, gathered=gathered, told=told)
+
+    def absorb(self, domain: Domain, trial: Trial, told: NDArray[np.int8]) -> "Experience":
+        """Add what a training trial showed and what was told of it, (N,) (Alg. 2, l. 18-23)."""
+        o = trial.task.object_index
+        columns = np.array([domain.attribute_index(name) for name in trial.task.query.attributes])
+        columns, values = columns[told >= 0], told[told >= 0]
+        used, labels, gathered = self.used.copy(), self.labels.copy(), self.gathered.copy()
+        known, attempts = self.told.copy(), self.attempts.copy()
+        known[o, columns] = values
+        for step in trial.steps:
+            e = step.decision.action
+            if e >= len(domain.behaviors):
+                continue
+            done = step.next_x != step.x or step.observation is not None
+            exhausted = step.belief.seen[0, e].sum() >= trial.momdp.limit[e]
+            if trial.momdp.legal[step.x, e] and (done or not exhausted):
+                attempts[e, int(done)] += 1
+            if step.observation is None or not domain.behaviors[e].modalities:
+                continue
+            r = self.order[o, e, used[o, e] % self.order.shape[2]]
+            used[o, e] += 1
+            gathered[o, e, r] = True
+            labels[o, e, r, columns] = values
+        if self.memory:
+            labels[o, gathered[o]] = known[o]
+        return replace(
+            self, used=used, labels=labels, gathered=gathered, told=known, attempts=attempts
+        )
+
+    def supply(self, object_index: int) -> list[list[int]]:
+        """List the recordings of an object that come next, (E,) lists, the next one last."""
+        rows = zip(self.order[object_index], self.used[object_index], strict=True)
+        return [np.roll(order, -used)[::-1].tolist() for order, used in rows]
+
+    def evidence(self) -> NDArray[np.int64]:
+        """Count the labelled instances of attribute and behavior, (P,E): delta x IE of Eq. 10."""
+        return np.asarray((self.labels >= 0).sum(axis=(0, 2)).T)
+
+    def training_set(self) -> TrainingSet:
+        """Give D."""
+        row = np.argwhere((self.labels >= 0).any(axis=-1))
+        o, e, r = row.T.astype(np.int32)
+        return TrainingSet(o, e, r, self.labels[o, e, r])
+
+    def labels_known(self) -> NDArray[np.int8]:
+        """Labels of the objects that D holds, (O,P); -1 where nothing was told."""
+        return freeze(self.labels.max(axis=(1, 2)), np.int8)

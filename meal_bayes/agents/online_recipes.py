@@ -1,0 +1,44 @@
+"""The named agents that learn while they work: the paper's (Sect. 7.3) and ours. No logic."""
+
+from dataclasses import replace
+
+from meal_bayes.agents.morc_itrs import OnlineAgent
+from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.domain import Domain, Query, unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.planners import Factored, OpenLoop, Solver
+
+_EXACT = 2  # attributes up to which the paper's problem is solved to the optimum, many times
+
+
+def _paper(domain: Domain, query: Query) -> Solver:
+    return Factored(points=2_000) if len(query) <= _EXACT else OpenLoop()
+
+
+def _open_loop(domain: Domain, query: Query) -> Solver:
+    return OpenLoop()
+
+
+_LEGAL = AGENTS["random_legal"]
+_MORC = replace(AGENTS["morc"], solver=_paper)
+_BAYES = replace(AGENTS["bayes"], solver=_open_loop)  # the tree search takes too long for thousands
+_CURIOUS = replace(_BAYES, base_rates=False)  # base rates and few data report at once, never learn
+
+ONLINE_AGENTS = {
+    agent.name: agent
+    for agent in (
+        OnlineAgent("iterative_random_legal", _LEGAL, _LEGAL),
+        OnlineAgent("iterative_morc", _MORC, _MORC),
+        OnlineAgent("morc_itrs", _MORC, _MORC, curiosity="itrs"),
+        OnlineAgent("morc_itrs_auto", _MORC, _MORC, curiosity="auto"),
+        OnlineAgent("bayes", _BAYES, _BAYES, curiosity="information"),
+        OnlineAgent("bayes_memory", _BAYES, _BAYES, curiosity="information", memory=True),
+    )
+}
+
+
+def load_online_agent(name: str) -> OnlineAgent:
+    """Look an agent up; `SettingsError` with the nearest names where there is none."""
+    if name not in ONLINE_AGENTS:
+        raise SettingsError(unknown("online agent", name, ONLINE_AGENTS))
+    return ONLINE_AGENTS[name]

@@ -1,0 +1,245 @@
+"""`meal-bayes run online`: robots that learn while they work."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from meal_bayes.cli.options import dataset_option, json_option, logs_option, seed_option
+from meal_bayes.cli.screen import note, output, prepare_planner, progress, signs_of
+from meal_bayes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from meal_bayes.evaluation import LearningRow, LearningSummary
+    from meal_bayes.experiments import OnlineConfig, OnlineRun
+
+AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory"
+
+
+@click.command(short_help="Agents learn while they work, tested after every batch.")
+@dataset_option
+@click.option(
+    "--attributes", type=int, default=1, show_default=True, metavar="N", help="Asked at a time."
+)
+@click.option(
+    "--agent", "agents", multiple=True, metavar="NAME",
+    help=f"{AGENTS}; may be repeated, or a comma list. "
+    "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
+)  # fmt: skip
+@click.option("--batches", type=int, default=10, show_default=True, metavar="B", help="Refits.")
+@click.option(
+    "--trials", type=int, default=40, show_default=True, metavar="T", help="Of training, a batch."
+)
+@click.option(
+    "--repeats", type=int, default=1, show_default=True, metavar="R",
+    help="Runs on other splits of the objects.",
+)  # fmt: skip
+@click.option(
+    "--split", default="33/33/34", show_default=True, metavar="A/B/C",
+    help="Shares of objects known before, met in training, and tested on.",
+)  # fmt: skip
+@click.option("--alpha", type=float, metavar="A", help="Of morc_itrs, s a bit; 6 by default.")
+@click.option("--beta", type=float, metavar="B", help="Of morc_itrs, s; 30 by default.")
+@click.option(
+    "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
+    help="Is the robot told right or wrong, or every attribute?",
+)  # fmt: skip
+@click.option(
+    "--error", type=click.FloatRange(0, 1, max_open=True), default=0.0, show_default=True,
+    help="Share of what a person tells that is wrong.",
+)  # fmt: skip
+@click.option(
+    "--success", multiple=True, metavar="BEHAVIOR=P",
+    help="How often a behavior of the robot's body succeeds; the data set's by default.",
+)  # fmt: skip
+@click.option("--learn-success", is_flag=True, help="Let agents learn how often behaviors succeed.")
+@click.option(
+    "--published", metavar="NAMES",
+    help="Do as the authors' code: all, or a comma list of shaped_test, sample_wise, joint_label, "
+    "model_percepts.",
+)  # fmt: skip
+@seed_option()
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@click.option(
+    "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
+)
+@click.option(
+    "--log", type=click.Choice(["all", "train"]), default="all", show_default=True,
+    help="Trials that are logged whole; of the others only what measures need is kept.",
+)  # fmt: skip
+@logs_option
+@click.option("--fresh", is_flag=True, help="Run again what is there already.")
+@json_option
+def online(
+    dataset: str,
+    attributes: int,
+    agents: tuple[str, ...],
+    batches: int,
+    trials: int,
+    repeats: int,
+    split: str,
+    alpha: float | None,
+    beta: float | None,
+    feedback: str,
+    error: float,
+    success: tuple[str, ...],
+    learn_success: bool,
+    published: str | None,
+    seed: int,
+    jobs: int,
+    cluster: str | None,
+    log: str,
+    logs: Path,
+    fresh: bool,
+    as_json: bool,
+) -> None:
+    """Let agents answer questions, learn from whether they were right, and be tested in between.
+
+    Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
+    interrupted goes on where it stopped when the same command is given again.
+    """
+    from meal_bayes.experiments import OnlineConfig
+
+    named = tuple(name.strip() for text in agents for name in text.split(","))
+    config = OnlineConfig(
+        dataset=dataset,
+        attributes=attributes,
+        **({"agents": named} if named else {}),  # type: ignore[arg-type]
+        batches=batches,
+        trials=trials,
+        repeats=repeats,
+        seed=seed,
+        split=_shares(split),
+        alpha=alpha,
+        beta=beta,
+        answers=feedback,
+        error=error,
+        success=tuple(map(_probability, success)),
+        learn_success=learn_success,
+        published=_variants(published),
+        log=log,
+    )
+    finished = _run(config, logs, jobs, cluster, fresh=fresh)
+    from meal_bayes.evaluation import learning_rows, summarize_learning
+
+    results = list(finished.results())
+    rows, summary = learning_rows(results), summarize_learning(results)
+    if as_json:
+        facts = {
+            "config": config.as_dict(),
+            "rows": [row.as_dict() for row in rows],
+            "summary": [row.as_dict() for row in summary],
+            "log": str(finished.folder),
+        }
+        click.echo(json.dumps(facts, allow_nan=False))
+        return
+    _print(output(), rows, summary)
+    note(f"trials in {finished.folder}; learning curves: meal-bayes report {finished.folder}")
+
+
+def _run(
+    config: "OnlineConfig", logs: Path, jobs: int, cluster: str | None, *, fresh: bool
+) -> "OnlineRun":
+    from meal_bayes.experiments import run_online
+
+    prepare_planner()
+    done = total = 0
+
+    def advance(so_far: int, in_all: int) -> None:
+        nonlocal done, total
+        if not total and so_far:
+            note(f"{so_far} of {in_all} batches are there already")
+        done, total = so_far, in_all
+        bar(so_far, in_all)
+
+    try:
+        with progress("batches", "batches") as bar:
+            return run_online(
+                config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            )
+    except KeyboardInterrupt:
+        note("interrupted: whole batches are kept; the same command goes on from there")
+        raise
+
+
+def _shares(text: str) -> tuple[int, int, int]:
+    parts = text.split("/")
+    if len(parts) != 3 or not all(part.strip().isdigit() for part in parts):  # noqa: PLR2004
+        raise SettingsError(f"split is {text!r}; give three whole numbers, such as 33/33/34.")
+    first, second, third = map(int, parts)
+    return first, second, third
+
+
+def _probability(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError as fault:
+        raise SettingsError(f"success is {text!r}; give it as grasp=0.5.") from fault
+
+
+def _variants(text: str | None) -> tuple[str, ...]:
+    from meal_bayes.agents import PUBLISHED
+
+    if text is None:
+        return ()
+    return PUBLISHED if text == "all" else tuple(name.strip() for name in text.split(","))
+
+
+def _print(
+    console: Console, rows: "Iterable[LearningRow]", summary: "list[LearningSummary]"
+) -> None:
+    spread = signs_of(console).spread
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("agent", no_wrap=True)
+    for name in ("explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE"):
+        table.add_column(name, justify="right", no_wrap=True)
+    by_agent: dict[str, list[LearningRow]] = {}
+    for row in rows:
+        by_agent.setdefault(row.agent, []).append(row)
+    for one in summary:
+        own = by_agent[one.agent]
+        last = max(row.batch for row in own)
+        end = [row for row in own if row.batch == last]
+        table.add_row(
+            one.agent,
+            f"{one.exploration_hours:.1f}",
+            f"{one.accuracy:.3f}",
+            f"{_mean(row.claimed_accuracy for row in end):.3f}",
+            f"{_mean(row.test_cost_s for row in end):.1f}",
+            f"{one.reward:.1f}",
+            f"{one.pooled_ece:.3f}",
+        )
+    console.print(table)
+    console.print(
+        Text(
+            f"{summary[0].repeats} repeats; accuracy and ECE of the last three batches, the rest "
+            "after the last",
+            "dim",
+        )
+    )
+    against = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    against.add_column("against iterative_morc", no_wrap=True)
+    for name in ("hours ratio (90 %)", "accuracy", "reward"):
+        against.add_column(name, justify="right", no_wrap=True)
+    for one in summary:
+        if one.hours_ratio == one.hours_ratio:  # not nan
+            against.add_row(
+                one.agent,
+                f"{one.hours_ratio:.2f} ({one.hours_ratio_low:.2f} to {one.hours_ratio_high:.2f})",
+                f"{one.accuracy_difference:+.3f} {spread}{one.accuracy_difference_se:.3f}",
+                f"{one.reward_difference:+.1f} {spread}{one.reward_difference_se:.1f}",
+            )
+    if against.row_count:
+        console.print()
+        console.print(against)
+
+
+def _mean(values: Iterable[float]) -> float:
+    every = list(values)
+    return sum(every) / len(every)

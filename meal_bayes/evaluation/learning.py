@@ -1,0 +1,227 @@
+"""Learning curves: how right, after how many hours of exploration (Sect. 7.3).
+
+The hours that an agent needs are read off mean curves made monotone, as noisy curves cross a level
+many times; what the repeats leave open is told by drawing whole repeats again.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation.calibration import (
+    calibration_error,
+    expected_calibration_error,
+    negative_log_likelihood,
+)
+from meal_bayes.evaluation.statistics import bootstrap_interval, clustered_se
+from meal_bayes.seeds import stream
+from meal_bayes.trial_log import BatchMarks
+
+Array = NDArray[np.float64]
+
+REFERENCE = "iterative_morc"
+_LAST = 3  # batches whose mean accuracy is the level to reach, and whose beliefs are pooled
+_MASS = 0.9  # of the interval of an hours ratio
+_SOON = 1e-3  # h; a level that is there before any training counts as reached after this
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class LearningRow:
+    """Test trials of one agent after one batch of one repeat; nan where undefined."""
+
+    agent: str
+    batch: int
+    repeat: int
+    exploration_hours: float
+    accuracy: float  # Eq. 5
+    accuracy_se: float  # objects drawn as wholes
+    test_cost_s: float
+    reward: float  # unshaped
+    nll: float  # of the final belief, nats
+    ece: float  # of few hundred cases: biased up, see `pooled_ece`
+    claimed_accuracy: float  # mean of the agent's own Pr(its report is right)
+
+    def as_dict(self) -> dict[str, str | int | float | None]:
+        """Give the measures by name, None for nan, as JSON wants it."""
+        return _plain(dataclasses.asdict(self))
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class LearningSummary:
+    """An agent beside the reference, over the repeats they share; nan where undefined."""
+
+    agent: str
+    repeats: int
+    exploration_hours: float  # after the last batch
+    accuracy: float  # mean of the last three batches
+    reward: float  # after the last batch
+    pooled_ece: float  # of the last three batches and all repeats
+    ece_calibrated: float  # what calibrated beliefs of the same values would show
+    hours_ratio: float  # the reference's hours to its own accuracy over the agent's; 0: never
+    hours_ratio_low: float
+    hours_ratio_high: float
+    accuracy_difference: float  # agent - reference
+    accuracy_difference_se: float
+    reward_difference: float
+    reward_difference_se: float
+
+    def as_dict(self) -> dict[str, str | int | float | None]:
+        """Give the measures by name, None for nan, as JSON wants it."""
+        return _plain(dataclasses.asdict(self))
+
+
+class Curves(NamedTuple):
+    """Curves of one agent, S repeats and B batches."""
+
+    repeats: tuple[int, ...]
+    hours: Array  # (S,B)
+    accuracy: Array  # (S,B)
+    reward: Array  # (S,B)
+
+
+def learning_rows(results: Iterable[BatchMarks]) -> list[LearningRow]:
+    """Measure every batch of test trials."""
+    return [_row(result) for result in results]
+
+
+def curves_of(results: Iterable[BatchMarks], agent: str) -> Curves:
+    """Collect the curves of an agent.
+
+    Raises
+    ------
+    SettingsError : no results of this agent, or repeats of different length.
+    """
+    mine = sorted((r for r in results if r.agent == agent), key=lambda r: (r.repeat, r.batch))
+    repeats = tuple(dict.fromkeys(result.repeat for result in mine))
+    if not mine or len(mine) % len(repeats):
+        raise SettingsError(f"No whole learning curve of {agent!r}; run it, or wait for its end.")
+    shape = (len(repeats), -1)
+    hours = np.array([result.hours for result in mine]).reshape(shape)
+    accuracy = np.array([result.marks.success.mean() for result in mine]).reshape(shape)
+    reward = np.array([result.marks.reward.mean() for result in mine]).reshape(shape)
+    return Curves(repeats, hours, accuracy, reward)
+
+
+def summarize_learning(
+    results: Sequence[BatchMarks], *, reference: str = REFERENCE
+) -> list[LearningSummary]:
+    """Compare every agent with the reference; without it, differences and ratios are nan."""
+    agents = dict.fromkeys(result.agent for result in results)
+    base = curves_of(results, reference) if reference in agents else None
+    return [_summary(results, agent, base) for agent in agents]
+
+
+def hours_to(hours: Array, accuracy: Array, level: float) -> float:
+    """Hours at which a mean curve, made monotone, reaches a level; inf where it never does.
+
+    >>> hours_to(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.9, 0.7]), 0.65)
+    0.5
+    """
+    rising = isotonic_regression(accuracy).x
+    reached = np.flatnonzero(rising >= level - 1e-12)
+    if not len(reached):
+        return math.inf
+    i = int(reached[0])
+    if i == 0:
+        return float(hours[0])
+    share = (level - rising[i - 1]) / (rising[i] - rising[i - 1])
+    return float(hours[i - 1] + share * (hours[i] - hours[i - 1]))
+
+
+def pooled_ece(results: Iterable[BatchMarks], *, last: int = _LAST) -> tuple[float, float]:
+    """Give the expected calibration error over all repeats of one agent's last batches.
+
+    Returns
+    -------
+    The error, and what calibrated beliefs of the same values would show.
+    """
+    every = list(results)
+    end = max(result.batch for result in every)
+    chosen = [result.marks for result in every if result.batch > end - last]
+    positive = np.concatenate([marks.positive.ravel() for marks in chosen])
+    truth = np.concatenate([marks.truth.ravel() for marks in chosen])
+    rng = stream(0, "calibrated belief")
+    return calibration_error(positive, truth), expected_calibration_error(positive, rng, draws=20)
+
+
+def _row(result: BatchMarks) -> LearningRow:
+    marks = result.marks
+    positive, truth = marks.positive.ravel(), marks.truth.ravel()
+    return LearningRow(
+        agent=result.agent,
+        batch=result.batch,
+        repeat=result.repeat,
+        exploration_hours=result.hours,
+        accuracy=float(marks.success.mean()),
+        accuracy_se=clustered_se(marks.success.astype(float), marks.object_index),
+        test_cost_s=float(marks.cost.mean()),
+        reward=float(marks.reward.mean()),
+        nll=float(negative_log_likelihood(positive, truth).mean()),
+        ece=calibration_error(positive, truth),
+        claimed_accuracy=float(marks.claimed.mean()),
+    )
+
+
+def _summary(results: Sequence[BatchMarks], agent: str, base: Curves | None) -> LearningSummary:
+    own = curves_of(results, agent)
+    ece, calibrated = pooled_ece(result for result in results if result.agent == agent)
+    ratio = low = high = math.nan
+    accuracy = reward = (math.nan, math.nan)
+    if base is not None:
+        shared = sorted(set(own.repeats) & set(base.repeats))
+        first = _of(own, shared)
+        second = _of(base, shared)
+        both = np.stack([first.hours, first.accuracy, second.hours, second.accuracy], axis=1)
+        rng = stream(0, "hours ratio", agent)
+        found = bootstrap_interval(both, shared, rng, statistic=_ratio, draws=1000, mass=_MASS)
+        ratio, low, high = found.estimate, found.low, found.high
+        last = slice(-_LAST, None)
+        accuracy = _paired(first.accuracy[:, last].mean(1) - second.accuracy[:, last].mean(1))
+        reward = _paired(first.reward[:, -1] - second.reward[:, -1])
+    return LearningSummary(
+        agent=agent,
+        repeats=len(own.repeats),
+        exploration_hours=float(own.hours[:, -1].mean()),
+        accuracy=float(own.accuracy[:, -_LAST:].mean()),
+        reward=float(own.reward[:, -1].mean()),
+        pooled_ece=ece,
+        ece_calibrated=calibrated,
+        hours_ratio=ratio,
+        hours_ratio_low=low,
+        hours_ratio_high=high,
+        accuracy_difference=accuracy[0],
+        accuracy_difference_se=accuracy[1],
+        reward_difference=reward[0],
+        reward_difference_se=reward[1],
+    )
+
+
+def _of(curves: Curves, repeats: Sequence[int]) -> Curves:
+    rows = [curves.repeats.index(repeat) for repeat in repeats]
+    return Curves(tuple(repeats), *(part[rows] for part in curves[1:]))
+
+
+def _ratio(both: Array) -> float:
+    """Ratio of hours from (S,4,B): the agent's hours and accuracy, the reference's."""
+    hours, accuracy, base_hours, base_accuracy = both.mean(axis=0)
+    level = float(base_accuracy[-_LAST:].mean())
+    needed = max(hours_to(hours, accuracy, level), _SOON)
+    return 0.0 if math.isinf(needed) else hours_to(base_hours, base_accuracy, level) / needed
+
+
+def _paired(difference: Array) -> tuple[float, float]:
+    n = len(difference)
+    return float(difference.mean()), float(difference.std(ddof=1) / n**0.5) if n > 1 else math.nan
+
+
+def _plain(values: dict[str, str | int | float]) -> dict[str, str | int | float | None]:
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in values.items()
+    }

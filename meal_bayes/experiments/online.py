@@ -1,0 +1,316 @@
+"""ONLINE-MEAL (Sect. 7.3): robots that learn while they work, tested after every batch."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from meal_bayes.agents import (
+    Experience,
+    Feedback,
+    MorcItrs,
+    OnlineAgent,
+    Surroundings,
+    Task,
+    Trial,
+    heard,
+    load_agent,
+    load_online_agent,
+)
+from meal_bayes.datasets import Dataset, load_dataset, load_percepts
+from meal_bayes.domain import Domain, unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.store import Store
+from meal_bayes.experiments.world import Protocol, learnable, restricted
+from meal_bayes.perception import Kernels
+from meal_bayes.seeds import stream
+from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials
+
+_LOGS = ("all", "train")
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineConfig:
+    """Settings of an online run.
+
+    Raises
+    ------
+    SettingsError : what is unknown, named twice, or out of range.
+    """
+
+    dataset: str
+    attributes: int = 1  # N
+    agents: tuple[str, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
+    batches: int = 10
+    trials: int = 40  # training trials a batch
+    repeats: int = 1
+    seed: int = 0
+    first: int = 0  # repeat to begin with: repeats are first .. first + repeats - 1
+    split: tuple[int, int, int] = (33, 33, 34)  # shares of pre, train, test
+    reward: float = 300.0  # r+ = -r-
+    alpha: float | None = None  # of morc_itrs; the recipe's by default
+    beta: float | None = None
+    answers: str = "verdict"  # what a person tells: see `Feedback`
+    error: float = 0.0  # Pr(a person errs)
+    success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
+    learn_success: bool = False  # does the robot learn success probabilities?
+    published: tuple[str, ...] = ()  # what the authors' code does otherwise
+    queries: float | None = None  # about each attribute that curiosity plans for
+    log: str = "all"  # or "train": test trials leave their marks only
+
+    def __post_init__(self) -> None:
+        for name in self.agents:
+            load_online_agent(name)
+            if self.agents.count(name) > 1:
+                raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+        if not self.agents:
+            raise SettingsError("No agent named; name at least one.")
+        for name in ("attributes", "batches", "trials", "repeats"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
+        if self.seed < 0 or self.first < 0:
+            raise SettingsError("seed and first are whole numbers, 0 or more.")
+        if not 0 < self.reward < math.inf:
+            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
+        if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
+            raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
+        if self.log not in _LOGS:
+            raise SettingsError(unknown("log", self.log, _LOGS))
+        Feedback(self.answers, self.error)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for headers and JSON."""
+        lists = {name: list(getattr(self, name)) for name in ("agents", "split", "published")}
+        return {**dataclasses.asdict(self), **lists, "success": [list(p) for p in self.success]}
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineRun:
+    """A finished run."""
+
+    config: OnlineConfig
+    folder: Path
+
+    def results(self) -> Iterator[BatchMarks]:
+        """Give the test results of every agent, repeat and batch, in order."""
+        for agent in self.config.agents:
+            for repeat in _repeats(self.config):
+                unit = _Unit(self.config, agent, repeat, self.folder)
+                cost = 0.0
+                for batch in range(self.config.batches + 1):
+                    if batch:
+                        cost += float(Marks.load(unit.marks(batch, "train")).cost.sum())
+                    yield BatchMarks(
+                        agent, repeat, batch, cost / 3600, Marks.load(unit.marks(batch, "test"))
+                    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Unit:
+    """One agent in one repeat."""
+
+    config: OnlineConfig
+    agent: str
+    repeat: int
+    folder: Path
+
+    def log(self, batch: int, part: str) -> Path:
+        return self.folder / self.agent / f"repeat-{self.repeat:03d}" / f"{batch:02d}-{part}.mcap"
+
+    def marks(self, batch: int, part: str) -> Path:
+        return self.log(batch, part).with_suffix(".marks.csv")
+
+    @property
+    def done(self) -> int:
+        """How many batches are finished."""
+        return sum(self.marks(b, "test").is_file() for b in range(self.config.batches + 1))
+
+
+def run_online(
+    config: OnlineConfig,
+    *,
+    logs: str | Path = "logs",
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> OnlineRun:
+    """Run an online experiment; batches that are already whole are not run again.
+
+    Parameters
+    ----------
+    config : what to run; objects, tasks, failures and recordings are the same for all its agents.
+    logs : folder for the trials; on a cluster, one that all its machines see.
+    jobs : processes.
+    cluster : address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
+    fresh : run again what is there already.
+    on_progress : called with (batches done, batches in all).
+    """
+    if jobs < 1:
+        raise SettingsError(f"jobs is {jobs}; give at least 1.")
+    dataset = _dataset(config.dataset)
+    Protocol.of(
+        dataset, attributes=config.attributes, seed=config.seed, repeat=config.first,
+        shares=config.split,
+    )  # fmt: skip  # or say what is wrong
+    store = Store.of(logs, f"online-{dataset.domain.name}-n{config.attributes}", _shared(config))
+    units = [
+        _Unit(config, agent, repeat, store.folder)
+        for repeat in _repeats(config)
+        for agent in config.agents
+    ]
+    if fresh:
+        for agent in config.agents:
+            Store(store.folder / agent).clear()
+    batches = config.batches + 1
+    total, finished = batches * len(units), {unit: unit.done for unit in units}
+    todo = [unit for unit in units if finished[unit] < batches]
+    done = sum(finished.values())
+    if on_progress is not None:
+        on_progress(done, total)
+    if todo:
+        load_agent("bayes").warm_up()  # once, before every process would
+    for count in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
+        done += count
+        if on_progress is not None:
+            on_progress(done, total)
+    return OnlineRun(config, store.folder)
+
+
+def _repeats(config: OnlineConfig) -> range:
+    return range(config.first, config.first + config.repeats)
+
+
+def _shared(config: OnlineConfig) -> dict[str, object]:
+    """Give what every unit depends on; repeats and agents name its folders."""
+    return {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
+
+
+@lru_cache(maxsize=2)
+def _dataset(name: str) -> Dataset:
+    dataset = load_dataset(name)
+    return restricted(dataset, learnable(load_percepts(dataset.domain.data)))
+
+
+def _run_unit(unit: _Unit) -> int:
+    """Run what a unit has not finished; return how many batches that were."""
+    before = unit.done
+    for _ in _batches(unit):
+        pass
+    return unit.config.batches + 1 - before
+
+
+def _batches(unit: _Unit) -> Iterator[int]:
+    config, agent = unit.config, _recipe(unit.config, unit.agent)
+    dataset = _dataset(config.dataset)
+    protocol = Protocol.of(
+        dataset, attributes=config.attributes, seed=config.seed, repeat=unit.repeat,
+        shares=config.split,
+    )  # fmt: skip
+    rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
+    experience = Experience.none(dataset, rng, memory=agent.memory)
+    experience = experience.pretrain(dataset, protocol.split.pre)
+    world = _surroundings(config, protocol, Kernels.of(dataset, experience.training_set()))
+    tests = protocol.tests()
+    for batch in range(config.batches + 1):
+        train = config.batches > batch and not unit.log(batch + 1, "train").is_file()
+        test = not unit.marks(batch, "test").is_file()
+        learner = None
+        if train or test:
+            learner = MorcItrs.learn(agent, world, experience, config.seed)
+            if test:
+                _write(unit, batch, "test", learner.test, tests, config.log == "all")
+            if train:
+                tasks = protocol.training(batch + 1, config.trials)
+                _write(unit, batch + 1, "train", _Training(learner), tasks, logged=True)
+                experience = learner.experience
+        if not train and batch < config.batches:
+            experience = _replay(unit, batch + 1, world, experience)
+        yield batch
+
+
+def _recipe(config: OnlineConfig, name: str) -> OnlineAgent:
+    agent = load_online_agent(name)
+    alpha = agent.alpha if config.alpha is None else config.alpha
+    beta = agent.beta if config.beta is None else config.beta
+    return dataclasses.replace(agent, alpha=alpha, beta=beta)
+
+
+def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> Surroundings:
+    dataset, split = protocol.dataset, protocol.split
+    queries = config.batches * config.trials * config.attributes / len(dataset.domain.attributes)
+    return Surroundings(
+        dataset=dataset,
+        kernels=kernels,
+        objects=np.concatenate([split.train, split.test]),
+        delta=dataset.recordings * (len(split.pre) + len(split.train)),
+        queries=queries if config.queries is None else config.queries,
+        reward=config.reward,
+        feedback=Feedback(config.answers, config.error),
+        body=_body(dataset.domain, dict(config.success)),
+        learn_success=config.learn_success,
+        published=config.published,
+    )
+
+
+def _body(domain: Domain, success: Mapping[str, float]) -> Domain:
+    """Change how often behaviors succeed."""
+    for name in success:
+        domain.behavior_index(name)  # or say what is wrong
+    effects = tuple(
+        dataclasses.replace(effect, probability=success.get(effect.behavior, effect.probability))
+        for effect in domain.diagram.effects
+    )
+    return dataclasses.replace(domain, diagram=dataclasses.replace(domain.diagram, effects=effects))
+
+
+class _Training:
+    """Runs a training trial and takes it in before the next."""
+
+    def __init__(self, learner: MorcItrs) -> None:
+        self.learner = learner
+
+    def __call__(self, task: Task) -> Trial:
+        trial = self.learner.train(task)
+        self.learner.absorb(trial)
+        return trial
+
+
+def _write(
+    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task],
+    logged: bool,
+) -> None:  # fmt: skip
+    """Run trials, log them, and write their marks last: with those the batch is done."""
+    trials = []
+    path = unit.log(batch, part)
+    if logged:
+        header = {
+            "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent,
+            "repeat": unit.repeat, "batch": batch, "part": part,
+        }  # fmt: skip
+        with TrialWriter(path, header) as log:
+            for task in tasks:
+                start = time.perf_counter()
+                trials.append(run(task))
+                log.write(trials[-1], seconds=time.perf_counter() - start)
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trials = [run(task) for task in tasks]
+    Marks.of(trials, _dataset(unit.config.dataset).domain.attributes).save(unit.marks(batch, part))
+
+
+def _replay(unit: _Unit, batch: int, world: Surroundings, experience: Experience) -> Experience:
+    """Rebuild what a finished batch taught from its log alone."""
+    trials = list(read_trials(unit.log(batch, "train")))
+    for trial in trials:
+        told = heard(world, trial, unit.config.seed)
+        experience = experience.absorb(world.dataset.domain, trial, told)
+    if not unit.marks(batch, "train").is_file():
+        Marks.of(trials, world.dataset.domain.attributes).save(unit.marks(batch, "train"))
+    return experience

@@ -1,0 +1,137 @@
+"""The protocol of ONLINE-MEAL (Sect. 7.3): objects in three parts, tasks, what is asked."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Task
+from meal_bayes.datasets import Dataset, ObjectSplit, PerceptTable
+from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.seeds import stream
+
+ASKED = 10  # attributes of an online run
+_TESTS = 340  # test trials a batch, at most
+_POSITIVES = 3  # of every attribute in every part, where a split has them
+
+
+def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
+    """Choose the attributes that percepts tell best, with enough objects of and without each.
+
+    Enough are three in each of three parts. Told best: by the largest TPR - FPR over behaviors of
+    recorded held-out percepts. What is asked is the protocol's choice; no agent sees why.
+    """
+    truth = table.labels
+    enough = (
+        np.atleast_1d(np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)))
+        >= 3 * _POSITIVES
+    )
+    if enough.sum() < count:
+        raise SettingsError(
+            f"Only {enough.sum()} attributes of {table.domain.name} have {3 * _POSITIVES} objects "
+            f"with and without; {count} are asked."
+        )
+    yes = (table.log_odds > 0).mean(axis=1)  # (O,E,P) share of recordings
+    said = ~np.isnan(table.log_odds).any(axis=1)
+    best = np.full(truth.shape[1], -1.0)
+    for p in np.flatnonzero(enough):
+        rates = [
+            np.where(said[truth[:, p] == v, :, p], yes[truth[:, p] == v, :, p], 0.5).mean(axis=0)
+            for v in (0, 1)
+        ]
+        best[p] = (rates[1] - rates[0]).max()
+    chosen = np.sort(np.argsort(-best, kind="stable")[:count])
+    return tuple(table.domain.attributes[p] for p in chosen)
+
+
+def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
+    """Keep some of the attributes."""
+    if attributes == dataset.domain.attributes:
+        return dataset
+    columns = [dataset.domain.attribute_index(name) for name in attributes]
+    groups = {
+        name: tuple(set(members) & set(attributes))
+        for name, members in dataset.domain.groups.items()
+        if set(members) <= set(attributes)
+    }
+    synonyms = {a: b for a, b in dataset.domain.synonyms.items() if b in attributes}
+    domain = replace(dataset.domain, attributes=attributes, groups=groups, synonyms=synonyms)
+    return Dataset(domain, dataset.objects, dataset.features, dataset.labels[:, columns])
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """The tasks of one repeat, the same for every agent."""
+
+    dataset: Dataset
+    split: ObjectSplit
+    attributes: int  # N
+    seed: int
+    repeat: int
+
+    @classmethod
+    def of(
+        cls,
+        dataset: Dataset,
+        *,
+        attributes: int,
+        seed: int,
+        repeat: int,
+        shares: tuple[int, int, int],
+    ) -> "Protocol":
+        """Split the objects; three of every attribute in each part, or as many as can be."""
+        count = len(dataset.objects)
+        ends = np.round(np.cumsum(shares) / sum(shares) * count).astype(int)
+        sizes = np.diff([0, *ends]).tolist()
+        fault: SettingsError | None = None
+        for minimum in range(_POSITIVES, -1, -1):
+            rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
+            try:
+                split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum, tries=2_000)
+            except SettingsError as found:
+                fault = found
+            else:
+                return cls(dataset, split, attributes, seed, repeat)
+        raise fault or SettingsError("no split")
+
+    def tests(self) -> list[Task]:
+        """Test tasks, the same after every batch: each (object, query) once, 340 at most."""
+        pairs = self._pairs(self.split.test)
+        rng = stream(self.seed, "tests", self.dataset.domain.data, self.attributes, self.repeat)
+        chosen = rng.permutation(len(pairs))[:_TESTS]
+        return [self._task("test", 0, i, pairs[j]) for i, j in enumerate(chosen.tolist())]
+
+    def training(self, batch: int, trials: int) -> list[Task]:
+        """Training tasks of a batch: object and query uniform, as they come to a robot at work."""
+        pairs = self._pairs(self.split.train)
+        data = self.dataset.domain.data
+        rng = stream(self.seed, "training", data, self.attributes, self.repeat, batch)
+        drawn = rng.integers(len(pairs), size=trials).tolist()
+        return [self._task("train", batch, i, pairs[j]) for i, j in enumerate(drawn)]
+
+    def _pairs(self, objects: NDArray[np.intp]) -> list[tuple[int, tuple[str, ...]]]:
+        names, known = self.dataset.domain.attributes, self.dataset.labels >= 0
+        queries = list(itertools.combinations(range(len(names)), self.attributes))
+        return [
+            (o, tuple(names[p] for p in query))
+            for o in objects.tolist()
+            for query in queries
+            if known[o, list(query)].all()
+        ]
+
+    def _task(self, part: str, batch: int, index: int, pair: tuple[int, tuple[str, ...]]) -> Task:
+        o, attributes = pair
+        name = self.dataset.objects[o]
+        key: tuple[str | int, ...] = (
+            self.dataset.domain.data,
+            part,
+            self.repeat,
+            batch,
+            index,
+            name,
+            *attributes,
+        )
+        title = f"{part} {batch:02d} {index:03d} {name}"
+        return Task(title, Query(attributes), o, name, key)

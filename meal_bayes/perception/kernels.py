@@ -1,0 +1,94 @@
+"""Kernels between all recordings of a data set, in spaces laid out once: for many refits.
+
+A robot at work refits its classifiers after every batch. Its feature spaces (means, spreads, kernel
+widths) stay those of the recordings it began with, so the kernels can be computed once for all.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets.percepts import round_log_odds
+from meal_bayes.perception.confusion import ConfusionCounts
+from meal_bayes.perception.cross_validation import fit_behavior
+from meal_bayes.perception.modality import fit_space
+from meal_bayes.perception.recordings import BehaviorRecordings, rows_of
+from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Kernels:
+    """Kernels of every behavior and modality between all n = O R recordings."""
+
+    dataset: Dataset
+    kernel: str
+    grams: Mapping[tuple[str, str], NDArray[np.float32]]  # (n,n)
+
+    @classmethod
+    def of(cls, dataset: Dataset, training_set: TrainingSet, kernel: str = "rbf") -> "Kernels":
+        """Lay the spaces out by the recordings of a training set; its labels play no part.
+
+        A behavior of which it has no recording has no kernels: percepts of it say nothing.
+        """
+        grams = {}
+        n = len(dataset.objects) * dataset.recordings
+        for behavior, modality in dataset.features:
+            rows = training_set.behavior == dataset.domain.behavior_index(behavior)
+            if rows.any():
+                values = dataset.features[behavior, modality]
+                known = values[training_set.object[rows], training_set.recording[rows]]
+                space = fit_space(known, kernel).over(values.reshape(n, -1))
+                grams[behavior, modality] = space.gram().astype(np.float32)
+        return cls(dataset, kernel, grams)
+
+    def between(
+        self, behavior: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Kernels of a behavior's modalities between some recordings and others, (M,r,c)."""
+        parts = [gram for (name, _), gram in self.grams.items() if name == behavior]
+        return np.stack([gram[np.ix_(rows, columns)] for gram in parts]).astype(np.float64)
+
+
+def fit_and_score(
+    kernels: Kernels,
+    training_set: TrainingSet,
+    objects: NDArray[np.intp],
+    *,
+    settings: PerceptionSettings = DEFAULT,
+) -> tuple[NDArray[np.float16], ConfusionCounts]:
+    """Fit Psi on a training set, and score all recordings of some objects.
+
+    Returns
+    -------
+    log_odds : (O,R,E,P) of the objects' recordings; NaN of everything else.
+    counts : what such percepts said of training objects they never saw (see `cross_validate`).
+    """
+    dataset, domain = kernels.dataset, kernels.dataset.domain
+    shape = (len(dataset.objects), len(domain.attributes), len(domain.behaviors))
+    counts = np.zeros((*shape, 2, settings.levels), np.int64)
+    log_odds = np.full((shape[0], dataset.recordings, shape[2], shape[1]), np.nan, np.float16)
+    every = np.arange(dataset.recordings)
+    scored = (np.asarray(objects)[:, None] * dataset.recordings + every).ravel()
+    for e, behavior in enumerate(domain.behaviors):
+        if not behavior.modalities:
+            continue
+        log_odds[objects, :, e] = 0.0
+        rows = rows_of(dataset, training_set, behavior.name)
+        if not len(rows) or (behavior.name, behavior.modalities[0]) not in kernels.grams:
+            continue
+        names = training_set.object[rows].astype(np.int64)
+        place = names * dataset.recordings + training_set.recording[rows]
+        recordings = BehaviorRecordings(
+            names, training_set.labels[rows], kernels.between(behavior.name, place, place)
+        )
+        fit, believed, own = fit_behavior(recordings, settings, len(dataset.objects))
+        counts[:, :, e] = own.counts[:, :, 0]
+        across = kernels.between(behavior.name, scored, place)  # (M,r,n)
+        decisions = across @ fit.dual.transpose(0, 2, 1) + fit.bias[:, None]
+        pooled = fit.pool.log_odds(decisions.transpose(1, 0, 2))
+        outputs = round_log_odds(np.where(believed, pooled, 0.0))
+        log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
+    return log_odds, ConfusionCounts(counts)
