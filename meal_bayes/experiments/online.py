@@ -23,11 +23,12 @@ from meal_bayes.agents import (
     load_online_agent,
 )
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
+from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import Store
-from meal_bayes.experiments.world import Protocol, learnable, restricted
+from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials
@@ -44,8 +45,9 @@ class OnlineConfig:
     SettingsError : what is unknown, named twice, or out of range.
     """
 
-    dataset: str
+    dataset: str  # a shipped domain, or the path of one's own (TOML)
     attributes: int = 1  # N
+    root: str | None = None  # folder of the recordings; of public ones, found or downloaded
     agents: tuple[str, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
     batches: int = 10
     trials: int = 40  # training trials a batch
@@ -154,7 +156,7 @@ def run_online(
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
-    dataset = _dataset(config.dataset)
+    dataset = _dataset(config)
     Protocol.of(
         dataset, attributes=config.attributes, seed=config.seed, repeat=config.first,
         shares=config.split,
@@ -192,9 +194,15 @@ def _shared(config: OnlineConfig) -> dict[str, object]:
     return {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
 
 
+def _dataset(config: OnlineConfig) -> Dataset:
+    return _loaded(config.dataset, config.root)
+
+
 @lru_cache(maxsize=2)
-def _dataset(name: str) -> Dataset:
-    dataset = load_dataset(name)
+def _loaded(name: str, root: str | None) -> Dataset:
+    dataset = load_dataset(name, root=root)
+    if dataset.domain.data not in SOURCES or len(dataset.domain.attributes) <= ASKED:
+        return dataset
     return restricted(dataset, learnable(load_percepts(dataset.domain.data)))
 
 
@@ -208,7 +216,7 @@ def _run_unit(unit: _Unit) -> int:
 
 def _batches(unit: _Unit) -> Iterator[int]:
     config, agent = unit.config, _recipe(unit.config, unit.agent)
-    dataset = _dataset(config.dataset)
+    dataset = _dataset(config)
     protocol = Protocol.of(
         dataset, attributes=config.attributes, seed=config.seed, repeat=unit.repeat,
         shares=config.split,
@@ -302,7 +310,7 @@ def _write(
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         trials = [run(task) for task in tasks]
-    Marks.of(trials, _dataset(unit.config.dataset).domain.attributes).save(unit.marks(batch, part))
+    Marks.of(trials, _dataset(unit.config).domain.attributes).save(unit.marks(batch, part))
 
 
 def _replay(unit: _Unit, batch: int, world: Surroundings, experience: Experience) -> Experience:

@@ -1,6 +1,7 @@
 """Many tasks at once: joblib's processes here, or the workers of a Dask cluster."""
 
 from collections.abc import Callable, Iterable, Iterator
+from importlib import import_module
 from typing import TypeVar
 
 from joblib import Parallel, delayed
@@ -49,13 +50,13 @@ def _on_cluster(
     function: Callable[[Work], Result], work: Iterable[Work], address: str
 ) -> Iterator[Result]:
     try:
-        from dask.distributed import Client, as_completed  # noqa: PLC0415  an extra
+        dask = import_module("dask.distributed")  # an extra
     except ImportError as fault:
         raise SettingsError(
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
     try:
-        client = Client(address, timeout=_PATIENCE)
+        client = dask.Client(address, timeout=_PATIENCE)
     except (OSError, ValueError) as fault:
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
@@ -63,6 +64,6 @@ def _on_cluster(
         ) from fault
     with client:
         futures = [client.submit(function, piece, pure=False, retries=3) for piece in work]
-        for future in as_completed(futures):
+        for future in dask.as_completed(futures):
             yield future.result()
             future.release()

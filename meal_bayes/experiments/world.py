@@ -34,7 +34,7 @@ def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
             f"with and without; {count} are asked."
         )
     yes = (table.log_odds > 0).mean(axis=1)  # (O,E,P) share of recordings
-    said = ~np.isnan(table.log_odds).any(axis=1)
+    said: NDArray[np.bool_] = np.asarray(~np.isnan(table.log_odds).any(axis=1))
     best = np.full(truth.shape[1], -1.0)
     for p in np.flatnonzero(enough):
         rates = [
