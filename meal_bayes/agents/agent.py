@@ -11,6 +11,8 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, build_momdp
 from meal_bayes.planners import Policy, Solver, compile_kernels
 
+TRUST = 0.99  # Pr(what a person told is right)
+
 
 @dataclass(frozen=True, slots=True)
 class Agent:
@@ -39,9 +41,10 @@ class Agent:
         *,
         limit: float = np.inf,
         reward: float | None = None,
+        told: NDArray[np.int8] | None = None,
     ) -> tuple[MOMDP, Policy]:
         """Build the query's MOMDP and solve it (Alg. 1, l. 1-5); see `model`."""
-        momdp = self.model(query, knowledge, limit=limit, reward=reward)
+        momdp = self.model(query, knowledge, limit=limit, reward=reward, told=told)
         return momdp, self.solver(knowledge.domain, query).solve(momdp, rng)
 
     def model(
@@ -52,7 +55,7 @@ class Agent:
         limit: float = np.inf,
         reward: float | None = None,
         told: NDArray[np.int8] | None = None,
-        trust: float = 1.0,
+        trust: float = TRUST,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
 

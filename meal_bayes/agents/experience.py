@@ -149,6 +149,7 @@ class Experience:
         o, e, r = row.T.astype(np.int32)
         return TrainingSet(o, e, r, self.labels[o, e, r])
 
-    def labels_known(self) -> NDArray[np.int8]:
-        """Labels of the objects that D holds, (O,P); -1 where nothing was told."""
-        return freeze(self.labels.max(axis=(1, 2)), np.int8)
+    def recordings(self) -> TrainingSet:
+        """Give all recordings gathered, labelled or not."""
+        o, e, r = np.argwhere(self.gathered).T.astype(np.int32)
+        return TrainingSet(o, e, r, self.labels[o, e, r])

@@ -1,7 +1,7 @@
 """Algorithm 1, MORC: from a query to a report, for an object left out of everything learned."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,18 @@ class Morc:
     seed: int
     percepts: str = "recorded"
     reward: float | None = None  # r+ = -r-, the domain's by default
+    told: NDArray[np.int8] | None = None  # (O,P) what people told of objects met before; -1 nothing
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
     _policies: dict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
+        if (
+            self.told is not None
+        ):  # an object that nobody had labelled teaches of others from now on
+            labels = np.where(self.table.labels < 0, self.told, self.table.labels)
+            self.table = replace(self.table, labels=labels)
 
     def run(self, task: Task, *, on_step: Callable[[Step], None] | None = None) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
@@ -64,9 +70,15 @@ class Morc:
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
             limit = float(self.table.recordings) if self.percepts == "recorded" else np.inf
+            columns = [self.table.domain.attribute_index(name) for name in key[1]]
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
-                task.query, self.knowledge(task.object_index), rng, limit=limit, reward=self.reward
+                task.query,
+                self.knowledge(task.object_index),
+                rng,
+                limit=limit,
+                reward=self.reward,
+                told=None if self.told is None else self.told[task.object_index, columns],
             )
         return self._policies[key]
 

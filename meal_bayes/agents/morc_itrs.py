@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.agent import TRUST, Agent
 from meal_bayes.agents.curiosity import chosen_weights, exploration_bonus, information_value
 from meal_bayes.agents.experience import Experience, Feedback
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
@@ -44,6 +44,7 @@ class OnlineAgent:
     alpha: float = 6.0  # the published code's
     beta: float = 30.0
     memory: bool = False  # does it know objects again?
+    whiten: bool = False  # does it learn, from repeats, which differences say nothing of an object?
 
     def __post_init__(self) -> None:
         known = ("none", "itrs", "auto", "information")
@@ -99,14 +100,17 @@ class MorcItrs:
         dataset, levels = world.dataset, agent.test.levels
         by_object = "sample_wise" not in world.published
         settings = PerceptionSettings(levels=levels, by_object=by_object)
+        kernels = world.kernels
+        if agent.whiten:
+            kernels = Kernels.of(dataset, experience.recordings(), whiten=True)
         outputs, counts = fit_and_score(
-            world.kernels, experience.training_set(), world.objects, settings=settings
+            kernels, experience.training_set(), world.objects, settings=settings
         )
         domain = dataset.domain
         if world.learn_success:
             domain = with_success(domain, experience.attempts)
         knowledge = knowledge_of(
-            domain, counts, experience.labels_known(), object_level=agent.test.object_level
+            domain, counts, experience.told, object_level=agent.test.object_level
         )
         percepts: Perceiver
         if "model_percepts" in world.published:
@@ -186,7 +190,7 @@ class MorcItrs:
             limit=np.inf if forever else self._recordings,
             reward=self.world.reward,
             told=told,
-            trust=1.0 - self.world.feedback.error,
+            trust=min(TRUST, 1.0 - self.world.feedback.error),
         )
 
     def _shaped(self, momdp: MOMDP, task: Task) -> MOMDP:

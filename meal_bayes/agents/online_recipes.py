@@ -22,7 +22,6 @@ def _open_loop(domain: Domain, query: Query) -> Solver:
 _LEGAL = AGENTS["random_legal"]
 _MORC = replace(AGENTS["morc"], solver=_paper)
 _BAYES = replace(AGENTS["bayes"], solver=_open_loop)  # the tree search takes too long for thousands
-_CURIOUS = replace(_BAYES, base_rates=False)  # base rates and few data report at once, never learn
 
 ONLINE_AGENTS = {
     agent.name: agent
@@ -31,8 +30,10 @@ ONLINE_AGENTS = {
         OnlineAgent("iterative_morc", _MORC, _MORC),
         OnlineAgent("morc_itrs", _MORC, _MORC, curiosity="itrs"),
         OnlineAgent("morc_itrs_auto", _MORC, _MORC, curiosity="auto"),
-        OnlineAgent("bayes", _BAYES, _BAYES, curiosity="information"),
-        OnlineAgent("bayes_memory", _BAYES, _BAYES, curiosity="information", memory=True),
+        OnlineAgent("bayes", _BAYES, _BAYES, curiosity="information", whiten=True),
+        OnlineAgent(
+            "bayes_memory", _BAYES, _BAYES, curiosity="information", memory=True, whiten=True
+        ),
     )
 }
 

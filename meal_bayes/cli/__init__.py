@@ -11,6 +11,7 @@ from meal_bayes.cli.data import data
 from meal_bayes.cli.demo import demo
 from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log
+from meal_bayes.cli.memory import memory
 from meal_bayes.cli.online import online
 from meal_bayes.cli.posterior import posterior
 from meal_bayes.cli.program import Program
@@ -31,7 +32,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 
 @click.group(
     cls=Program,
-    commands=[demo, ask, run, view, report, posterior, data, log, export],
+    commands=[demo, ask, memory, run, view, report, posterior, data, log, export],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
 )

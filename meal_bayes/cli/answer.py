@@ -12,6 +12,7 @@ from meal_bayes.cli.screen import prepare_planner
 from meal_bayes.cli.story import Story
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
     from rich.console import Console
 
@@ -28,6 +29,7 @@ def answer(
     logs: Path,
     config: Mapping[str, object],
     console: "Console | None" = None,
+    told: "NDArray[np.int8] | None" = None,
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task and log it under a name that its config tells.
 
@@ -35,6 +37,7 @@ def answer(
     ----------
     config : goes into the log's header; its "command" begins the log's name.
     console : where the trial is told as it happens.
+    told : (O,P) what people told of objects before; -1 nothing.
     """
     from meal_bayes.agents import Morc, load_agent
     from meal_bayes.trial_log import TrialWriter
@@ -43,11 +46,12 @@ def answer(
     if recipe.searches:
         prepare_planner()
     start = time.perf_counter()
-    morc = Morc(table, recipe, seed)
+    morc = Morc(table, recipe, seed, told=told)
     story = None if console is None else Story(console, task, morc.prepare(task)[0])
     trial = morc.run(task, on_step=None if story is None else story.step)
     path = logs / f"{_file_name(config, task.object_name)}.mcap"
-    with TrialWriter(path, {"config": dict(config), "seed": seed}) as log:
+    header = {"config": dict(config), "seed": seed, "data": table.domain.data}
+    with TrialWriter(path, header) as log:
         log.write(trial, seconds=time.perf_counter() - start)
     if story is not None:
         story.end(trial)

@@ -28,19 +28,32 @@ class Kernels:
     grams: Mapping[tuple[str, str], NDArray[np.float32]]  # (n,n)
 
     @classmethod
-    def of(cls, dataset: Dataset, training_set: TrainingSet, kernel: str = "rbf") -> "Kernels":
-        """Lay the spaces out by the recordings of a training set; its labels play no part.
+    def of(
+        cls,
+        dataset: Dataset,
+        gathered: TrainingSet,
+        *,
+        kernel: str = "rbf",
+        whiten: bool = False,
+    ) -> "Kernels":
+        """Lay the spaces out by the recordings that a robot has; labels play no part.
 
         A behavior of which it has no recording has no kernels: percepts of it say nothing.
+
+        Parameters
+        ----------
+        gathered : the recordings.
+        whiten : let directions in which repeats of one object differ count for less.
         """
         grams = {}
         n = len(dataset.objects) * dataset.recordings
         for behavior, modality in dataset.features:
-            rows = training_set.behavior == dataset.domain.behavior_index(behavior)
+            rows = gathered.behavior == dataset.domain.behavior_index(behavior)
             if rows.any():
-                values = dataset.features[behavior, modality]
-                known = values[training_set.object[rows], training_set.recording[rows]]
-                space = fit_space(known, kernel).over(values.reshape(n, -1))
+                values, objects = dataset.features[behavior, modality], gathered.object[rows]
+                known = values[objects, gathered.recording[rows]]
+                space = fit_space(known, kernel, objects if whiten else None)
+                space = space.over(values.reshape(n, -1))
                 grams[behavior, modality] = space.gram().astype(np.float32)
         return cls(dataset, kernel, grams)
 

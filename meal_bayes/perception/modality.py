@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 
 _FAR = 5.0  # standard deviations; features beyond are drawn in
+_WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
 _CONSTANT = 1e-9  # relative spread below which a feature says nothing
 
 
@@ -16,7 +17,8 @@ class FeatureSpace:
     """Standardized recordings and the kernel between them; labels play no part.
 
     Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
-    standardized and clipped at 5 standard deviations; constant ones are dropped.
+    standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
+    objects are known, directions in which they differ count for less (within-object whitening).
     """
 
     kept: NDArray[np.int64]  # (d,) features that vary
@@ -25,6 +27,7 @@ class FeatureSpace:
     rows: NDArray[np.float64]  # (n,d) the recordings, standardized
     kernel: str  # "rbf" or "polynomial"
     width: float  # of the RBF: the median distance between two recordings
+    mix: NDArray[np.float64] | None = None  # (d,d) whitening, applied last
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -33,12 +36,14 @@ class FeatureSpace:
             center=freeze(self.center),
             scale=freeze(self.scale),
             rows=freeze(self.rows),
+            mix=None if self.mix is None else freeze(self.mix),
         )
 
     def standardize(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
         """Bring raw features (B,D) into this space, (B,d)."""
         squashed = _squash(features)[:, self.kept]
-        return np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
+        rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
+        return np.asarray(rows if self.mix is None else rows @ self.mix)
 
     def over(self, features: NDArray[np.floating]) -> "FeatureSpace":
         """Keep means, spreads and width, for other recordings (n,D)."""
@@ -56,14 +61,22 @@ class FeatureSpace:
         return self.similarity(self.rows)
 
 
-def fit_space(features: NDArray[np.floating], kernel: str) -> FeatureSpace:
-    """Make the space of raw recordings (n,D), from their means, spreads and distances."""
+def fit_space(
+    features: NDArray[np.floating], kernel: str, objects: NDArray[np.integer] | None = None
+) -> FeatureSpace:
+    """Make the space of raw recordings (n,D), from their means, spreads and distances.
+
+    With their objects (n,) given, the space is whitened by how repeats of one object differ; no
+    label is needed for that.
+    """
     squashed = _squash(features)
     spread = squashed.std(axis=0)
     kept = np.flatnonzero(spread > _CONSTANT * np.maximum(1.0, np.abs(squashed).max(axis=0)))
     center, scale = squashed[:, kept].mean(axis=0), spread[kept]
     rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
-    return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows))
+    mix = None if objects is None else _whitening(rows, objects)
+    rows = rows if mix is None else rows @ mix
+    return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows), mix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +95,26 @@ class ModalityClassifier:
         """Signed decisions on raw features (B,D), (B,P); not yet probabilities."""
         similarity = self.space.similarity(self.space.standardize(features))
         return np.asarray(similarity @ self.dual.T + self.bias)
+
+
+def _whitening(
+    rows: NDArray[np.float64], objects: NDArray[np.integer]
+) -> NDArray[np.float64] | None:
+    """Matrix (d,d) that shrinks directions of within-object variance v by sqrt(e / (v + e)).
+
+    None where no object is repeated. With few repeats most directions stay as they are.
+    """
+    _, index, count = np.unique(objects, return_inverse=True, return_counts=True)
+    mean = np.zeros((len(count), rows.shape[1]))
+    np.add.at(mean, index, rows)
+    mean /= count[:, None]
+    repeated = count[index] > 1
+    if not repeated.any():
+        return None
+    freedom = repeated.sum() - (count > 1).sum()
+    _, spread, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
+    gain = np.sqrt(_WITHIN / (spread**2 / freedom + _WITHIN)) - 1.0
+    return np.asarray(np.eye(rows.shape[1]) + basis.T @ (gain[:, None] * basis))
 
 
 def _squash(features: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -1,0 +1,107 @@
+"""What people told a robot about objects: kept in the logs of the trials they spoke of.
+
+A log whose header has `told` remembers; the folder of logs is the memory, and nothing else is.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.arrays import freeze
+from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.trial_log.reader import read_header, read_trials
+from meal_bayes.trial_log.writer import TrialWriter
+
+_NAMES = "ask-*.mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a person told of one object, in one trial."""
+
+    number: int  # rises with every trial of the memory; of two words the later one holds
+    object_name: str
+    values: Mapping[str, bool]  # by attribute
+    path: Path  # of the log
+
+
+def write_told(path: Path, trial: Trial, header: Mapping[str, object], told: Told) -> None:
+    """Log a trial together with what was told of it."""
+    words = {"number": told.number, "object": told.object_name, "values": dict(told.values)}
+    with TrialWriter(path, {**header, "told": words}) as log:
+        log.write(trial)
+
+
+def read_memory(folder: str | Path, data: str) -> list[Told]:
+    """Read what was told of a data set's objects, in the order it was said.
+
+    Parameters
+    ----------
+    folder : of the logs; one that is not there remembers nothing.
+    data : the data set's name.
+
+    Raises
+    ------
+    LogError : a log that cannot be read; recover it, or take it away.
+    """
+    found = []
+    for path in sorted(Path(folder).glob(_NAMES)):
+        header = read_header(path)
+        words = header.get("told")
+        if isinstance(words, dict) and header.get("data") == data:
+            found.append(_told(words, path))
+    return sorted(found, key=lambda told: told.number)
+
+
+def forget(memory: Iterable[Told]) -> int:
+    """Forget what was told; the trials stay in their logs. Return how many logs that were."""
+    count = 0
+    for count, told in enumerate(memory, start=1):  # noqa: B007
+        header = {k: v for k, v in read_header(told.path).items() if k not in ("told", "versions")}
+        trials = list(read_trials(told.path))
+        with TrialWriter(told.path, header) as log:
+            for trial in trials:
+                log.write(trial)
+    return count
+
+
+def labels_told(
+    memory: Iterable[Told], objects: tuple[str, ...], attributes: tuple[str, ...]
+) -> NDArray[np.int8]:
+    """Put a memory in a table of labels (O,P), -1 where nothing was told; unknown names drop."""
+    labels = np.full((len(objects), len(attributes)), -1, np.int8)
+    row = {name: o for o, name in enumerate(objects)}
+    column = {name: p for p, name in enumerate(attributes)}
+    for told in memory:
+        for name, value in told.values.items():
+            if told.object_name in row and name in column:
+                labels[row[told.object_name], column[name]] = value
+    return freeze(labels, np.int8)
+
+
+def _told(words: Mapping[str, object], path: Path) -> Told:
+    number, name, values = (words.get(key) for key in ("number", "object", "values"))
+    if (
+        not isinstance(number, int)
+        or not isinstance(name, str)
+        or not isinstance(values, dict)
+        or not all(isinstance(value, bool) for value in values.values())
+    ):
+        raise LogError(f"{path} says what was told in a way that cannot be read; remove it.")
+    return Told(number, name, values, path)
+
+
+def hear(report: NDArray[np.bool_], answer: str, attributes: tuple[str, ...]) -> dict[str, bool]:
+    """Take a person's "yes" or "no" to a report (N,): what it tells, by attribute.
+
+    A "no" to a report of several attributes tells nothing: which of them is wrong?
+    """
+    if answer not in ("yes", "no"):
+        raise SettingsError(f"The answer was {answer!r}; say yes or no.")
+    if answer == "yes":
+        return dict(zip(attributes, report.tolist(), strict=True))
+    return {attributes[0]: not report[0]} if len(attributes) == 1 else {}
