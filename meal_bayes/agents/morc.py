@@ -43,9 +43,7 @@ class Morc:
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
-        if (
-            self.told is not None
-        ):  # an object that nobody had labelled teaches of others from now on
+        if self.told is not None:  # what is told of an unlabelled object teaches of others
             labels = np.where(self.table.labels < 0, self.told, self.table.labels)
             self.table = replace(self.table, labels=labels)
 

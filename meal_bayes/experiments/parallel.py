@@ -1,8 +1,7 @@
 """Many tasks at once: joblib's processes here, or the workers of a Dask cluster."""
 
 from collections.abc import Callable, Iterable, Iterator
-from importlib import import_module
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
 
@@ -50,11 +49,12 @@ def _on_cluster(
     function: Callable[[Work], Result], work: Iterable[Work], address: str
 ) -> Iterator[Result]:
     try:
-        dask = import_module("dask.distributed")  # an extra
+        from dask import distributed  # noqa: PLC0415  an extra
     except ImportError as fault:
         raise SettingsError(
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
+    dask: Any = distributed  # without types
     try:
         client = dask.Client(address, timeout=_PATIENCE)
     except (OSError, ValueError) as fault:
