@@ -73,10 +73,8 @@ class Agent:
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
         kinds = None
         if self.shared_degree and knowledge.degree is not None:
-            rows, within = knowledge.degree.select(confusion, precision)  # (N,E,M,K), (N,E,M)
-            # Percepts depend on the degree alone, whatever the truth: its rows stand twice.
-            confusion, precision = np.tile(rows, (1, 1, 2, 1)), np.tile(within, (1, 1, 2))
-            kinds = np.broadcast_to(knowledge.degree.kinds, (len(columns), 2, rows.shape[2]))
+            confusion, precision = knowledge.degree.select(confusion, precision)
+            kinds = np.tile(knowledge.degree.kinds, (len(columns), 1, 1))  # (N,2,M)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
         if told is not None:
             prior = np.where(told < 0, prior, np.where(told == 1, trust, 1.0 - trust))

@@ -107,7 +107,7 @@ def _brief(trial: Trial) -> Trial:
     """Keep of a trial what measures need: one step stands for all, nothing of how it was chosen."""
     last = trial.last_belief
     nothing = np.zeros((len(trial.truth), 0, 0), np.int64)
-    belief = Belief(last.x, last.weight, nothing)
+    belief = Belief(last.x, last.weight, nothing, last.log_share)
     decision = unvalued(trial.momdp, 0)
     step = Step(last.x, decision, last.x, None, trial.cost, trial.reward, belief)
     return Trial(trial.task, trial.agent, trial.momdp, belief, (step,), trial.truth, trial.report)

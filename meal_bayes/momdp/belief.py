@@ -1,4 +1,4 @@
-"""The exact belief filter: N log-odds and percept counts, never 2^N numbers."""
+"""The exact belief filter: N times C weights and percept counts, never 2^N numbers."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -21,25 +21,31 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """The information state: x, the evidence on each attribute, and the percepts of this trial."""
+    """The information state: x, the evidence on each attribute, and the percepts of this trial.
+
+    Percepts tell of the truth through the kind of object alone, so its share of a kind is constant.
+    """
 
     x: int
     weight: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
     seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
+    log_share: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
 
     def __post_init__(self) -> None:
         set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
+        if self.log_share.flags.writeable:  # else all beliefs of a MOMDP hold the same array
+            set_frozen(self, log_share=freeze(self.log_share))
 
     def at(self, x: int) -> "Belief":
         """Move to another x, believing the same."""
-        return Belief(x, self.weight, self.seen)
+        return Belief(x, self.weight, self.seen, self.log_share)
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of the truth, (N,)."""
-        false, true = np.split(self.weight, 2, axis=1)
         with np.errstate(divide="ignore"):
-            return freeze(_log_sum(true) - _log_sum(false))
+            of_truth = _log_sum(self.weight[:, None] + self.log_share)  # (N,2)
+            return freeze(of_truth[:, 1] - of_truth[:, 0])
 
     @property
     def positive(self) -> NDArray[np.float64]:
@@ -89,9 +95,9 @@ def initial_belief(momdp: MOMDP) -> Belief:
     """Belief at the start of a trial: x0, the prior, nothing seen."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
-        weight = np.log(chance[:, :, None] * momdp.kinds).reshape(len(chance), -1)
+        weight = np.log((chance[:, :, None] * momdp.kinds).sum(axis=1))
     seen = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, weight, seen)
+    return Belief(momdp.start, weight, seen, momdp.log_share)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
@@ -131,7 +137,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.seen.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, weight - total_weight[:, None], counted)
+    return Belief(transition.next_x, weight - total_weight[:, None], counted, belief.log_share)
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:

@@ -33,11 +33,13 @@ def build_momdp(
     confusion : (N,E,C,K) mean confusion matrices of the kinds of object, C = 2 (the truth) in the
         paper. Behaviors that answer (ask) are filled in here, for all kinds of a truth alike:
         each attribute right with accuracy^(1/N), so the whole answer with the stated accuracy.
+        An answer tells of the truth itself: where a domain has such a behavior, and truths share
+        kinds, every kind is split in two, C false ones and then C true ones.
     precision : (N,E,C) or a number; inf is the paper's Eq. 8.
     prior : (N,) or a number; the paper's is uniform.
     correct, incorrect : rewards of a right and a wrong report, the domain's +-r by default.
     limit : (E,) or a number: recordings that can be perceived in one trial.
-    kinds : (N,2,J) Pr(kind | truth), C = 2J; one kind a truth by default.
+    kinds : (N,2,C) Pr(kind | truth), which truths may share; the truth itself by default.
     discount : factor a step, in planning only.
     abstain : may a planner end the trial by an illegal behavior?
     additive : is a report paid by the share of attributes right (the paper: all or nothing)?
@@ -46,10 +48,10 @@ def build_momdp(
     arrays = domain.transitions()
     n, e = len(query), len(domain.behaviors)
     rows = np.array(confusion, dtype=float)
-    shares = np.ones((n, 2, 1)) if kinds is None else np.asarray(kinds, dtype=float)
-    if shares.ndim != 3:  # noqa: PLR2004
-        raise SettingsError(f"kinds has shape {shares.shape}; expected (N,2,J).")
-    c = 2 * shares.shape[-1]
+    shares = np.tile(np.eye(2), (n, 1, 1)) if kinds is None else np.asarray(kinds, dtype=float)
+    if shares.ndim != 3 or shares.shape[:2] != (n, 2):  # noqa: PLR2004
+        raise SettingsError(f"kinds has shape {shares.shape}; expected ({n},2,C).")
+    c = shares.shape[-1]
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):  # noqa: PLR2004
         raise SettingsError(
             f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} kinds of "
@@ -57,13 +59,21 @@ def build_momdp(
         )
     weight = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     percepts = np.array(np.broadcast_to(limit, (e,)), dtype=float)
+    answers = any(behavior.answer_accuracy is not None for behavior in domain.behaviors)
+    if answers and (shares > 0).all(axis=1).any():
+        nobody = np.zeros((n, c))
+        shares = np.stack(
+            [np.hstack([shares[:, 0], nobody]), np.hstack([nobody, shares[:, 1]])], axis=1
+        )
+        rows, weight = np.tile(rows, (1, 1, 2, 1)), np.tile(weight, (1, 1, 2))
+    true = shares[:, 1] > 0  # (N,C)
     informative = arrays.informative.copy()
     for index, behavior in enumerate(domain.behaviors):
         if behavior.answer_accuracy is not None:
             right = behavior.answer_accuracy ** (1.0 / n)
             rows[:, index] = 0.0
-            rows[:, index, : c // 2, 0] = rows[:, index, c // 2 :, -1] = right
-            rows[:, index, : c // 2, -1] = rows[:, index, c // 2 :, 0] = 1.0 - right
+            rows[:, index, :, 0] = np.where(true, 1.0 - right, right)
+            rows[:, index, :, -1] = np.where(true, right, 1.0 - right)
             weight[:, index] = percepts[index] = np.inf
         elif not behavior.senses:
             informative[index] = 0.0

@@ -82,7 +82,7 @@ def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
 
 
 def _check(momdp: MOMDP) -> None:
-    if not np.isinf(momdp.precision).all() or momdp.n_kinds > 2:  # noqa: PLR2004
+    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
         raise SettingsError(
             "A POMDP file cannot hold rows of finite precision, or several kinds of object a "
             "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8)."

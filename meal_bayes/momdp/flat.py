@@ -57,7 +57,7 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
             f"{len(momdp.query)} attributes make {size:.1g} observation probabilities; dense "
             f"arrays end at {MAX_ENTRIES:.0e}. Ask fewer attributes or use a factored planner."
         )
-    if momdp.n_kinds > 2:  # noqa: PLR2004
+    if not momdp.kind_is_truth:
         raise SettingsError(
             "A flat POMDP knows one kind of object a truth; build the MOMDP without `kinds`."
         )

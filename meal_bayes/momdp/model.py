@@ -1,6 +1,6 @@
 """The MOMDP of one query: fully observed x, hidden y, reports as actions (paper, Sect. 5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ class MOMDP:
 
     Arrays run over behaviors only: a report always leads to `term`, and 2^N of them need no table.
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
-    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. Objects of one
-    truth may be of several kinds, J a truth: a latent class of an object that all its percepts
-    depend on, so that they may err together. Kinds 0 .. J-1 are false, J .. 2J-1 true; C = 2J.
+    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. An object is of
+    one of C kinds for each attribute: a latent class that all its percepts depend on, so that they
+    may err together. Given the kind they tell nothing more of the truth, and both truths may have a
+    kind in common. In the paper the kind is the truth: C = 2, and `kinds` the identity.
     """
 
     query: Query
@@ -31,7 +32,7 @@ class MOMDP:
     confusion: NDArray[np.float64]  # (N,E,C,K) rows = kinds (the paper's: the truth), cols = levels
     precision: NDArray[np.float64]  # (N,E,C) Dirichlet weight of a row, inf = known exactly
     prior: NDArray[np.float64]  # (N,) Pr(attribute is true) before the trial
-    kinds: NDArray[np.float64]  # (N,2,J) Pr(kind | truth); the paper's J is 1
+    kinds: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
     cost: NDArray[np.float64]  # (E,) s
     correct: float  # r+
     incorrect: float  # r-
@@ -42,6 +43,7 @@ class MOMDP:
     additive: bool = False  # is a report paid by the share of attributes right, or all or nothing?
     counts: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,E,2,K) labelled percepts
     # behind the rows, for who looks on; zeros where nobody tells
+    log_share: NDArray[np.float64] = field(init=False, repr=False)  # (N,2,C) ln Pr(truth | kind)
 
     def __post_init__(self) -> None:
         for name in ("transition", "informative", "confusion", "precision", "prior", "kinds"):
@@ -53,6 +55,7 @@ class MOMDP:
             set_frozen(self, counts=np.zeros(shape))
         set_frozen(self, counts=freeze(self.counts))
         self._check()
+        set_frozen(self, log_share=freeze(self._log_share()))
 
     def _check(self) -> None:
         n, e, x = len(self.query), len(self.behavior_names), len(self.x_names)
@@ -62,8 +65,8 @@ class MOMDP:
                 "levels, an even number, the upper half of which speaks for true."
             )
         if self.kinds.ndim != 3:  # noqa: PLR2004
-            raise SettingsError(f"MOMDP.kinds has shape {self.kinds.shape}; expected (N,2,J).")
-        c = 2 * self.kinds.shape[2]
+            raise SettingsError(f"MOMDP.kinds has shape {self.kinds.shape}; expected (N,2,C).")
+        c = self.kinds.shape[2]
         expected = {
             "transition": (e, x, x),
             "informative": (e, x, x),
@@ -71,7 +74,7 @@ class MOMDP:
             "confusion": (n, e, c, self.levels),
             "precision": (n, e, c),
             "prior": (n,),
-            "kinds": (n, 2, c // 2),
+            "kinds": (n, 2, c),
             "counts": (n, e, 2, self.levels),
             "cost": (e,),
             "bonus": (n, e, 2),
@@ -95,6 +98,18 @@ class MOMDP:
                 f"{self.discount}, correct {self.correct}, incorrect {self.incorrect}."
             )
 
+    def _log_share(self) -> NDArray[np.float64]:
+        """Both logarithms, as the lesser share vanishes beside 1 where a kind is nearly sure."""
+        chance = np.stack([1.0 - self.prior, self.prior], axis=1)[..., None]  # (N,2,1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kinds = np.log(self.kinds)
+            believed, even = (
+                each - np.logaddexp.reduce(each, axis=1, keepdims=True)
+                for each in (kinds + np.log(chance), kinds)
+            )
+        # A kind that the prior rules out is never believed in; its share is that at even odds.
+        return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
+
     @property
     def levels(self) -> int:
         """K, the levels of a percept; the upper half speaks for "true"."""
@@ -102,14 +117,18 @@ class MOMDP:
 
     @property
     def n_kinds(self) -> int:
-        """C, kinds of objects: half of them false, half true."""
-        return int(2 * self.kinds.shape[2])
+        """C, kinds of objects."""
+        return int(self.kinds.shape[2])
+
+    @property
+    def kind_is_truth(self) -> bool:
+        """Whether the kind is the truth (Eq. 8), so that log-odds are all there is to believe."""
+        return self.n_kinds == 2 and not self.kinds[:, [0, 1], [1, 0]].any()  # noqa: PLR2004
 
     @property
     def rows(self) -> NDArray[np.float64]:
         """Mean confusion matrix by truth (N,E,2,K): over the kinds of object of each."""
-        split = self.confusion.reshape(*self.confusion.shape[:2], 2, -1, self.levels)
-        return np.asarray(np.einsum("nvj,nevjk->nevk", self.kinds, split))
+        return np.asarray(np.einsum("nvc,neck->nevk", self.kinds, self.confusion))
 
     @property
     def n_behaviors(self) -> int:

@@ -60,6 +60,7 @@ class Work(NamedTuple):
 
     outcomes: NDArray[np.float64]  # (C,OUTCOMES) Pr(what a plan's percepts show, kind)
     counts: NDArray[np.float64]  # (C,OUTCOMES)
+    truths: NDArray[np.float64]  # (2,OUTCOMES) Pr(what a plan's percepts show, truth)
     yes: NDArray[np.float64]  # (N,E) yes-percepts seen
     total: NDArray[np.float64]  # (E,) percepts seen
     seen: NDArray[np.float64]  # (N,E,K)
@@ -75,11 +76,11 @@ class Work(NamedTuple):
 
 
 @kernel
-def truth(weight, row, i):
-    """Pr(attribute i is true): its kinds are the latter half."""
-    c, total = weight.shape[2], 0.0
-    for kind in range(c // 2, c):
-        total += weight[row, i, kind]
+def truth(problem, weight, row, i):
+    """Pr(attribute i is true): its share of every kind."""
+    total = 0.0
+    for c in range(weight.shape[2]):
+        total += weight[row, i, c] * problem.share[i, 1, c]
     return total
 
 
@@ -102,13 +103,23 @@ def _yes_counts(problem, i, c, e, k, yes, total, out):
 
 
 @kernel
-def _speaks(outcomes, a):
-    """Log likelihood ratio of truth and untruth of an outcome."""
-    kinds, true, false = outcomes.shape[0], 1e-300, 1e-300
-    for c in range(kinds // 2):
-        false += outcomes[c, a]
-        true += outcomes[c + kinds // 2, a]
-    return np.log(true / false)
+def _by_truth(share, i, m, work):
+    """Sum m outcomes over the kinds, of which each truth has a share (N,2,C) -> `work.truths`."""
+    outcomes, truths = work.outcomes, work.truths
+    for v in range(2):
+        for a in range(m):
+            truths[v, a] = 0.0
+    for c in range(outcomes.shape[0]):
+        false, true = share[i, 0, c], share[i, 1, c]
+        for a in range(m):
+            truths[0, a] += outcomes[c, a] * false
+            truths[1, a] += outcomes[c, a] * true
+
+
+@kernel
+def _speaks(truths, a):
+    """Log ratio of truth and untruth of an outcome."""
+    return np.log((truths[1, a] + 1e-300) / (truths[0, a] + 1e-300))
 
 
 @kernel
@@ -118,15 +129,16 @@ def _bins(outcomes):
 
 
 @kernel
-def _merge(m, work):
+def _merge(share, i, m, work):
     """Merge outcomes of like likelihood ratio, which can only raise an error; how many are left."""
     outcomes, bins = work.outcomes, work.counts
     kinds, most = outcomes.shape[0], _bins(outcomes)
+    _by_truth(share, i, m, work)
     for b in range(most):
         for c in range(kinds):
             bins[c, b] = 0.0
     for a in range(m):
-        b = int((_speaks(outcomes, a) + WIDEST) * (most / (2.0 * WIDEST)))
+        b = int((_speaks(work.truths, a) + WIDEST) * (most / (2.0 * WIDEST)))
         b = max(0, min(most - 1, b))
         for c in range(kinds):
             bins[c, b] += outcomes[c, a]
@@ -142,10 +154,10 @@ def _merge(m, work):
 
 
 @kernel
-def _enumerate(problem, uses, plan, i, work):
+def _enumerate(problem, share, uses, plan, i, work):
     """Multiply the first column of `work.outcomes` by all a plan may perceive; how many there are.
 
-    Percepts are cut to yes/no.
+    Percepts are cut to yes/no. `share` (N,2,C) is what the truths have of the kinds.
     """
     outcomes, counts, m = work.outcomes, work.counts, 1
     kinds, held = outcomes.shape
@@ -158,7 +170,7 @@ def _enumerate(problem, uses, plan, i, work):
         if k <= 0:
             continue
         if m * (k + 1) > held:
-            m = _merge(m, work)
+            m = _merge(share, i, m, work)
         fresh = seen == 0.0 and k < problem.fresh.shape[3]
         for c in range(kinds):
             if fresh:
@@ -181,17 +193,12 @@ def plan_error(problem, uses, plan, i, weight, row, work):
     Cutting levels, and merging outcomes once OUTCOMES are full, can only raise the error: the
     plan's value stays a lower bound.
     """
-    outcomes = work.outcomes
-    kinds = outcomes.shape[0]
-    for c in range(kinds):
-        outcomes[c, 0] = weight[row, i, c]
-    error = 0.0
-    for a in range(_enumerate(problem, uses, plan, i, work)):
-        false, true = 0.0, 0.0
-        for c in range(kinds // 2):
-            false += outcomes[c, a]
-            true += outcomes[c + kinds // 2, a]
-        error += min(false, true)
+    for c in range(weight.shape[2]):
+        work.outcomes[c, 0] = weight[row, i, c]
+    m, error = _enumerate(problem, problem.share, uses, plan, i, work), 0.0
+    _by_truth(problem.share, i, m, work)
+    for a in range(m):
+        error += min(work.truths[0, a], work.truths[1, a])
     return error
 
 
@@ -201,36 +208,34 @@ def tabulate_rules(problem, uses, attribute, work, errs):
 
     Column t: the percepts uses[t] (T,E) of attribute[t] (T,), none seen before. Rule g says
     yes where the likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's
-    error is never below the Bayes error; with one kind a truth the rules next to the log-odds of
-    a belief are the best ones.
+    error is never below the Bayes error; where the kind is the truth, the rules next to the
+    log-odds of a belief are the best ones.
     """
-    size, kinds = errs.shape[0], errs.shape[2]
-    half = kinds // 2
+    size, kinds, counts = errs.shape[0], errs.shape[2], work.counts
     clear(work)
     for t in range(errs.shape[1]):
         i = attribute[t]
         for c in range(kinds):
-            work.outcomes[c, 0] = problem.kinds[i, c]
-            for g in range(size):
-                errs[g, t, c] = 0.0
-        m = _enumerate(problem, uses, t, i, work)
+            work.outcomes[c, 0] = 1.0
+        m = _enumerate(problem, problem.kinds, uses, t, i, work)
+        _by_truth(problem.kinds, i, m, work)
+        for c in range(kinds):
+            for g in range(size + 1):
+                counts[c, g] = 0.0
         for a in range(m):
             # From this log-odds on an outcome speaks for yes.
-            g = int(np.ceil((SPAN - _speaks(work.outcomes, a)) * ((size - 1) / (2.0 * SPAN))))
-            for c in range(half):
-                if g < size:
-                    errs[max(g, 0), t, c] += work.outcomes[c, a]
-                if g > 0:
-                    errs[min(g, size) - 1, t, c + half] += work.outcomes[c + half, a]
-        for c in range(half):
-            false, true = max(problem.kinds[i, c], 1e-300), max(problem.kinds[i, c + half], 1e-300)
-            for g in range(1, size):
-                errs[g, t, c] += errs[g - 1, t, c]
-            for g in range(size - 2, -1, -1):
-                errs[g, t, c + half] += errs[g + 1, t, c + half]
+            g = int(np.ceil((SPAN - _speaks(work.truths, a)) * ((size - 1) / (2.0 * SPAN))))
+            g = min(max(g, 0), size)
+            for c in range(kinds):
+                counts[c, g] += work.outcomes[c, a]
+        for c in range(kinds):
+            yes, no = 0.0, 0.0
             for g in range(size):
-                errs[g, t, c] /= false
-                errs[g, t, c + half] /= true
+                yes += counts[c, g]
+                errs[g, t, c] = problem.share[i, 0, c] * yes
+            for g in range(size - 1, -1, -1):
+                no += counts[c, g + 1]
+                errs[g, t, c] += problem.share[i, 1, c] * no
 
 
 @kernel

@@ -39,7 +39,9 @@ class Compiled(NamedTuple):
     exact: NDArray[np.bool_]  # (E,) are its rows known, so that percepts seen tell nothing of them?
     plain: bool  # are all rows known, and percepts never used up?
     prior: NDArray[np.float64]  # (N,C) of the kinds, none of them 0
-    kinds: NDArray[np.float64]  # (N,C) Pr(kind | its truth)
+    share: NDArray[np.float64]  # (N,2,C) Pr(truth | kind)
+    kinds: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
+    kind_is_truth: bool
     correct: float
     incorrect: float
     additive: bool  # is a report paid by the share of attributes right?
@@ -74,12 +76,10 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
                         branch_count[x, e] += 1
     ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
     exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
-    fresh, n = _first_counts(momdp), len(momdp.query)
+    fresh = _first_counts(momdp)
     chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = (chance[:, :, None] * np.clip(momdp.kinds, 1e-12, 1.0)).reshape(n, -1)
-    counted = np.einsum(  # (N,E,2,U,U)
-        "nvj,nevjkl->nevkl", momdp.kinds, fresh.reshape(n, n_behaviors, 2, -1, *fresh.shape[3:])
-    )
+    prior = np.clip((chance[:, :, None] * momdp.kinds).sum(axis=1), 1e-21, 1.0)
+    counted = np.einsum("nvc,neckl->nevkl", momdp.kinds, fresh)  # (N,E,2,U,U)
     return Compiled(
         start=momdp.start,
         legal=legal,
@@ -102,7 +102,9 @@ def compile_momdp(momdp: MOMDP) -> Compiled:
         exact=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
         plain=bool(np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()),
         prior=prior / prior.sum(axis=1, keepdims=True),
-        kinds=momdp.kinds.reshape(n, -1).copy(),
+        share=np.exp(momdp.log_share),
+        kinds=momdp.kinds.copy(),
+        kind_is_truth=momdp.kind_is_truth,
         correct=float(momdp.correct),
         incorrect=float(momdp.incorrect),
         additive=momdp.additive,
@@ -115,8 +117,7 @@ def _information(momdp: MOMDP) -> NDArray[np.float64]:
 
     A percept that tells of the kind alone may make the next one worth more.
     """
-    n, rows = len(momdp.query), momdp.confusion
-    share = 0.5 * momdp.kinds.reshape(n, 1, -1, 1)
+    rows, share = momdp.confusion, momdp.kinds.mean(axis=1)[:, None, :, None]
     mixed = (share * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
     return np.asarray((share * rows * ratio).sum(axis=(2, 3)))

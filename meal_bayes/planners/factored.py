@@ -159,7 +159,7 @@ class FactoredPolicy:
 
 
 def _checked(momdp: MOMDP) -> MOMDP:
-    if not np.isinf(momdp.precision).all() or momdp.n_kinds > 2:  # noqa: PLR2004
+    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
         raise SettingsError(
             "Factored value iteration needs percepts that are independent given the truth, with "
             "known rates (Eq. 8: infinite precision, one kind of object a truth); plan with POMCP."

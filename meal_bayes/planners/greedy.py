@@ -62,10 +62,9 @@ def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     trust = total[..., None] / (momdp.precision + total[..., None])  # (N,E,C)
     share = belief.seen / np.maximum(total, 1)[..., None]
     rows = momdp.confusion + trust[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,C,K)
-    weight = np.exp(belief.weight)
-    joint = weight[:, None, :, None] * rows  # Pr(kind, level)
-    joint = joint.reshape(*total.shape, 2, -1, momdp.levels).sum(axis=3)  # Pr(truth, level)
-    true = weight.reshape(len(weight), 1, 2, -1).sum(axis=3)  # (N,1,2)
+    weight = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, kind)
+    joint = np.einsum("nvc,neck->nevk", weight, rows)  # Pr(truth, level)
+    true = weight.sum(axis=2)[:, None]  # (N,1,2)
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(*total.shape, -1))
     left = momdp.limit - total[0] > 0
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)

@@ -43,11 +43,11 @@ class Macros(NamedTuple):
 
 
 @kernel
-def _locate(plans, weight, row, work):
+def _locate(problem, plans, weight, row, work):
     """Find each attribute's chance, and the rules next to its log-odds."""
     size = plans.errs.shape[0]
     for i in range(weight.shape[1]):
-        b = truth(weight, row, i)
+        b = truth(problem, weight, row, i)
         work.chance[i] = b
         odds = np.log((b + 1e-300) / (1.0 - b + 1e-300))
         work.cell[i] = int((odds + SPAN) * ((size - 1) / (2.0 * SPAN)))
@@ -60,7 +60,7 @@ def stop_value(problem, x, weight, row):
     n = weight.shape[1]
     product, mean = 1.0, 0.0
     for i in range(n):
-        b = truth(weight, row, i)
+        b = truth(problem, weight, row, i)
         product *= max(b, 1.0 - b)
         mean += max(b, 1.0 - b) / n
     share = mean if problem.additive else product
@@ -77,11 +77,11 @@ def _rate(errs, t, g, weight, row, i):
 
 
 @kernel
-def _rule_error(errs, t, weight, row, i, work):
-    """Error of the best rule near the last one found; with one kind a truth, of the best rule."""
+def _rule_error(problem, errs, t, weight, row, i, work):
+    """Error of the best rule near the last one found; where the kind is the truth, of the best."""
     g, size = work.cell[i], errs.shape[0]
     here, above = _rate(errs, t, g, weight, row, i), _rate(errs, t, g + 1, weight, row, i)
-    if errs.shape[2] > 2:  # noqa: PLR2004  more kinds move the best rule away from the log-odds
+    if not problem.kind_is_truth:  # else the best rule is next to the log-odds
         step = 1 if above < here else -1
         if above < here:
             here, g = above, g + 1
@@ -125,7 +125,7 @@ def _plan_value(problem, plans, plan, tabled, weight, row, work, floor):
         if base + g * gap * right <= floor:
             break
         if tabled:
-            error = _rule_error(plans.errs, plans.rule[plan, i], weight, row, i, work)
+            error = _rule_error(problem, plans.errs, plans.rule[plan, i], weight, row, i, work)
         else:
             error = plan_error(problem, plans.uses, plan, i, weight, row, work)
         right = right - error / n if problem.additive else right * (1.0 - error)
@@ -149,7 +149,7 @@ def _bonus(problem, plans, plan, work):
 @kernel
 def open_loop_value(problem, plans, x, weight, row, work, floor):
     """Value of the best plan from x, or `floor` if none is better; otherwise as below."""
-    _locate(plans, weight, row, work)
+    _locate(problem, plans, weight, row, work)
     start, end, best = plans.first[x], plans.first[x + 1], floor
     if start == end:
         return best
@@ -186,7 +186,7 @@ def open_loop_values(problem, plans, x, weight, row, work, out):
     computed in the order of what the tables say of them, which is nearly always too much, COMPUTED
     a behavior and while any seems better: to leave plans out keeps the value a lower bound.
     """
-    _locate(plans, weight, row, work)
+    _locate(problem, plans, weight, row, work)
     for a in range(out.shape[1]):
         out[row, a] = -np.inf
         work.computed[a] = 0
@@ -217,7 +217,7 @@ def plan_values(problem, plans, x, weight, work, out):
     """Value of each plan from x at beliefs (B,N,C) before any percept -> out (B,J)."""
     clear(work)
     for row in range(weight.shape[0]):
-        _locate(plans, weight, row, work)
+        _locate(problem, plans, weight, row, work)
         best = stop_value(problem, x, weight, row)
         for plan in range(plans.first[x], plans.first[x + 1]):
             value = _plan_value(problem, plans, plan, True, weight, row, work, best)
@@ -240,7 +240,7 @@ def _judge(problem, uses, which, weight, row):
             k = uses[which, e]
             if k > 0 and problem.informative[i, e]:
                 log_r += problem.affinity[i, e, min(k, last)] * max(1.0, k / last)
-        b = truth(weight, row, i)
+        b = truth(problem, weight, row, i)
         error = 0.5 - 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * b * (1.0 - b) * np.exp(2.0 * log_r)))
         product *= 1.0 - error
         mean += (1.0 - error) / n
@@ -315,6 +315,7 @@ def room_for(problem: Compiled, plans: Plans | None = None) -> Work:
     return Work(
         outcomes=np.empty((c, held)),
         counts=np.empty((c, held)),
+        truths=np.empty((2, held)),
         yes=np.zeros((n, e)),
         total=np.zeros(e),
         seen=np.zeros((n, e, k)),

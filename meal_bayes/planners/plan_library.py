@@ -14,6 +14,7 @@ from meal_bayes.planners.leaf import Macros, Plans, grow_plans, plan_values, roo
 
 _GROWN = 8  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED = 96  # beliefs at which plans compete to be kept
+_ROUNDS = 8  # of moving them apart
 _LENGTH = 16  # greedy steps of a plan, each one to three percepts
 _KEPT = 28  # plans an x, besides one for every first behavior and what is left of them on the way
 _GRID = 129  # log-odds of a table of decision rules
@@ -58,10 +59,7 @@ def plans_for(problem: Compiled) -> Plans:
     n = problem.confusion.shape[0]
     rng = np.random.Generator(np.random.PCG64(n))
     spread = np.concatenate([np.zeros((1, n)), rng.uniform(-4.0, 4.0, (_JUDGED, n))])
-    beliefs = problem.prior * np.exp(
-        spread[:, :, None] * np.repeat([0.0, 1.0], problem.prior.shape[1] // 2)
-    )
-    beliefs /= beliefs.sum(axis=2, keepdims=True)
+    beliefs = _tilted(problem, spread)
     first = beliefs[:_GROWN]
     moves, work = moves_of(problem), room_for(problem)
     kept: list[set[Path]] = [set() for _ in problem.legal]
@@ -77,6 +75,27 @@ def plans_for(problem: Compiled) -> Plans:
                 _add_with_rests(moves, x, path, kept)
     plans = _arrays(problem, moves, [_cheapest(problem, moves, x, p) for x, p in enumerate(kept)])
     return _with_rules(problem, plans, work)
+
+
+def _tilted(problem: Compiled, spread: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move the prior's log-odds by a spread (B,N) -> Pr(kind) (B,N,C), as percepts would.
+
+    Evidence weighs the kinds by exp(s Pr(true | kind)), which moves the log-odds by s at most, and
+    by s where the kind is the truth. Elsewhere more is added, but not for ever: of kinds that both
+    truths share none may be sure enough.
+    """
+    false, true = problem.share.transpose(1, 0, 2)  # (N,C)
+
+    def log_odds(beliefs: NDArray[np.float64]) -> NDArray[np.float64]:
+        yes, no = ((beliefs * share).sum(axis=-1).clip(1e-300) for share in (true, false))
+        return np.asarray(np.log(yes / no))
+
+    wanted, beliefs = log_odds(problem.prior) + spread, problem.prior[None]
+    evidence = np.zeros_like(spread)
+    for _ in range(_ROUNDS):
+        evidence = evidence + wanted - log_odds(beliefs)
+        beliefs = problem.prior * np.exp(evidence[:, :, None] * true)
+    return np.asarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
 def no_plans(problem: Compiled) -> Plans:

@@ -46,7 +46,7 @@ def problem_of(momdp: MOMDP) -> Problem:
     ------
     SettingsError : finite precision, several kinds of object a truth, or too many attributes.
     """
-    if not np.isinf(momdp.precision).all() or momdp.n_kinds > 2:  # noqa: PLR2004
+    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
         raise SettingsError(
             "Alpha vectors cannot hold rows of finite precision, or several kinds of object a "
             "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8), or use POMCP."

@@ -74,7 +74,7 @@ class POMCP:
 
     def _table(self, momdp: MOMDP) -> Table | None:
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if not self.points or not known or momdp.n_kinds > 2:  # noqa: PLR2004
+        if not self.points or not known or not momdp.kind_is_truth:
             return None
         try:
             return Factored(self.points).solve(momdp, np.random.default_rng(0)).near

@@ -141,10 +141,9 @@ def _object(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
-    half = world.n_kinds // 2
     rows = np.empty((len(true), world.n_behaviors, world.levels))
     for i, truth in enumerate(true.astype(int)):
-        kind = half * truth + _draw(world.kinds[i, truth], rng)
+        kind = _draw(world.kinds[i, truth], rng)
         mean, precision = world.confusion[i, :, kind], world.precision[i, :, kind, None]
         known = np.isinf(precision)
         gamma = rng.standard_gamma(np.where(known, 1.0, precision) * mean) + 1e-300

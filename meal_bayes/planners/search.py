@@ -55,7 +55,7 @@ def _leaf_value(problem, leaf, weight, node, x, work):
     if leaf.table.value.shape[0] == 0:
         return open_loop_value(problem, leaf.plans, x, weight, node, work, floor)
     for i in range(weight.shape[1]):
-        work.chance[i] = truth(weight, node, i)
+        work.chance[i] = truth(problem, weight, node, i)
     return max(floor, value_after(leaf.table, problem.confusion, x, -1, work.chance, leaf.reading))
 
 
@@ -67,7 +67,7 @@ def _edge_values(problem, leaf, tree, node, work):
         open_loop_values(problem, leaf.plans, x, weight, node, work, out)
         return
     for i in range(weight.shape[1]):
-        work.chance[i] = truth(weight, node, i)
+        work.chance[i] = truth(problem, weight, node, i)
     for a in range(out.shape[1]):
         if not problem.legal[x, a]:
             out[node, a] = -np.inf
@@ -210,7 +210,7 @@ def _step_reward(problem, tree, node, a, total):
     reward = -problem.cost[x, a]
     if problem.shaped and total[a] < problem.limit[a]:
         for i in range(tree.weight.shape[1]):
-            b = truth(tree.weight, node, i)
+            b = truth(problem, tree.weight, node, i)
             mean = b * problem.bonus[i, a, 1] + (1.0 - b) * problem.bonus[i, a, 0]
             reward += problem.bonus_scale[x, a] * mean
     return reward

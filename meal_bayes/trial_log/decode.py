@@ -151,7 +151,7 @@ def _momdp(message: Any) -> MOMDP:
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.counts, (n, e, 2, -1)) if message.counts else None
     kinds = _array(message.kinds, (n, 2, -1))
-    c = 2 * kinds.shape[2]
+    c = kinds.shape[2]
     return MOMDP(
         query=Query(tuple(message.attributes)),
         x_names=tuple(message.x_names),
@@ -181,7 +181,7 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     if order != [(begin.trial, index) for index in range(outcome.steps)]:
         raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-    belief = _belief(begin, nothing)
+    belief = _belief(begin, nothing, momdp)
     first, steps = belief, list[Step]()
     for message in messages:
         steps.append(_step(message, momdp, belief))
@@ -207,10 +207,11 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     return trial
 
 
-def _belief(message: Any, replayed: NDArray[Any]) -> Belief:
+def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
-    return Belief(message.belief_x, _array(message.weight, (len(replayed), -1)), seen)
+    weight = _array(message.weight, (len(replayed), -1))
+    return Belief(message.belief_x, weight, seen, momdp.log_share)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
@@ -241,7 +242,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         observation=freeze(levels, np.int8) if levels else None,
         cost=message.cost,
         reward=message.reward,
-        belief=_belief(message, seen),
+        belief=_belief(message, seen, momdp),
     )
 
 

@@ -116,7 +116,7 @@ def encode_trial(
         raise LogError(f"Trial {number} cannot be logged: {problem}.")
     start = _bytes(_start(trial, number, momdp))
     seen = _seen_beside_replay(trial)
-    positive = _positive([step.belief for step in trial.steps])
+    positive = _positive([step.belief for step in trial.steps], trial.momdp)
     packed, steps, shown = [Packed(TRIAL, log_time(number, 0), start)], list[bytes](), -1
     for index, step in enumerate(trial.steps):
         belief = positive[index].tolist()
@@ -149,14 +149,14 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
-def _positive(beliefs: list[Belief]) -> NDArray[np.float64]:
+def _positive(beliefs: list[Belief], momdp: MOMDP) -> NDArray[np.float64]:
     """Pr(attribute is true) of all beliefs at once, (T,N)."""
     if not beliefs:
         return np.zeros((0, 0))
-    false, true = np.split(np.array([belief.weight for belief in beliefs]), 2, axis=2)
+    weight = np.array([belief.weight for belief in beliefs])[:, :, None]  # (T,N,1,C)
     with np.errstate(over="ignore", invalid="ignore"):
-        against = np.logaddexp.reduce(false, axis=2) - np.logaddexp.reduce(true, axis=2)
-        return np.asarray(1.0 / (1.0 + np.exp(against)))
+        of_truth = np.logaddexp.reduce(weight + momdp.log_share, axis=3)  # (T,N,2)
+        return np.asarray(1.0 / (1.0 + np.exp(of_truth[..., 0] - of_truth[..., 1])))
 
 
 def _start(trial: Trial, number: int, momdp: int) -> Any:
@@ -173,7 +173,7 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         truth=trial.truth.tolist(),
         belief_x=first.x,
         weight=first.weight.ravel().tolist(),
-        positive=_positive([first])[0].tolist(),
+        positive=_positive([first], trial.momdp)[0].tolist(),
         seen=first.seen.ravel().tolist() if first.seen.any() else [],
     )
 

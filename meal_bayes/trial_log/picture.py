@@ -74,10 +74,9 @@ def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[
 
     An object is of one of the kinds that its truth has, and its row Dirichlet about the kind's.
     """
-    n, _, j = momdp.kinds.shape
-    share = momdp.kinds[..., None]  # (N,2,J,1)
-    rows = momdp.confusion[:, action].reshape(n, 2, j, -1)
-    precision = momdp.precision[:, action].reshape(n, 2, j, 1)
+    share = momdp.kinds[..., None]  # (N,2,C,1)
+    rows = momdp.confusion[:, None, action]  # (N,1,C,K)
+    precision = momdp.precision[:, None, action, :, None]
     mean = (share * rows).sum(axis=2)
     square = (share * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
     return mean, np.sqrt(np.maximum(square - mean**2, 0.0))

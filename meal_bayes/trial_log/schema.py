@@ -10,7 +10,7 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 PROFILE = "meal_bayes"  # the profile of the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written

@@ -39,9 +39,12 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     n, e = len(momdp.query), momdp.n_behaviors
     if not 0 <= belief.x < len(momdp.x_names):
         yield f"{where} is in x {belief.x}, expected 0 to {momdp.terminal}"
-    kinds = (n, momdp.kinds.shape[1] * momdp.kinds.shape[2])
-    if belief.weight.shape != kinds:
-        yield f"{where} has weight of shape {belief.weight.shape}, expected {kinds}"
+    if belief.weight.shape != (n, momdp.n_kinds):
+        found = belief.weight.shape
+        yield f"{where} has weight of shape {found}, expected {(n, momdp.n_kinds)}"
+    shared = belief.log_share is momdp.log_share
+    if not (shared or np.array_equal(belief.log_share, momdp.log_share)):
+        yield f"{where} has other truths of the kinds than the MOMDP"
     if belief.seen.shape != (n, e, momdp.levels):
         found = belief.seen.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"

@@ -46,7 +46,7 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
     belief = initial_belief(momdp)
     counts = belief.seen.copy()
     counts[:, action, 0] = seen
-    after = Belief(next_x, belief.log_odds, counts)
+    after = Belief(next_x, belief.weight, counts, belief.log_share)
     return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
 
 

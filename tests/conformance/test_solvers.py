@@ -50,17 +50,17 @@ def momdp_of(
     domain: Domain, n: int, levels: int, seed: int, *, kinds: int = 1, **options: object
 ) -> MOMDP:
     rng, e = np.random.default_rng(seed), len(domain.behaviors)
-    confusion = rng.dirichlet(np.ones(levels), (n, e, 2 * kinds))
+    confusion = rng.dirichlet(np.ones(levels), (n, e, max(2, kinds)))
     chosen = rng.permutation(len(domain.attributes))[:n]
     query = Query(tuple(domain.attributes[i] for i in chosen))
-    shares = rng.dirichlet(np.ones(kinds), (n, 2))
+    shares = rng.dirichlet(np.ones(kinds), (n, 2)) if kinds > 1 else None
     return build_momdp(domain, query, confusion, kinds=shares, **options)
 
 
 def mistaken(domain: Domain, rows: np.ndarray, error: float, **options: object) -> MOMDP:
     """Of the objects, a share `error` seem to have the other value; rows (2,K) of the others."""
     confusion = np.tile(rows[[0, 1, 1, 0]], (2, len(domain.behaviors), 1, 1))
-    kinds = np.tile([1 - error, error], (2, 2, 1))
+    kinds = np.tile([[1 - error, error, 0, 0], [0, 0, 1 - error, error]], (2, 1, 1))
     query = Query(domain.attributes[:2])
     return build_momdp(domain, query, confusion, kinds=kinds, **options)
 

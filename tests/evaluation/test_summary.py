@@ -19,7 +19,8 @@ MOMDP = build_momdp(DOMAIN, QUERY, np.full((2, 3, 2, 2), 0.5))
 def trial(agent, positive, truth, report, cost=5.0, object_index=0, key=0):
     """A trial of one behavior, then the report (None: it abstained)."""
     first = initial_belief(MOMDP)
-    belief = Belief(0, np.log(np.stack([1 - np.array(positive), positive], axis=1)), first.seen)
+    weight = np.log(np.stack([1 - np.array(positive), positive], axis=1))
+    belief = Belief(0, weight, first.seen, first.log_share)
     steps = [Step(0, unvalued(MOMDP, 1), 0, None, cost, -cost, belief)]
     if report is not None:
         reward = 100.0 if list(report) == list(truth) else -100.0
@@ -63,7 +64,8 @@ def test_abstentions_are_not_right_and_stand_beside():
 
 def test_certain_wrong_beliefs_cost_a_finite_nll():
     sure = trial("a", [0.5, 0.5], [True, False], [True, True])
-    belief = Belief(0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), sure.first_belief.seen)
+    first = sure.first_belief
+    belief = Belief(0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), first.seen, first.log_share)
     steps = tuple(Step(s.x, s.decision, s.next_x, None, s.cost, s.reward, belief)
                   for s in sure.steps)  # fmt: skip
     wrong = Trial(sure.task, "a", MOMDP, sure.first_belief, steps, sure.truth, sure.report)

@@ -103,16 +103,20 @@ def rows_of(shape):
 @st.composite
 def problems(draw, levels=(2, 4)):
     """A `toy` problem of two attributes: any rows, precisions, kinds; and a history in it."""
-    k, half = draw(st.sampled_from(levels)), draw(st.sampled_from([1, 2, 3]))
+    k, c = draw(st.sampled_from(levels)), draw(st.sampled_from([2, 3, 4, 6]))
     finite = st.floats(0.1, 300.0)
-    precision = draw(hnp.arrays(float, (2, 3, 2 * half), elements=finite | st.just(np.inf)))
+    precision = draw(hnp.arrays(float, (2, 3, c), elements=finite | st.just(np.inf)))
+    kinds = draw(rows_of((2, 2, c)))
+    if c % 2 == 0 and draw(st.booleans()):  # kinds of its own for each truth
+        kinds = kinds * np.eye(2).repeat(c // 2, axis=1)
+        kinds /= kinds.sum(axis=-1, keepdims=True)
     momdp = build_momdp(
         load_domain("toy"),
         Query(("red", "heavy")),
-        draw(rows_of((2, 3, 2 * half, k))),
+        draw(rows_of((2, 3, c, k))),
         precision,
         prior=draw(hnp.arrays(float, 2, elements=st.floats(0.05, 0.95))),
-        kinds=draw(rows_of((2, 2, half))),
+        kinds=kinds,
     )
     percept = st.lists(st.integers(0, k - 1), min_size=2, max_size=2)
     step = st.tuples(st.sampled_from(["look", "lift"]), percept)
@@ -164,9 +168,8 @@ def test_the_filter_is_the_dirichlet_multinomial(problem):
         else:
             weight = momdp.precision[i, e, c] * row
             score[i, c] += dirichlet_multinomial.logpmf(counts, weight, counts.sum())
-    of_truth = np.log(momdp.kinds) + score.reshape(momdp.kinds.shape)  # (N,2,J)
+    false, true = logsumexp(score[:, None], b=momdp.kinds, axis=2).T
     prior = np.log(momdp.prior) - np.log1p(-momdp.prior)
-    false, true = logsumexp(of_truth, axis=2).T
     np.testing.assert_allclose(belief.log_odds, prior + true - false, atol=1e-8)
 
 
@@ -210,10 +213,46 @@ def test_kinds_that_are_alike_are_one(problem):
         momdp.confusion.repeat(2, axis=2),
         momdp.precision.repeat(2, axis=2),
         prior=momdp.prior,
-        kinds=momdp.kinds.repeat(2, axis=2) * np.tile([0.3, 0.7], momdp.kinds.shape[2]),
+        kinds=momdp.kinds.repeat(2, axis=2) * np.tile([0.3, 0.7], momdp.n_kinds),
     )
     one, other = follow(momdp, steps)[-1], follow(doubled, steps)[-1]
     np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
+
+
+def split(momdp):
+    """The same problem, every kind split into a false one and a true one."""
+    nobody = np.zeros_like(momdp.kinds[:, 0])
+    return build_momdp(
+        load_domain("toy"),
+        momdp.query,
+        np.tile(momdp.confusion, (1, 1, 2, 1)),
+        np.tile(momdp.precision, (1, 1, 2)),
+        prior=momdp.prior,
+        kinds=np.stack(
+            [np.hstack([momdp.kinds[:, 0], nobody]), np.hstack([nobody, momdp.kinds[:, 1]])], axis=1
+        ),
+    )
+
+
+@given(problems())
+def test_kinds_that_truths_share_may_as_well_be_split(problem):
+    momdp, steps = problem
+    for one, other in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
+        np.testing.assert_allclose(one.log_odds, other.log_odds, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(one.joint, other.joint, rtol=1e-12)
+        kinds = np.exp(other.weight).reshape(2, 2, -1).sum(axis=1)
+        np.testing.assert_allclose(np.exp(one.weight), kinds, rtol=1e-10, atol=1e-300)
+
+
+def test_no_belief_is_cut_off_at_the_ends():
+    """Log-odds far beyond what a probability can tell from 1, of a kind and of its truth."""
+    kinds = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
+    rows = np.tile([[0.99, 0.01], [0.01, 0.99]], (2, 3, 1, 1))
+    momdp = build_momdp(load_domain("toy"), Query(("red", "heavy")), rows, kinds=kinds)
+    yes, no = (follow(momdp, [("look", [z, z])] * 40)[-1].log_odds for z in (1, 0))
+    far = 40 * np.log(99)
+    np.testing.assert_allclose(yes, [far, 30 * np.log(10)], rtol=1e-12)
+    np.testing.assert_allclose(no, [-far, -25 * np.log(10)], rtol=1e-12)
 
 
 def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
@@ -221,7 +260,7 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     domain = load_domain(name)
     no, yes = [1 - fpr, fpr], [1 - tpr, tpr]
     rows = np.tile([no, yes, yes, no], (1, len(domain.behaviors), 1, 1))
-    kinds = np.array([[[1 - error, error], [1 - error, error]]])
+    kinds = [[[1 - error, error, 0, 0], [0, 0, 1 - error, error]]]
     attribute = "red" if name == "toy" else "heavy"
     return build_momdp(domain, Query((attribute,)), rows, kinds=kinds, **options)
 
@@ -256,14 +295,14 @@ def test_a_kind_that_is_ruled_out_leaves_the_others():
 
 
 def test_a_truth_may_lack_a_kind():
-    """Rows that both truths share, each with its own share of them: nothing is undefined."""
-    rows = np.tile([[0.8, 0.2], [0.3, 0.7]] * 2, (1, 3, 1, 1))
+    """Nothing is undefined."""
+    rows = np.tile([[0.8, 0.2], [0.3, 0.7]], (1, 3, 1, 1))
     kinds = np.array([[[1.0, 0.0], [0.25, 0.75]]])
     momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
     belief = follow(momdp, [("look", [1]), ("lift", [0])])[-1]
     false, true = 0.2 * 0.8, 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
     assert belief.positive[0] == pytest.approx(true / (true + false))
-    assert belief.weight[0, 1] == -np.inf
+    assert belief.log_share[0, 0, 1] == -np.inf
 
 
 def test_moving_leaves_what_is_believed():
@@ -278,7 +317,8 @@ def test_moving_leaves_what_is_believed():
 
 def test_sure_weights_are_sure_beliefs():
     seen = np.zeros((2, 3, 2), dtype=int)
-    belief = Belief(0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), seen)
+    sure = np.array([[0.0, -np.inf], [-np.inf, 0.0]])
+    belief = Belief(0, sure, seen, np.tile(sure, (2, 1, 1)))
     np.testing.assert_array_equal(belief.log_odds, [-np.inf, np.inf])
     np.testing.assert_array_equal(belief.positive, [0.0, 1.0])
     assert belief.certainty == 1.0

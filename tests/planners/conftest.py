@@ -45,6 +45,19 @@ def momdp_of(
     return build_momdp(domain, Query(tuple(rates)), confusion, precision, **options)
 
 
+def split(shares: np.ndarray) -> np.ndarray:
+    """Give each truth J kinds of its own: Pr(kind | truth) (N,2,J) -> (N,2,2J)."""
+    nobody = np.zeros_like(shares[:, 0])
+    return np.stack([np.hstack([shares[:, 0], nobody]), np.hstack([nobody, shares[:, 1]])], axis=1)
+
+
+def random_kinds(n: int, kinds: int, shared: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw Pr(kind | truth): so many kinds a truth, or so many that both share."""
+    if shared:
+        return rng.dirichlet(np.ones(shared), (n, 2))
+    return split(rng.dirichlet(np.ones(kinds), (n, 2)))
+
+
 def random_toy(
     seed: int,
     n: int,
@@ -53,24 +66,26 @@ def random_toy(
     finite: bool,
     mistaken: ArrayLike | None = None,
     kinds: int = 1,
+    shared: int = 0,
     **options: object,
 ) -> MOMDP:
     """Build a `toy` problem with random rows (and precisions).
 
-    Objects are of so many random kinds a truth; or of two, of which one, a share `mistaken` of
-    the objects, follows the other truth's rows.
+    Objects are of so many random kinds a truth, or that both share; or of two a truth, of which
+    one, a share `mistaken` of the objects, follows the other truth's rows.
     """
     rng, domain = np.random.default_rng(seed), load_domain("toy")
-    confusion = rng.dirichlet(np.ones(levels), (n, 3, 2 * kinds))
-    precision = rng.uniform(0.5, 20.0, (n, 3, 2 * kinds)) if finite else np.inf
+    c = shared or 2 * kinds
+    confusion = rng.dirichlet(np.ones(levels), (n, 3, c))
+    precision = rng.uniform(0.5, 20.0, (n, 3, c)) if finite else np.inf
     prior = rng.uniform(0.2, 0.8, n)
-    shares = rng.dirichlet(np.ones(kinds), (n, 2))
+    shares = random_kinds(n, kinds, shared, rng)
     if mistaken is not None:
         swapped = [0, 1, 1, 0]
         confusion = confusion[:, :, swapped]
         precision = precision[:, :, swapped] if finite else np.inf
         error = np.broadcast_to(mistaken, (n,))[:, None]
-        shares = np.stack([1 - error, error], axis=2).repeat(2, axis=1)
+        shares = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
     query = Query(domain.attributes[:n])
     return build_momdp(domain, query, confusion, precision, prior=prior, kinds=shares, **options)
 
@@ -82,13 +97,14 @@ def random_momdp(
     rng: np.random.Generator,
     *,
     kinds: int = 1,
+    shared: int = 0,
     precision: float = np.inf,
     **options: object,
 ) -> MOMDP:
-    """Build a problem of a domain with random rows of so many kinds of object a truth."""
+    """Build a problem of a domain with random rows of so many kinds a truth, or that both share."""
     domain = load_domain(name)
-    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2 * kinds))
-    query, shares = Query(domain.attributes[:n]), rng.dirichlet(np.ones(kinds), (n, 2))
+    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), shared or 2 * kinds))
+    query, shares = Query(domain.attributes[:n]), random_kinds(n, kinds, shared, rng)
     return build_momdp(domain, query, confusion, precision, kinds=shares, **options)
 
 
@@ -122,13 +138,10 @@ class Expectimax:
         return [sum(true) / (sum(false) + sum(true)) for false, true in both]
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
-        """Pr(is v, of its kind j, percepts), [v][j]."""
+        """Pr(is v, of kind c, percepts), [v][c]."""
         prior, kinds = float(self.momdp.prior[i]), self.momdp.kinds[i].tolist()
         return [
-            [
-                p * share * self._likelihood(i, v * len(kinds[v]) + j, seen)
-                for j, share in enumerate(kinds[v])
-            ]
+            [p * share * self._likelihood(i, c, seen) for c, share in enumerate(kinds[v])]
             for v, p in enumerate((1 - prior, prior))
         ]
 
@@ -274,12 +287,15 @@ def noisy_roc36(n: int) -> MOMDP:
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
-    """Give a belief of these log-odds, without percepts."""
+    """Give the belief that an answer leads to which is worth so much, without percepts.
+
+    Where truths share no kinds these are its log-odds, whatever the prior.
+    """
     odds = np.asarray(log_odds, dtype=float)
     truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
     with np.errstate(divide="ignore"):
-        weight = truth[:, :, None] + np.log(momdp.kinds)
-    return Belief(x, weight.reshape(len(odds), -1), initial_belief(momdp).seen)
+        weight = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.kinds), axis=1)
+    return Belief(x, weight, initial_belief(momdp).seen, momdp.log_share)
 
 
 def weights_of(momdp: MOMDP, log_odds: ArrayLike) -> np.ndarray:
@@ -336,6 +352,7 @@ def small() -> SimpleNamespace:
         expectimax=Expectimax,
         believing=believing,
         weights=weights_of,
+        split=split,
         error=error_of,
         search=search,
         best_value=best_value,

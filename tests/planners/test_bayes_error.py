@@ -27,7 +27,7 @@ def brute_error(momdp, uses, weight, seen=None, *, cut=False):
             np.stack([a[..., :half].sum(axis=-1), a[..., half:].sum(axis=-1)], axis=-1)
             for a in (rows, before)
         )
-    error = 0.0
+    error, share = 0.0, np.exp(momdp.log_share[0])  # (2,C)
     for percepts in itertools.product(range(rows.shape[-1]), repeat=len(e_of)):
         joint, count = weight[0].copy(), before.copy()
         for e, z in zip(e_of, percepts, strict=True):
@@ -36,7 +36,7 @@ def brute_error(momdp, uses, weight, seen=None, *, cut=False):
             finite = np.where(known, 1.0, s)
             joint *= np.where(known, p, (finite * p + count[e, z]) / (finite + count[e].sum()))
             count[e, z] += 1
-        error += joint.reshape(2, -1).sum(axis=1).min()
+        error += (share @ joint).min()
     return error
 
 
@@ -44,9 +44,14 @@ def brute_error(momdp, uses, weight, seen=None, *, cut=False):
 def gatherings(draw, levels=2, most=5):
     """A `toy` problem of one attribute, a plan's percepts, a belief, and percepts seen.
 
-    One behavior may be a person, whose answers tell of the truth, whatever kind the object is.
+    Truths may share the kinds. Where they do not, one behavior may be a person, whose answers tell
+    of the truth, whatever kind the object is.
     """
     rng, kinds = np.random.default_rng(draw(st.integers(0, 2**32 - 1))), draw(st.integers(1, 3))
+    shares = rng.dirichlet(np.ones(2 * kinds), (1, 2))
+    if not draw(st.booleans()):
+        shares *= np.eye(2).repeat(kinds, axis=1)
+        shares /= shares.sum(axis=2, keepdims=True)
     confusion = rng.dirichlet(np.ones(levels), (1, 3, 2 * kinds))
     if draw(st.booleans()):
         confusion[:, 1] = confusion[:, 1, ::kinds].repeat(kinds, axis=1)
@@ -58,7 +63,8 @@ def gatherings(draw, levels=2, most=5):
         Query(("red",)),
         confusion,
         precision,
-        kinds=rng.dirichlet(np.ones(kinds), (1, 2)),
+        prior=rng.uniform(0.2, 0.8),
+        kinds=shares,
     )
     uses = draw(
         st.lists(st.integers(0, 3), min_size=2, max_size=2).filter(lambda u: sum(u) <= most)
@@ -125,8 +131,8 @@ def test_no_rule_is_better_than_the_best(small, case):
     assert (errs >= 0).all()
     assert (errs <= 1 + 1e-12).all()
     assert rules.min() >= exact - 1e-12
-    # With one kind a truth the rules next to the log-odds are as good as any, and nearly exact.
-    if momdp.n_kinds == 2:
+    # Where the kind is the truth, the rules next to the log-odds are nearly exact.
+    if momdp.kind_is_truth:
         odds = np.log(weight[0, 1] / weight[0, 0])
         cell = int((odds + SPAN) * 128 / (2 * SPAN))
         assert min(rules[cell], rules[cell + 1]) == pytest.approx(rules.min(), abs=1e-12)

@@ -140,10 +140,10 @@ def test_outcomes_are_distributions(small, name):
 
 @pytest.mark.parametrize("precision", [3.7, np.inf])
 def test_first_counts_are_beta_binomial(small, precision):
-    rates = [0.3, 0.9, 0.8, 0.55]  # of the kinds, two a truth
+    rates = [0.3, 0.9, 0.8, 0.55]  # of the kinds
     rows = np.tile([[1 - p, p] for p in rates], (1, 3, 1, 1))
     momdp = build_momdp(
-        load_domain("toy"), Query(("red",)), rows, precision, kinds=np.full((1, 2, 2), 0.5)
+        load_domain("toy"), Query(("red",)), rows, precision, kinds=np.full((1, 2, 4), 0.25)
     )
     fresh = compile_momdp(momdp).fresh[0, 0]
     for c, yes in enumerate(rates):
@@ -154,25 +154,27 @@ def test_first_counts_are_beta_binomial(small, precision):
             assert not fresh[c, k, k + 1 :].any()
 
 
-def test_affinity_is_that_of_the_truths(small):
+@pytest.mark.parametrize("options", [{"kinds": 3}, {"shared": 3}])
+def test_affinity_is_that_of_the_truths(small, options):
     """Of several kinds it is the mixtures that overlap."""
-    momdp = small.toy(1, 2, 2, finite=True, kinds=3)
+    momdp = small.toy(1, 2, 2, finite=True, **options)
     problem = compile_momdp(momdp)
     for i, e, k in np.ndindex(2, 3, problem.affinity.shape[2]):
         yes, s = momdp.confusion[i, e, :, 1], momdp.precision[i, e]
         counts = [
             betabinom(k, w * p, w * (1 - p)).pmf(range(k + 1)) for p, w in zip(yes, s, strict=True)
         ]
-        false, true = (momdp.kinds[i, v] @ counts[3 * v : 3 * v + 3] for v in (0, 1))
+        false, true = momdp.kinds[i] @ counts
         expected = np.sqrt(false * true).sum()
         assert np.exp(problem.affinity[i, e, k]) == pytest.approx(expected, rel=1e-9)
 
 
-def test_kinds_and_their_prior(small):
-    momdp = small.toy(2, 2, 2, finite=False, kinds=2)
+@pytest.mark.parametrize("options", [{"kinds": 2}, {"shared": 3}])
+def test_kinds_and_their_prior(small, options):
+    momdp = small.toy(2, 2, 2, finite=False, **options)
     problem = compile_momdp(momdp)
     np.testing.assert_allclose(problem.prior, np.exp(initial_belief(momdp).weight))
-    np.testing.assert_array_equal(problem.kinds, momdp.kinds.reshape(2, 4))
+    np.testing.assert_array_equal(problem.kinds, momdp.kinds)
     sure = compile_momdp(replace(momdp, prior=[0.0, 1.0]))
     assert (sure.prior > 0).all()  # plans are made for beliefs that percepts can still move
 
@@ -201,6 +203,7 @@ def test_what_tells_of_the_kind_is_planned_with():
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
     look = [honest[0], mistaken[0], honest[1], mistaken[1]]
     rows = np.array([[look, lift, [[0.5, 0.5]] * 4]])
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=np.full((1, 2, 2), 0.5))
+    kinds = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
     assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
     np.testing.assert_array_equal(compile_momdp(momdp).informative, [[True, True, False]])

@@ -276,7 +276,7 @@ def test_certain_attributes_and_deciding_percepts():
                 load_domain("toy"),
                 Query(("red",)),
                 np.full((1, 3, 4, 2), 0.5),
-                kinds=np.full((1, 2, 2), 0.5),
+                kinds=np.full((1, 2, 4), 0.25),
             ),
             "several kinds of object",
         ),

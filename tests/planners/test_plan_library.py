@@ -1,5 +1,7 @@
 """Plans are walks of the diagram, their errors exact, their values lower bounds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,7 +46,7 @@ def exact_values(problem, plans, x, weights):
         right = np.empty(weights.shape[:2])
         for i in range(right.shape[1]):
             joint = weights[:, i, :, None] * outcomes_of(problem, plans.uses[j], i)  # (B,C,M)
-            truth = joint.reshape(len(joint), 2, -1, joint.shape[2]).sum(axis=2)
+            truth = problem.share[i] @ joint  # (B,2,M)
             right[:, i] = 1 - truth.min(axis=1).sum(axis=1)
         share = right.mean(axis=1) if problem.additive else right.prod(axis=1)
         gained = problem.incorrect + (problem.correct - problem.incorrect) * share
@@ -75,16 +77,16 @@ def one_plan(problem, uses):
     )
 
 
-@pytest.mark.parametrize("kinds", [1, 2])
+@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}])
 @pytest.mark.parametrize("precision", [3.0, np.inf])
-def test_merging_outcomes_raises_the_error_a_little(small, kinds, precision):
+def test_merging_outcomes_raises_the_error_a_little(small, options, precision):
     """More joint outcomes than are held: 4^9, against all of them."""
     rng = np.random.default_rng(2)
-    momdp = small.random("cy101", 1, 2, rng, kinds=kinds, precision=precision)
+    momdp = small.random("cy101", 1, 2, rng, precision=precision, **options)
     weight, uses = small.weights(momdp, [0.3]), [3] * 9 + [0] * 2
-    joint = weight[0, :, None] * outcomes_of(compile_momdp(momdp), np.array(uses), 0)
-    exact = joint.reshape(2, kinds, -1).sum(axis=1).min(axis=0).sum()
     problem = compile_momdp(momdp)
+    joint = weight[0, :, None] * outcomes_of(problem, np.array(uses), 0)
+    exact = (problem.share[0] @ joint).min(axis=0).sum()
     found = small.error(problem, uses, weight)
     assert exact - 1e-12 <= found <= exact + COARSE
     assert found < small.error(problem, [3, 3, 3, 1, 0, 0, 0, 0, 0, 0, 0], weight)
@@ -105,11 +107,13 @@ def test_certain_beliefs_have_no_error(small, precision):
 
 
 @pytest.mark.parametrize("name", DOMAINS)
-@pytest.mark.parametrize(("levels", "kinds"), [(2, 1), (4, 1), (2, 2)])
+@pytest.mark.parametrize(
+    ("levels", "options"), [(2, {}), (4, {}), (2, {"kinds": 2}), (2, {"shared": 3})]
+)
 @pytest.mark.parametrize("precision", [5.0, np.inf])
-def test_tables_are_close_to_exact_and_never_above(small, name, levels, kinds, precision):
+def test_tables_are_close_to_exact_and_never_above(small, name, levels, options, precision):
     rng = np.random.default_rng(3)
-    momdp = small.random(name, 2, levels, rng, kinds=kinds, precision=precision)
+    momdp = small.random(name, 2, levels, rng, precision=precision, **options)
     problem = compile_momdp(momdp)
     plans = plans_for(problem)
     odds = [*rng.uniform(-6, 6, (5, 2)), [20.0, -0.3]]
@@ -124,7 +128,7 @@ def test_tables_are_close_to_exact_and_never_above(small, name, levels, kinds, p
             np.testing.assert_array_equal(np.isfinite(tabled), some)
             gap = (exact[some] - tabled[some]) / (momdp.correct - momdp.incorrect)
             assert gap.min(initial=0.0) >= -1e-9
-            assert gap.max(initial=0.0) <= 2 * kinds * COARSE
+            assert gap.max(initial=0.0) <= (4 if options else 2) * COARSE
 
 
 @pytest.mark.parametrize("additive", [False, True])
@@ -143,10 +147,12 @@ def test_values_of_single_plans(small, additive):
 
 @pytest.mark.parametrize("name", DOMAINS)
 @pytest.mark.parametrize("precision", [5.0, np.inf])
-@pytest.mark.parametrize(("n", "kinds"), [(1, 1), (2, 1), (1, 2)])
-def test_every_legal_behavior_has_a_plan(small, name, precision, n, kinds):
+@pytest.mark.parametrize(
+    ("n", "options"), [(1, {}), (2, {}), (1, {"kinds": 2}), (1, {"shared": 3})]
+)
+def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
     rng = np.random.default_rng(4)
-    momdp = small.random(name, n, 2, rng, kinds=kinds, precision=precision, limit=5)
+    momdp = small.random(name, n, 2, rng, precision=precision, limit=5, **options)
     problem = compile_momdp(momdp)
     plans = plans_for(problem)
     for x in range(momdp.terminal):
@@ -199,7 +205,7 @@ def test_plans_are_walks_of_the_diagram(small, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"additive": True}])
+@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}, {"additive": True}])
 def test_the_library_holds_nearly_the_best_plan(small, seed, options):
     momdp = small.toy(seed, 2, 2, finite=True, limit=3, **options)
     problem = compile_momdp(momdp)
@@ -218,14 +224,16 @@ def test_the_library_holds_nearly_the_best_plan(small, seed, options):
     weights = np.array([small.weights(momdp, each) for each in odds])
     best = exact_values(problem, every, 0, weights).max(axis=1)
     ours = exact_values(problem, plans, 0, weights).max(axis=1)
-    stop = momdp.report_reward(1 / (1 + np.exp(-np.abs(odds))))
+    true = (weights * problem.share[:, 1]).sum(axis=2)
+    stop = momdp.report_reward(np.maximum(true, 1 - true))
     assert (ours <= best + 1e-6).all()
     lost = np.maximum(best, stop) - np.maximum(ours, stop)
     assert (lost <= 2.0).all()  # of 200 between right and wrong
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"mistaken": 0.1}, {"kinds": 3}, {"additive": True}, {"abstain": True}]
+    "options",
+    [{}, {"mistaken": 0.1}, {"kinds": 3}, {"shared": 3}, {"additive": True}, {"abstain": True}],
 )
 @pytest.mark.parametrize(
     ("n", "levels", "finite"), [(1, 2, False), (2, 2, False), (2, 2, True), (1, 4, True)]
@@ -283,3 +291,15 @@ def test_moves_are_made_once_for_a_diagram(small):
     assert moves_of(one) is moves_of(other)
     dearer = compile_momdp(small.momdp("roc36", {"heavy": {}}, discount=0.9))
     assert moves_of(dearer) is not moves_of(one)
+
+
+@pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])
+def test_sure_priors_of_shared_kinds_have_plans(small, prior):
+    """No percept moves them; every plan is worth its report, less what it costs."""
+    momdp = small.toy(1, 2, 2, finite=True, shared=3)
+    problem = compile_momdp(replace(momdp, prior=np.broadcast_to(prior, 2)))
+    plans = plans_for(problem)
+    values = values_at(problem, plans, 0, problem.prior)
+    exact = exact_values(problem, plans, 0, problem.prior[None])[0]
+    np.testing.assert_allclose(values, by_behavior(problem, plans, 0, exact), atol=2.0)
+    assert (values <= by_behavior(problem, plans, 0, exact) + 1e-9).all()

@@ -27,6 +27,7 @@ PROBLEMS = {
     "misperceived": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2}
     | {"mistaken": [0.05, 0.2]},
     "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
+    "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
     "additive": {"seed": 6, "n": 2, "levels": 2, "finite": True, "limit": 2, "additive": True},
 }
 
@@ -211,3 +212,27 @@ class TestWithoutThese:
         momdp = small.noisy_roc36(2)
         policy = POMCP(0, points=0).solve(momdp, np.random.default_rng(0))
         assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > 350
+
+
+def test_kinds_that_truths_share_are_worth_what_split_ones_are(small):
+    """By the same library of plans: both are one problem, of which one form is twice as large."""
+    momdp = small.toy(6, 2, 4, finite=True, shared=5)
+    twice = {"confusion": (1, 1, 2, 1), "precision": (1, 1, 2)}
+    halves = {name: np.tile(getattr(momdp, name), times) for name, times in twice.items()}
+    problems = momdp, replace(momdp, kinds=small.split(momdp.kinds), **halves)
+    shared, split = (POMCP(200).solve(problem, np.random.default_rng(0)) for problem in problems)
+    plans = _with_rules(split.problem, shared.plans, room_for(split.problem))
+    steps = (0, np.array([3, 0])), (1, np.array([2, 2])), (0, np.array([0, 1]))
+    beliefs = [initial_belief(problem) for problem in problems]
+    for action, percept in steps:
+        one, other = (
+            policy.decide(History(belief), np.random.default_rng(0))
+            for policy, belief in zip((shared, replace(split, plans=plans)), beliefs, strict=True)
+        )
+        np.testing.assert_allclose(one.values, other.values, rtol=1e-10)
+        np.testing.assert_array_equal(one.visits, other.visits)
+        assert one.action == other.action
+        beliefs = [
+            update_belief(belief, problem, Transition(action, belief.x, percept))
+            for belief, problem in zip(beliefs, problems, strict=True)
+        ]

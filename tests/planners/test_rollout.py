@@ -18,6 +18,7 @@ PROBLEMS = {
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "mistaken": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2, "mistaken": 0.2},
     "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
+    "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
     "additive": {"seed": 6, "n": 2, "levels": 2, "finite": True, "limit": 2, "additive": True},
     "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
     | {"discount": 1.0},

@@ -16,11 +16,11 @@ from meal_bayes.planners import Decision, TreeEdge
 def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4) -> MOMDP:
     query = Query(tuple(rng.choice(domain.attributes, n, replace=False).tolist()))
     e = len(domain.behaviors)
-    j = int(rng.integers(1, 3))  # kinds of object a truth
-    confusion = rng.dirichlet(np.ones(levels), (n, e, 2 * j))
-    precision = rng.gamma(2.0, 5.0, (n, e, 2 * j))
+    c = int(rng.integers(2, 4))  # kinds of object
+    confusion = rng.dirichlet(np.ones(levels), (n, e, c))
+    precision = rng.gamma(2.0, 5.0, (n, e, c))
     precision[rng.random(precision.shape) < 0.3] = np.inf
-    kinds = rng.dirichlet(np.ones(j), (n, 2))
+    kinds = None if c == 2 else rng.dirichlet(np.ones(c), (n, 2))
     prior = rng.uniform(0.05, 0.95, n)
     return build_momdp(domain, query, confusion, precision, prior=prior, kinds=kinds, limit=5.0)
 

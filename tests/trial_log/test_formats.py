@@ -1,4 +1,4 @@
-"""Logs of earlier formats open, and what format 2 added is there for us and for other tools."""
+"""Logs of earlier formats are refused; what came with later ones is there for us and others."""
 
 import dataclasses
 import struct
@@ -26,16 +26,18 @@ from meal_bayes.trial_log.encode import encode_trial
 from meal_bayes.trial_log.picture import confusion_picture, png, truth_rows
 from meal_bayes.trial_log.schema import PICTURES, STEP, ImageMessage
 
-OLD = Path(__file__).parent / "format1.mcap"  # written by the code of format 1
+OLD = (1, 2)  # each with a file that was written by its code
 
 
+@pytest.mark.parametrize("version", OLD)
 @pytest.mark.parametrize(
     "read", [read_header, log_info, check_log, recover_log, lambda p: list(read_trials(p)),
              lambda p: list(salvage(p)), lambda p: list(Logs(p).trials())]
 )  # fmt: skip
-def test_a_log_of_format_1_is_refused_in_one_clear_line(read):
-    with pytest.raises(LogVersionError, match=r"format 1, this meal_bayes reads format 2; .*again"):
-        read(OLD)
+def test_a_log_of_an_earlier_format_is_refused_in_one_clear_line(read, version):
+    says = rf"format {version}, this meal_bayes reads format 3; .*again"
+    with pytest.raises(LogVersionError, match=says):
+        read(Path(__file__).with_name(f"format{version}.mcap"))
 
 
 def test_counts_come_back(make, tmp_path):
@@ -92,11 +94,11 @@ def test_the_picture_is_bright_where_a_percept_is_likely(make):
 def test_rows_by_truth_are_those_of_drawn_objects(make):
     rng = np.random.default_rng(4)
     momdp = make.momdp(load_domain("toy"), 1, rng)
-    while momdp.kinds.shape[2] == 1:
+    while momdp.kind_is_truth:
         momdp = make.momdp(load_domain("toy"), 1, rng)
     mean, sd = truth_rows(momdp, 1)
     for truth in (0, 1):
-        kinds = truth * 2 + rng.choice(2, 20_000, p=momdp.kinds[0, truth])
+        kinds = rng.choice(momdp.n_kinds, 20_000, p=momdp.kinds[0, truth])
         drawn = []
         for kind in kinds:
             row, weight = momdp.confusion[0, 1, kind], momdp.precision[0, 1, kind]

@@ -54,12 +54,13 @@ def decisions(draw, momdp):
 def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
-    kinds = momdp.kinds.size
+    kinds = n * momdp.n_kinds
     weight = np.array(draw(st.lists(NUMBERS, min_size=kinds, max_size=kinds))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
-    return Belief(draw(st.integers(0, momdp.terminal)), weight, seen.reshape(shape))
+    x = draw(st.integers(0, momdp.terminal))
+    return Belief(x, weight, seen.reshape(shape), momdp.log_share)
 
 
 @st.composite
@@ -133,7 +134,8 @@ def test_equal_momdps_are_stored_once_within_the_memory(make, tmp_path):
 
 def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     trial = make.trials(1, 2, steps=5)[0]
-    strange = Belief(0, trial.steps[2].belief.weight, trial.steps[2].belief.seen + 3)
+    belief = trial.steps[2].belief
+    strange = Belief(0, belief.weight, belief.seen + 3, belief.log_share)
     steps = list(trial.steps)
     steps[2] = Step(*(getattr(steps[2], name) for name in steps[2].__slots__[:-1]), strange)
     odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
@@ -228,15 +230,17 @@ def test_a_log_without_trials_is_whole(tmp_path):
 def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_path):
     good = make.trials(1)[0]
     momdp, first = good.momdp, initial_belief(good.momdp)
-    percept = np.array([0, 9], np.int8)
+    percept, first_of = np.array([0, 9], np.int8), (first.seen, first.log_share)
+    other = first.log_share + 1.0
     bad = [
         Step(0, unvalued(momdp, momdp.n_actions), 0, None, 0.0, 0.0, first),
         Step(0, Decision(0, [0.0], [0.0], [0]), 0, None, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 99, None, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept[:1], 0.0, 0.0, first),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], first.seen)),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, [1])),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], *first_of)),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, [1], first_of[1])),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, first_of[0], other)),
         Step(0, unvalued(momdp, 0), 0, None, "free", 0.0, first),
     ]
     path = tmp_path / "a.mcap"
