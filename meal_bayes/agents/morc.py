@@ -1,5 +1,6 @@
 """Algorithm 1, MORC: from a query to a report, for an object left out of everything learned."""
 
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -20,11 +21,12 @@ from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
 
 _PERCEPTS = ("recorded", "model")
+_KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
 
 
 @dataclass(slots=True)
 class Morc:
-    """Runs trials of one agent on a percept table; keeps policies and posteriors it made.
+    """Runs trials of one agent on a percept table; keeps posteriors, and policies used lately.
 
     With ``percepts="recorded"`` a percept is a held-out classifier's output on a real recording,
     none used twice in a trial. With ``"model"`` it is drawn from the learned confusion matrices,
@@ -38,7 +40,9 @@ class Morc:
     reward: float | None = None  # r+ = -r-, the domain's by default
     told: NDArray[np.int8] | None = None  # (O,P) what people told of objects met before; -1 nothing
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
-    _policies: dict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(default_factory=dict)
+    _policies: OrderedDict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
+        default_factory=OrderedDict
+    )
 
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
@@ -78,6 +82,9 @@ class Morc:
                 reward=self.reward,
                 told=None if self.told is None else self.told[task.object_index, columns],
             )
+            if len(self._policies) > _KEPT:
+                self._policies.popitem(last=False)
+        self._policies.move_to_end(key)
         return self._policies[key]
 
     def knowledge(self, held_out: int) -> Knowledge:

@@ -184,6 +184,17 @@ class TestPreparing:
         assert morc.prepare(make.task(table, 2)) is not first
         assert morc.prepare(make.task(table, 1, "red")) is not first
 
+    def test_policies_used_lately_are_kept(self, table, make, monkeypatch):
+        monkeypatch.setattr("meal_bayes.agents.morc._KEPT", 2)
+        morc = Morc(table, fast("predefined"), 0)
+        tasks = [make.task(table, index) for index in range(3)]
+        one, other = morc.prepare(tasks[0]), morc.prepare(tasks[1])
+        assert morc.prepare(tasks[0]) is one  # used again
+        morc.prepare(tasks[2])
+        assert morc.prepare(tasks[0]) is one
+        assert morc.prepare(tasks[1]) is not other
+        assert len(morc._policies) == 2
+
     @pytest.mark.parametrize("reward", [None, 30.0])
     def test_rewards(self, table, make, reward):
         momdp, _ = Morc(table, fast("predefined"), 0, reward=reward).prepare(make.task(table, 0))
