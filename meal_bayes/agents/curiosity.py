@@ -63,17 +63,17 @@ def exploration_bonus(
     ----------
     value : (P,E) from `information_value`.
     object_index : the object at hand, of which nothing is worth recording twice; None: a new one.
-    columns : the queried attributes; with memory, those told of the object before teach as well.
+    columns : the queried attributes. With memory a recording teaches of every attribute, as soon as
+        the object's label is told, be it before or later.
     queries : how many queries about each attribute are to come.
     """
     recorded = np.asarray((experience.labels >= 0).any(axis=2))  # (O,E,P)
-    taught = np.zeros(value.shape[0], np.bool_)
-    taught[columns] = True
-    new = np.repeat(taught[:, None], value.shape[1], axis=1)  # (P,E)
+    new = np.full(value.shape, experience.memory)  # (P,E)
+    new[columns] = True
     if object_index is not None:
+        new &= ~recorded[object_index].T
         if experience.memory:
-            taught |= experience.told[object_index] >= 0
-        new = taught[:, None] & ~recorded[object_index].T
+            new &= ~experience.gathered[object_index].any(axis=-1)
     objects = recorded.sum(axis=0).T  # (P,E)
     return np.asarray((queries * value * new / (objects + 1)).sum(axis=0))
 

@@ -63,7 +63,7 @@ class OnlineConfig:
     success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
     learn_success: bool = False  # does the robot learn success probabilities?
     published: tuple[str, ...] = ()  # what the authors' code does otherwise
-    queries: float | None = None  # about each attribute that curiosity plans for
+    horizon: int = 1000  # queries to be answered, for which curiosity explores
     log: str = "all"  # or "train": test trials leave their marks only
 
     def __post_init__(self) -> None:
@@ -73,7 +73,7 @@ class OnlineConfig:
                 raise SettingsError(f"Agent {name!r} is named twice; name each once.")
         if not self.agents:
             raise SettingsError("No agent named; name at least one.")
-        for name in ("attributes", "batches", "trials", "repeats"):
+        for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
         if self.seed < 0 or self.first < 0:
@@ -252,13 +252,12 @@ def _recipe(config: OnlineConfig, name: str) -> OnlineAgent:
 
 def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> Surroundings:
     dataset, split = protocol.dataset, protocol.split
-    queries = config.batches * config.trials * config.attributes / len(dataset.domain.attributes)
     return Surroundings(
         dataset=dataset,
         kernels=kernels,
         objects=np.concatenate([split.train, split.test]),
         delta=dataset.recordings * (len(split.pre) + len(split.train)),
-        queries=queries if config.queries is None else config.queries,
+        queries=config.horizon * config.attributes / len(dataset.domain.attributes),
         reward=config.reward,
         feedback=Feedback(config.answers, config.error),
         body=_body(dataset.domain, dict(config.success)),

@@ -1,7 +1,7 @@
-"""Kernels between all recordings of a data set, in spaces laid out once: for many refits.
+"""Kernels between recordings of a data set, in spaces that many refits share.
 
 A robot at work refits its classifiers after every batch. Its feature spaces (means, spreads, kernel
-widths) stay those of the recordings it began with, so the kernels can be computed once for all.
+widths, whitening) need no labels: they may be laid out once, or anew as recordings come in.
 """
 
 from collections.abc import Mapping
@@ -14,18 +14,17 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts
 from meal_bayes.perception.cross_validation import fit_behavior
-from meal_bayes.perception.modality import fit_space
+from meal_bayes.perception.modality import FeatureSpace, fit_space
 from meal_bayes.perception.recordings import BehaviorRecordings, rows_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 
 
 @dataclass(frozen=True, slots=True)
 class Kernels:
-    """Kernels of every behavior and modality between all n = O R recordings."""
+    """All n = O R recordings in the spaces of every behavior's modalities."""
 
     dataset: Dataset
-    kernel: str
-    grams: Mapping[tuple[str, str], NDArray[np.float32]]  # (n,n)
+    spaces: Mapping[tuple[str, str], FeatureSpace]  # rows (n,d), of (behavior, modality)
 
     @classmethod
     def of(
@@ -45,7 +44,7 @@ class Kernels:
         gathered : the recordings.
         whiten : let directions in which repeats of one object differ count for less.
         """
-        grams = {}
+        spaces = {}
         n = len(dataset.objects) * dataset.recordings
         for behavior, modality in dataset.features:
             rows = gathered.behavior == dataset.domain.behavior_index(behavior)
@@ -53,16 +52,15 @@ class Kernels:
                 values, objects = dataset.features[behavior, modality], gathered.object[rows]
                 known = values[objects, gathered.recording[rows]]
                 space = fit_space(known, kernel, objects if whiten else None)
-                space = space.over(values.reshape(n, -1))
-                grams[behavior, modality] = space.gram().astype(np.float32)
-        return cls(dataset, kernel, grams)
+                spaces[behavior, modality] = space.over(values.reshape(n, -1))
+        return cls(dataset, spaces)
 
     def between(
         self, behavior: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Kernels of a behavior's modalities between some recordings and others, (M,r,c)."""
-        parts = [gram for (name, _), gram in self.grams.items() if name == behavior]
-        return np.stack([gram[np.ix_(rows, columns)] for gram in parts]).astype(np.float64)
+        spaces = [space for (name, _), space in self.spaces.items() if name == behavior]
+        return np.stack([space.between(rows, columns) for space in spaces])
 
 
 def fit_and_score(
@@ -90,7 +88,7 @@ def fit_and_score(
             continue
         log_odds[objects, :, e] = 0.0
         rows = rows_of(dataset, training_set, behavior.name)
-        if not len(rows) or (behavior.name, behavior.modalities[0]) not in kernels.grams:
+        if not len(rows) or (behavior.name, behavior.modalities[0]) not in kernels.spaces:
             continue
         names = training_set.object[rows].astype(np.int64)
         place = names * dataset.recordings + training_set.recording[rows]

@@ -56,6 +56,12 @@ class FeatureSpace:
             return (1.0 + product / max(len(self.kept), 1)) ** 2
         return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
 
+    def between(
+        self, some: NDArray[np.integer], others: NDArray[np.integer]
+    ) -> NDArray[np.float64]:
+        """Kernel between some of this space's recordings and others of them, (r,c)."""
+        return replace(self, rows=self.rows[others]).similarity(self.rows[some])
+
     def gram(self) -> NDArray[np.float64]:
         """Kernel between the recordings themselves, (n,n)."""
         return self.similarity(self.rows)
