@@ -63,17 +63,17 @@ def exploration_bonus(
     ----------
     value : (P,E) from `information_value`.
     object_index : the object at hand, of which nothing is worth recording twice; None: a new one.
-    columns : the queried attributes. With memory a recording teaches of every attribute, as soon as
-        the object's label is told, be it before or later.
+    columns : the queried attributes; with memory, those told of the object before teach as well.
+        (Those still to be told would too, but to record for them first costs more than it brings.)
     queries : how many queries about each attribute are to come.
     """
     recorded = np.asarray((experience.labels >= 0).any(axis=2))  # (O,E,P)
-    new = np.full(value.shape, experience.memory)  # (P,E)
+    new = np.zeros(value.shape, np.bool_)  # (P,E)
     new[columns] = True
     if object_index is not None:
-        new &= ~recorded[object_index].T
         if experience.memory:
-            new &= ~experience.gathered[object_index].any(axis=-1)
+            new |= experience.told[object_index][:, None] >= 0
+        new &= ~recorded[object_index].T
     objects = recorded.sum(axis=0).T  # (P,E)
     return np.asarray((queries * value * new / (objects + 1)).sum(axis=0))
 
