@@ -158,7 +158,10 @@ class MorcItrs:
             momdp = self._model(self.agent.test, task, None)
             if "shaped_test" in self.world.published:
                 momdp = self._shaped(momdp, task)
-            self._policies[key] = momdp, Remembering(self._solve(self.agent.test, task, momdp))
+            policy = self._solve(self.agent.test, task, momdp)
+            if self.agent.test.searches:  # the others draw anew what to do
+                policy = Remembering(policy)
+            self._policies[key] = momdp, policy
         return self._policies[key]
 
     def absorb(self, trial: Trial) -> None:
