@@ -118,11 +118,12 @@ class Experience:
             e = step.decision.action
             if e >= len(domain.behaviors):
                 continue
-            done = step.next_x != step.x or step.observation is not None
-            exhausted = step.belief.seen[0, e].sum() >= trial.momdp.limit[e]
-            if trial.momdp.legal[step.x, e] and (done or not exhausted):
-                attempts[e, int(done)] += 1
-            if step.observation is None or not domain.behaviors[e].modalities:
+            perceived = step.observation is not None
+            before = step.belief.seen[0, e].sum() - perceived
+            # When all recordings are used, a loop that succeeds looks as one that fails.
+            if trial.momdp.legal[step.x, e] and before < trial.momdp.limit[e]:
+                attempts[e, int(perceived or step.next_x != step.x)] += 1
+            if not perceived or not domain.behaviors[e].modalities:
                 continue
             r = self.order[o, e, used[o, e] % self.order.shape[2]]
             used[o, e] += 1
