@@ -1,9 +1,16 @@
 """What all tests share: recordings and reference models, where they are at hand."""
 
 import os
+from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from meal_bayes.datasets.synthetic import make_synthetic_model
+from meal_bayes.domain import load_domain
+
+OBJECTS, RECORDINGS = 24, 3
 
 
 def missing(reason: str) -> None:
@@ -40,3 +47,31 @@ def reference() -> Path:
     if not folder.is_dir():
         missing(f"no reference models in {folder}; set MEAL_BAYES_REFERENCE")
     return folder
+
+
+@pytest.fixture(scope="session")
+def own_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write recordings and labels of one's own as CSV, and return the path of the domain's table.
+
+    It is the toy domain with made-up recordings, which lie in the same folder.
+    """
+    folder = tmp_path_factory.mktemp("own")
+    text = (resources.files("meal_bayes") / "domain/tables/toy.toml").read_text(encoding="utf-8")
+    path = folder / "own.toml"
+    path.write_text(text.replace('name = "toy"', 'name = "own"'), encoding="utf-8")
+    rng = np.random.default_rng(5)
+    dataset = make_synthetic_model(load_domain(path), objects=OBJECTS, rng=rng).record(
+        RECORDINGS, rng
+    )
+    rows = zip(dataset.objects, dataset.labels.tolist(), strict=True)
+    lines = [f"{name},{','.join(map(str, values))}" for name, values in rows]
+    header = ",".join(("object", *dataset.domain.attributes))
+    (folder / "labels.csv").write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    for (behavior, modality), values in dataset.features.items():
+        names = ",".join(f"f{i}" for i in range(values.shape[2]))
+        lines = [f"object,recording,{names}"]
+        for o, name in enumerate(dataset.objects):
+            for r in range(RECORDINGS):
+                lines.append(f"{name},{r + 1}," + ",".join(map(repr, values[o, r].tolist())))
+        (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n")
+    return path
