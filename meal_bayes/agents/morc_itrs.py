@@ -27,6 +27,7 @@ from meal_bayes.perception import (
     fit_and_score,
 )
 from meal_bayes.planners import OpenLoop, OpenLoopPolicy, Policy, Remembering
+from meal_bayes.planners.baselines import RandomLegalPolicy
 from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
 
@@ -156,10 +157,10 @@ class MorcItrs:
         key = task.query.attributes
         if key not in self._policies:
             momdp = self._model(self.agent.test, task, None)
-            if "shaped_test" in self.world.published:
+            if "shaped_test" in self.world.published and self.agent.curiosity in ("itrs", "auto"):
                 momdp = self._shaped(momdp, task)
             policy = self._solve(self.agent.test, task, momdp)
-            if self.agent.test.searches:  # the others draw anew what to do
+            if self.agent.test.searches:  # others draw, or look at the cost so far
                 policy = Remembering(policy)
             self._policies[key] = momdp, policy
         return self._policies[key]
