@@ -99,13 +99,13 @@ def test_d_holds_what_was_shown_with_what_was_told(trials, memory):
 @settings(max_examples=25, deadline=None)
 def test_the_order_of_objects_does_not_matter(seeds, memory, data):
     own = {o: [] for o in range(OBJECTS)}  # an object's trials depend on its own past only
-    for o in own:
+    for o, trials_of in own.items():
         past = empty(memory=memory)
         for seed in seeds:
             done = work(past, o, QUERIES[seed % len(QUERIES)], seed)
             labels = DATASET.labels[o, done.columns].astype(np.int8)
             past = past.absorb(TOY, done.trial, labels)
-            own[o].append((done.trial, labels))
+            trials_of.append((done.trial, labels))
     results = []
     for order in (sorted(list(own) * len(seeds)), data.draw(st.permutations([*own] * len(seeds)))):
         left, experience = {o: list(trials) for o, trials in own.items()}, empty(memory=memory)

@@ -1,0 +1,99 @@
+"""Values of many problems of one attribute: against the optimum, and what must be true of them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.planners import Factored, History, single_values
+
+TOY = load_domain("toy")
+rate = st.floats(0.02, 0.98)
+pairs = st.tuples(rate, rate).map(sorted)  # Pr(yes | false) <= Pr(yes | true)
+chance = st.floats(0.02, 0.98)
+
+
+def problem(rates=None, prior=0.5, domain=TOY, n=1, **options):
+    e = len(domain.behaviors)
+    yes = np.full((e, 2), 0.5) if rates is None else np.asarray(rates)
+    confusion = np.repeat(np.stack([1 - yes, yes], axis=-1)[None], n, axis=0)
+    query = Query(domain.attributes[:n])
+    return build_momdp(domain, query, confusion, prior=prior, **options)
+
+
+def optimum(momdp):
+    policy = Factored(points=4_000).solve(momdp, np.random.default_rng(0))
+    decision = policy.decide(History(initial_belief(momdp)), np.random.default_rng(0))
+    return np.nanmax(decision.values)
+
+
+def random_rates(domain, rng, size):
+    yes = np.sort(rng.uniform(0.02, 0.98, (size, len(domain.behaviors), 2)), axis=-1)
+    yes[:, [not behavior.senses for behavior in domain.behaviors]] = 0.5
+    return yes
+
+
+@pytest.mark.parametrize(
+    ("name", "abstain"), [("toy", False), ("toy", True), ("ispy32", True), ("cy101", False)]
+)
+def test_values_are_those_of_the_exact_planner(name, abstain):
+    domain, rng = load_domain(name), np.random.default_rng(4)
+    rates, prior = random_rates(domain, rng, 6), rng.uniform(0.1, 0.9, 6)
+    scale = 2 * domain.report_reward
+    values = single_values(problem(domain=domain, abstain=abstain), rates, prior)
+    for value, own, p in zip(values, rates, prior, strict=True):
+        best = optimum(problem(own, p, domain=domain, abstain=abstain))
+        assert best - 0.002 * scale <= value <= best + 0.02 * scale  # it errs upwards
+
+
+@given(st.lists(pairs, min_size=3, max_size=3), chance)
+@settings(max_examples=40, deadline=None)
+def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
+    (value,) = single_values(problem(), [rates], [prior])
+    assert 100 * (2 * max(prior, 1 - prior) - 1) - 0.2 <= value <= 100  # the grid rounds 0.1 %
+
+
+@given(st.lists(pairs, min_size=3, max_size=3), chance, st.integers(0, 1), st.floats(0, 0.3))
+@settings(max_examples=40, deadline=None)
+def test_better_percepts_are_worth_no_less(rates, prior, e, step):
+    better = np.array(rates)
+    better[e] = np.clip(better[e] + step * np.array([-1, 1]), 0.01, 0.99)
+    plain, improved = single_values(problem(), [rates, better.tolist()], [prior, prior])
+    assert improved >= plain - 0.5  # 0.25 % of r+ - r-, interpolation
+
+
+@given(chance, rate)
+@settings(max_examples=25, deadline=None)
+def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
+    rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
+    (value,) = single_values(problem(), rates, [prior])
+    assert value == pytest.approx(now, abs=0.7)  # a kink between grid points at even odds
+    (leaving,) = single_values(problem(abstain=True), rates, [prior])
+    exit_value = -min(b.cost for b in TOY.behaviors if b.name == "reinit")
+    assert leaving == pytest.approx(max(now, exit_value), abs=0.7)
+
+
+@pytest.mark.parametrize("order", [[2, 0, 1], [1, 1, 0]])
+def test_problems_do_not_touch_each_other(order):
+    rng = np.random.default_rng(0)
+    rates, prior = random_rates(TOY, rng, 3), rng.uniform(0.1, 0.9, 3)
+    together = single_values(problem(), rates, prior)
+    np.testing.assert_allclose(
+        single_values(problem(), rates[order], prior[order]), together[order], atol=0.05
+    )
+
+
+@pytest.mark.parametrize(
+    ("momdp", "shape", "message"),
+    [
+        (problem(n=2), (1, 3, 2), "one attribute"),
+        (problem(), (1, 2, 2), r"expected \(B,3,2\)"),
+        (problem(), (2, 3, 2), r"expected \(B,3,2\)"),
+    ],
+)
+def test_what_does_not_fit_is_refused(momdp, shape, message):
+    with pytest.raises(SettingsError, match=message):
+        single_values(momdp, np.full(shape, 0.5), [0.5])
