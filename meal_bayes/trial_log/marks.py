@@ -58,12 +58,9 @@ class Marks:
 
     def save(self, path: Path) -> None:
         """Write a table, which is there whole or not at all."""
-        n = self.truth.shape[1]
-        names = ["object_index", "success", "cost", "reward", "claimed"]
-        names += [f"{part}_{i}" for part in ("positive", "truth", "column") for i in range(n)]
         single = [self.object_index, self.success, self.cost, self.reward, self.claimed]
         parts = [*(part[:, None] for part in single), self.positive, self.truth, self.column]
-        lines = [",".join(names)]
+        lines = [_header(self.truth.shape[1])]
         rows = zip(*(part.tolist() for part in parts), strict=True)
         lines += [",".join(_text(value) for part in row for value in part) for row in rows]
         draft = path.with_name(path.name + ".part")
@@ -79,9 +76,12 @@ class Marks:
         LogError : a file that is no such table.
         """
         try:
-            values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-            n, rest = divmod(values.shape[1] - 5, 3)
-            if rest or n < 1:
+            header, _, body = path.read_text(encoding="utf-8").partition("\n")
+            n = header.count("truth_")
+            if header != _header(n) or not body.strip() or not body.endswith("\n"):
+                raise ValueError("its header or its end is missing")  # noqa: TRY301
+            values = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
+            if values.shape[1] != 5 + 3 * n:
                 raise ValueError(f"{values.shape[1]} columns")  # noqa: TRY301
         except (OSError, ValueError) as fault:
             raise LogError(
@@ -103,6 +103,12 @@ class BatchMarks(NamedTuple):
     batch: int
     hours: float  # of exploration so far: summed cost of the training trials
     marks: Marks
+
+
+def _header(n: int) -> str:
+    names = ["object_index", "success", "cost", "reward", "claimed"]
+    names += [f"{part}_{i}" for part in ("positive", "truth", "column") for i in range(n)]
+    return ",".join(names)
 
 
 def _text(value: float | bool) -> str:
