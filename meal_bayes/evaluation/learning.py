@@ -212,7 +212,8 @@ def _ratio(both: Array) -> float:
     hours, accuracy, base_hours, base_accuracy = both.mean(axis=0)
     level = float(base_accuracy[-_LAST:].mean())
     needed = max(hours_to(hours, accuracy, level), _SOON)
-    return 0.0 if math.isinf(needed) else hours_to(base_hours, base_accuracy, level) / needed
+    base_needed = max(hours_to(base_hours, base_accuracy, level), _SOON)
+    return 0.0 if math.isinf(needed) else base_needed / needed
 
 
 def _paired(difference: Array) -> tuple[float, float]:
