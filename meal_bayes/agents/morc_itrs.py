@@ -260,11 +260,7 @@ def with_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     weight, effects = 2.0, []
     rows = attempts[:, 1] / np.maximum(attempts.sum(axis=1), 1)
     for effect in domain.diagram.effects:
-        total = sum(
-            other.probability
-            for other in domain.diagram.effects
-            if (other.source, other.behavior) == (effect.source, effect.behavior)
-        )
+        total = domain.diagram.success(effect)
         e = domain.behavior_index(effect.behavior)
         n = attempts[e].sum()
         mean = (weight * total + n * rows[e]) / (weight + n)

@@ -101,6 +101,13 @@ class TransitionDiagram:
         sources = self.states[:-1] if effect.source == ANY_STATE else (effect.source,)
         return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
 
+    def success(self, effect: Effect) -> float:
+        """Probability that a behavior succeeds in a source, whichever of its outcomes comes."""
+        same = (
+            o for o in self.effects if (o.source, o.behavior) == (effect.source, effect.behavior)
+        )
+        return sum(outcome.probability for outcome in same)
+
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
         """Compile to arrays over the named behaviors, in their order."""
         size, index = len(self.states), {name: i for i, name in enumerate(self.states)}

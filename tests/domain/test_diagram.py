@@ -92,3 +92,13 @@ def test_bad_effects_are_refused_in_one_line(effects, says):
 def test_bad_states_are_refused(changes, says):
     with pytest.raises(DomainError, match=says):
         diagram(Effect("a", "grasp", "b"), **changes)
+
+
+def test_success_is_the_sum_over_outcomes():
+    effects = (
+        Effect("a", "push", "a", 0.25),
+        Effect("a", "push", "b", 0.5),
+        Effect("b", "push", "b", 0.9),
+    )
+    diagram = TransitionDiagram(("a", "b", "term"), "a", effects)
+    assert [diagram.success(effect) for effect in effects] == [0.75, 0.75, 0.9]
