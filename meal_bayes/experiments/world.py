@@ -52,7 +52,7 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
         return dataset
     columns = [dataset.domain.attribute_index(name) for name in attributes]
     groups = {
-        name: tuple(set(members) & set(attributes))
+        name: members
         for name, members in dataset.domain.groups.items()
         if set(members) <= set(attributes)
     }
@@ -81,7 +81,17 @@ class Protocol:
         repeat: int,
         shares: tuple[int, int, int],
     ) -> "Protocol":
-        """Split the objects; three of every attribute in each part, or as many as can be."""
+        """Split the objects; three of every attribute in each part, or as many as can be.
+
+        Raises
+        ------
+        SettingsError : shares that do not fit, or nothing to ask in training or in tests.
+        """
+        if not 1 <= attributes <= len(dataset.domain.attributes):
+            raise SettingsError(
+                f"attributes is {attributes}; {dataset.domain.name} has "
+                f"{len(dataset.domain.attributes)}, give a number from 1 to that."
+            )
         count = len(dataset.objects)
         ends = np.round(np.cumsum(shares) / sum(shares) * count).astype(int)
         sizes = np.diff([0, *ends]).tolist()
@@ -93,8 +103,17 @@ class Protocol:
             except SettingsError as found:
                 fault = found
             else:
-                return cls(dataset, split, attributes, seed, repeat)
+                return cls(dataset, split, attributes, seed, repeat)._checked()
         raise fault or SettingsError("no split")
+
+    def _checked(self) -> "Protocol":
+        for name, part in (("train", self.split.train), ("test", self.split.test)):
+            if not self._pairs(part):
+                raise SettingsError(
+                    f"Of no object of the {name} part are {self.attributes} attributes known; "
+                    "add labels, or ask fewer at a time."
+                )
+        return self
 
     def tests(self) -> list[Task]:
         """Test tasks, the same after every batch: each (object, query) once, 340 at most."""

@@ -1,0 +1,141 @@
+"""The online protocol: which objects teach, which are asked about, the same for every agent."""
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import Dataset, load_dataset, make_synthetic
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.world import Protocol, learnable, restricted
+
+LEARNABLE = (
+    "aluminum", "red", "can", "full", "empty", "metallic", "tall", "short", "liquid", "metal",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def dataset():
+    rng = np.random.default_rng(0)
+    return make_synthetic(load_domain("toy"), objects=30, recordings=2, rng=rng)
+
+
+def protocol(dataset, *, attributes=1, seed=0, repeat=0, shares=(33, 33, 34)):
+    return Protocol.of(dataset, attributes=attributes, seed=seed, repeat=repeat, shares=shares)
+
+
+@pytest.mark.parametrize("repeat", range(5))
+def test_parts_are_disjoint_and_hold_every_object(dataset, repeat):
+    split = protocol(dataset, repeat=repeat).split
+    parts = [set(part.tolist()) for part in (split.pre, split.train, split.test)]
+    assert sorted(map(len, parts)) == [10, 10, 10]
+    assert set.union(*parts) == set(range(30))
+    for part in (split.pre, split.train, split.test):
+        assert (dataset.labels[part] == 1).sum(axis=0).min() >= 3
+
+
+def test_shares_are_followed(dataset):
+    split = protocol(dataset, shares=(1, 1, 4)).split
+    assert [len(part) for part in (split.pre, split.train, split.test)] == [5, 5, 20]
+
+
+def test_seed_and_repeat_make_other_splits_and_the_same_makes_the_same(dataset):
+    splits = {
+        tuple(protocol(dataset, seed=seed, repeat=repeat).split.test.tolist())
+        for seed in (0, 1)
+        for repeat in (0, 1)
+    }
+    assert len(splits) == 4
+    assert protocol(dataset).tests() == protocol(dataset).tests()
+
+
+@pytest.mark.parametrize("attributes", [1, 2])
+def test_tests_ask_each_object_each_query_once(dataset, attributes):
+    one = protocol(dataset, attributes=attributes)
+    tasks = one.tests()
+    pairs = [(task.object_index, task.query.attributes) for task in tasks]
+    assert len(set(pairs)) == len(pairs) == 10 * (2 if attributes == 1 else 1)
+    assert {o for o, _ in pairs} == set(one.split.test.tolist())
+    assert all(dataset.objects[task.object_index] == task.object_name for task in tasks)
+    assert len({task.key for task in tasks}) == len(tasks)
+
+
+def test_training_asks_about_train_objects_only_and_anew_in_every_batch(dataset):
+    one = protocol(dataset)
+    batches = [one.training(batch, 200) for batch in (1, 2)]
+    for tasks in batches:
+        assert {task.object_index for task in tasks} == set(one.split.train.tolist())
+        assert {task.query.attributes for task in tasks} == {("red",), ("heavy",)}
+    keys = [task.key for tasks in batches for task in tasks]
+    keys += [task.key for task in one.tests()]
+    assert len(set(keys)) == len(keys)
+    assert [t.object_index for t in batches[0]] != [t.object_index for t in batches[1]]
+    assert one.training(1, 200) == batches[0]
+
+
+def test_what_nobody_knows_is_not_asked(dataset):
+    labels = dataset.labels.copy()
+    labels[::2, 0] = -1
+    hidden = Dataset(dataset.domain, dataset.objects, dataset.features, labels)
+    for attributes in (1, 2):
+        one = protocol(hidden, attributes=attributes)
+        for task in one.tests() + one.training(1, 100):
+            columns = [hidden.domain.attribute_index(name) for name in task.query.attributes]
+            assert (hidden.labels[task.object_index, columns] >= 0).all()
+
+
+def test_at_most_340_tests_a_batch():
+    rng = np.random.default_rng(0)
+    data = make_synthetic(load_domain("ispy32"), objects=30, recordings=1, rng=rng, dimensions=2)
+    assert len(protocol(data, attributes=1).tests()) == 340
+
+
+def test_more_attributes_than_there_are_cannot_be_asked(dataset):
+    with pytest.raises(SettingsError, match=r"attributes is 3; toy has 2"):
+        protocol(dataset, attributes=3)
+
+
+def test_nothing_to_ask_is_said(dataset):
+    unknown = np.full_like(dataset.labels, -1)
+    with pytest.raises(SettingsError, match="no object of the train part"):
+        protocol(Dataset(dataset.domain, dataset.objects, dataset.features, unknown))
+
+
+def test_ten_attributes_of_ispy32_can_be_learned(ispy32):
+    chosen = learnable(ispy32)
+    assert chosen == LEARNABLE
+    places = [ispy32.domain.attributes.index(name) for name in chosen]
+    assert places == sorted(places)
+    for p in places:
+        known = ispy32.labels[:, p]
+        assert min((known == 1).sum(), (known == 0).sum()) >= 9
+    best = learnable(ispy32, 3)
+    assert set(best) < set(chosen)
+    with pytest.raises(SettingsError, match="attributes of ispy32 have 9 objects"):
+        learnable(ispy32, 37)
+
+
+def test_restricted_keeps_the_columns_of_what_is_kept():
+    rng = np.random.default_rng(1)
+    data = make_synthetic(load_domain("roc36"), objects=12, recordings=1, rng=rng, dimensions=2)
+    names = ("heavy", "blue", "beans")
+    kept = restricted(data, names)
+    assert kept.domain.attributes == names
+    for name in names:
+        np.testing.assert_array_equal(
+            kept.labels[:, kept.domain.attribute_index(name)],
+            data.labels[:, data.domain.attribute_index(name)],
+        )
+    assert kept.features.keys() == data.features.keys()
+    assert set(kept.domain.synonyms.values()) <= set(names)
+    assert restricted(data, data.domain.attributes) is data
+    group, members = next(iter(data.domain.groups.items()))
+    assert restricted(data, members).domain.groups == {group: members}
+
+
+@pytest.mark.real_data
+def test_real_splits_have_three_of_every_attribute(recordings):
+    data = load_dataset("roc36", root=recordings)
+    for repeat in range(3):
+        split = protocol(data, repeat=repeat).split
+        for part in (split.pre, split.train, split.test):
+            assert (data.labels[part] == 1).sum(axis=0).min() >= 3
