@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from meal_bayes.agents import (
+    PUBLISHED,
     Experience,
     Feedback,
     MorcItrs,
@@ -84,6 +85,13 @@ class OnlineConfig:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
         if self.log not in _LOGS:
             raise SettingsError(unknown("log", self.log, _LOGS))
+        for name in self.published:
+            if name not in PUBLISHED:
+                raise SettingsError(unknown("published variant", name, PUBLISHED))
+        for name in ("alpha", "beta", "queries"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < math.inf:
+                raise SettingsError(f"{name} is {value}; give a finite number, 0 or more.")
         Feedback(self.answers, self.error)
 
     def as_dict(self) -> dict[str, object]:
@@ -131,7 +139,8 @@ class _Unit:
     @property
     def done(self) -> int:
         """How many batches are finished."""
-        return sum(self.marks(b, "test").is_file() for b in range(self.config.batches + 1))
+        parts = [("test",), *[("train", "test")] * self.config.batches]
+        return sum(all(self.marks(b, p).is_file() for p in ps) for b, ps in enumerate(parts))
 
 
 def run_online(
@@ -163,7 +172,7 @@ def run_online(
     )  # fmt: skip  # or say what is wrong
     store = Store.of(logs, f"online-{dataset.domain.name}-n{config.attributes}", _shared(config))
     units = [
-        _Unit(config, agent, repeat, store.folder)
+        _Unit(config, agent, repeat, store.folder.absolute())  # a cluster's workers live elsewhere
         for repeat in _repeats(config)
         for agent in config.agents
     ]
@@ -270,11 +279,14 @@ def _body(domain: Domain, success: Mapping[str, float]) -> Domain:
     """Change how often behaviors succeed."""
     for name in success:
         domain.behavior_index(name)  # or say what is wrong
-    effects = tuple(
-        dataclasses.replace(effect, probability=success.get(effect.behavior, effect.probability))
-        for effect in domain.diagram.effects
-    )
-    return dataclasses.replace(domain, diagram=dataclasses.replace(domain.diagram, effects=effects))
+    effects = []
+    for effect in domain.diagram.effects:
+        share = effect.probability / domain.diagram.success(effect)
+        total = success.get(effect.behavior)
+        probability = effect.probability if total is None else share * total
+        effects.append(dataclasses.replace(effect, probability=probability))
+    diagram = dataclasses.replace(domain.diagram, effects=tuple(effects))
+    return dataclasses.replace(domain, diagram=diagram)
 
 
 class _Training:

@@ -1,0 +1,322 @@
+"""Online runs: their protocol, and that a run which was stopped goes on to the same end."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import MorcItrs
+from meal_bayes.datasets import load_dataset
+from meal_bayes.domain import Effect, load_domain
+from meal_bayes.errors import DomainError, SettingsError
+from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.experiments.online import _body
+from meal_bayes.experiments.world import Protocol
+from meal_bayes.trial_log import Marks, read_header, read_trials
+
+AGENTS = ("iterative_random_legal", "bayes_memory")
+ROOT = Path(__file__).resolve().parents[2]
+
+KILLED = """
+import os, signal, sys
+from meal_bayes.agents import MorcItrs
+from meal_bayes.experiments import OnlineConfig, run_online
+
+train, done = MorcItrs.train, 0
+
+def train_until(self, task):
+    global done
+    done += 1
+    if done == int(sys.argv[4]):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return train(self, task)
+
+MorcItrs.train = train_until
+config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
+                      agents=("iterative_random_legal", "bayes_memory"))
+run_online(config, logs=sys.argv[3])
+"""
+
+
+def contents(folder):
+    """Bytes of all marks and logs below a folder, by their relative names."""
+    paths = [*folder.rglob("*.marks.csv"), *folder.rglob("*.mcap")]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def config(own_data):
+    return OnlineConfig(
+        str(own_data), root=str(own_data.parent), batches=2, trials=5, repeats=2, seed=3,
+        agents=AGENTS,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def finished(config, tmp_path_factory):
+    return run_online(config, logs=tmp_path_factory.mktemp("logs"))
+
+
+@pytest.fixture(scope="module")
+def whole(finished):
+    return contents(finished.folder)
+
+
+def logs_of(finished, agent, repeat, part):
+    return sorted((finished.folder / agent / f"repeat-{repeat:03d}").glob(f"*-{part}.mcap"))
+
+
+class TestAFinishedRun:
+    def test_every_batch_of_every_unit_is_there(self, whole):
+        names = [f"{b:02d}-test" for b in range(3)] + [f"{b:02d}-train" for b in (1, 2)]
+        expected = {
+            f"{agent}/repeat-{repeat:03d}/{name}{end}"
+            for agent in AGENTS
+            for repeat in range(2)
+            for name in names
+            for end in (".mcap", ".marks.csv")
+        }
+        assert set(whole) == expected
+
+    def test_training_is_the_protocol_s_and_the_same_for_all(self, finished, config):
+        dataset = load_dataset(config.dataset, root=config.root)
+        for repeat in range(2):
+            protocol = Protocol.of(
+                dataset, attributes=1, seed=3, repeat=repeat, shares=config.split
+            )
+            for agent in AGENTS:
+                for k, path in enumerate(logs_of(finished, agent, repeat, "train"), start=1):
+                    trials = list(read_trials(path))
+                    assert [trial.task for trial in trials] == protocol.training(k, 5)
+                    for trial in trials:
+                        assert trial.task.object_index in protocol.split.train
+                for path in logs_of(finished, agent, repeat, "test"):
+                    assert [trial.task for trial in read_trials(path)] == protocol.tests()
+
+    def test_results_are_those_of_the_logs(self, finished):
+        results = list(finished.results())
+        assert [(r.agent, r.repeat, r.batch) for r in results] == [
+            (agent, repeat, batch) for agent in AGENTS for repeat in range(2) for batch in range(3)
+        ]
+        for result in results:
+            tests = logs_of(finished, result.agent, result.repeat, "test")
+            marks = Marks.of(read_trials(tests[result.batch]), ("red", "heavy"))
+            for field in fields(Marks):
+                np.testing.assert_array_equal(
+                    getattr(marks, field.name), getattr(result.marks, field.name)
+                )
+            trained = logs_of(finished, result.agent, result.repeat, "train")[: result.batch]
+            spent = sum(trial.cost for path in trained for trial in read_trials(path))
+            assert result.hours == pytest.approx(spent / 3600)
+        assert results[0].hours == 0
+
+    def test_agents_begin_alike_and_end_apart(self, whole):
+        assert (
+            whole["bayes_memory/repeat-000/00-test.marks.csv"]
+            != (whole["bayes_memory/repeat-000/02-test.marks.csv"])
+        )
+
+    def test_headers_tell_the_settings(self, finished, config):
+        for path in finished.folder.rglob("*.mcap"):
+            header = read_header(path)
+            assert header["config"] == config.as_dict()
+            assert path.name == f"{header['batch']:02d}-{header['part']}.mcap"
+            assert path.parent.name == f"repeat-{header['repeat']:03d}"
+            assert path.parent.parent.name == header["agent"]
+
+    def test_what_is_whole_is_not_run_again(self, finished, config):
+        before = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*.*")}
+        steps = []
+        again = run_online(
+            config, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
+        )
+        assert again == finished
+        assert steps == [(12, 12)]
+        assert {path: path.stat().st_mtime_ns for path in again.folder.rglob("*.*")} == before
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        ["02-test.*"],
+        ["02-test.*", "02-train.*"],
+        ["02-train.marks.csv"],
+        ["01-test.marks.csv"],
+        ["00-test.*", "01-test.*"],
+        ["01-train.marks.csv", "02-*"],
+        ["*"],
+    ],
+    ids="+".join,
+)
+def test_what_is_lost_is_made_again(finished, whole, config, lost):
+    unit = finished.folder / "bayes_memory" / "repeat-001"
+    kept = {p: p.stat().st_mtime_ns for p in finished.folder.rglob("repeat-000/*.mcap")}
+    for pattern in lost:
+        for path in unit.glob(pattern):
+            path.unlink()
+    run_online(config, logs=finished.folder.parent)
+    list(finished.results())
+    assert contents(finished.folder) == whole
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+@pytest.mark.parametrize("stop", [1, 8, 20])
+def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
+    train, calls = MorcItrs.train, []
+
+    def failing(self, task):
+        calls.append(task)
+        if len(calls) == stop:
+            raise RuntimeError("the power went")
+        return train(self, task)
+
+    monkeypatch.setattr(MorcItrs, "train", failing)
+    with pytest.raises(RuntimeError, match="the power went"):
+        run_online(config, logs=tmp_path)
+    monkeypatch.setattr(MorcItrs, "train", train)
+    assert len(contents(tmp_path)) < len(whole)
+    run = run_online(config, logs=tmp_path)
+    assert contents(run.folder) == whole
+    assert not list(run.folder.rglob("*.active"))
+
+
+def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
+    words = [config.dataset, config.root, str(tmp_path), "13"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", KILLED, *words], env=environment, check=False)
+    assert done.returncode == -signal.SIGKILL
+    before = list(tmp_path.rglob("*.marks.csv"))
+    assert 0 < len(before) < len(whole) / 2
+    steps = []
+    run = run_online(config, logs=tmp_path, on_progress=lambda *step: steps.append(step))
+    assert 0 < steps[0][0] < 12 == steps[-1][0]
+    assert contents(run.folder) == whole
+
+
+def test_two_processes_write_the_same_files(config, whole, tmp_path):
+    run = run_online(config, logs=tmp_path, jobs=2)
+    assert contents(run.folder) == whole
+
+
+def test_agents_and_repeats_join_the_folder(finished, config):
+    more = replace(config, agents=("iterative_random_legal",), first=1, repeats=1)
+    before = contents(finished.folder)
+    steps = []
+    run = run_online(
+        more, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
+    )
+    assert run.folder == finished.folder
+    assert steps == [(3, 3)]
+    assert contents(finished.folder) == before
+    assert [(r.agent, r.repeat) for r in run.results()] == [(AGENTS[0], 1)] * 3
+
+
+def test_tests_that_are_not_logged_leave_the_same_marks(config, whole, tmp_path):
+    run = run_online(replace(config, agents=AGENTS[1:], repeats=1, log="train"), logs=tmp_path)
+    found = contents(run.folder)
+    assert {name.rpartition("/")[2] for name in found if name.endswith(".mcap")} == {
+        "01-train.mcap", "02-train.mcap",
+    }  # fmt: skip
+    for name, data in found.items():
+        if name.endswith(".csv"):
+            assert data == whole[name]
+
+
+def test_fresh_runs_everything_again(config, whole, tmp_path):
+    one = replace(config, agents=AGENTS[1:], repeats=1)
+    steps = []
+    run_online(one, logs=tmp_path)
+    run = run_online(one, logs=tmp_path, fresh=True, on_progress=lambda *step: steps.append(step))
+    assert steps == [(0, 3), (3, 3)]
+    marks = {k: v for k, v in contents(run.folder).items() if k.endswith(".csv")}
+    assert marks == {k: whole[k] for k in marks}
+
+
+def test_every_setting_reaches_the_run(config, whole, tmp_path):
+    one = replace(config, agents=AGENTS[1:], repeats=1)
+    changes = (
+        {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"queries": 1.0},
+        {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
+        {"published": ("joint_label",)}, {"trials": 4},
+    )  # fmt: skip
+    folders = {}
+    for change in changes:
+        run = run_online(replace(one, **change), logs=tmp_path)
+        folders[run.folder] = contents(run.folder)
+        trials = [t for p in run.folder.rglob("*-test.mcap") for t in read_trials(p)]
+        assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
+        assert {trial.momdp.correct for trial in trials} == {change.get("reward", 300.0)}
+    assert len(folders) == len(changes)
+
+
+def test_curious_agents_take_their_weights(config, tmp_path):
+    one = replace(config, agents=("morc_itrs",), repeats=1, batches=1, trials=2)
+    bonus = {}
+    for alpha, beta in ((0.0, 0.0), (6.0, 0.0)):
+        run = run_online(replace(one, alpha=alpha, beta=beta), logs=tmp_path)
+        (path,) = run.folder.rglob("01-train.mcap")
+        bonus[alpha] = next(read_trials(path)).momdp.bonus
+    assert not bonus[0.0].any()
+    assert (bonus[6.0][:, :2] > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"agents": ("bayes", "bayess")}, "did you mean 'bayes'"),
+        ({"agents": ("bayes", "bayes")}, "named twice"),
+        ({"agents": ()}, "No agent named"),
+        ({"attributes": 0}, "attributes is 0"),
+        ({"batches": 0}, "batches is 0"),
+        ({"trials": -1}, "trials is -1"),
+        ({"repeats": 0}, "repeats is 0"),
+        ({"seed": -1}, "0 or more"),
+        ({"reward": float("nan")}, "reward is nan"),
+        ({"split": (33, 0, 34)}, "give three shares"),
+        ({"log": "some"}, "log 'some'"),
+        ({"answers": "verdikt"}, "did you mean 'verdict'"),
+        ({"error": 1.5}, "give 0 to below 1"),
+        ({"published": ("shaped",)}, "published variant 'shaped'"),
+        ({"alpha": -1.0}, "alpha"),
+        ({"beta": float("nan")}, "beta"),
+        ({"queries": -1.0}, "queries"),
+    ],
+)
+def test_configs_are_checked(wrong, message):
+    with pytest.raises(SettingsError, match=message):
+        OnlineConfig("toy", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "message"),
+    [
+        ({"attributes": 3}, SettingsError, "attributes is 3; own has 2"),
+        ({"success": (("lfit", 0.5),)}, DomainError, "did you mean 'lift'"),
+        ({"success": (("lift", 1.5),)}, DomainError, "probability 1.5"),
+        ({"root": None}, SettingsError, "give root="),
+    ],
+)
+def test_what_cannot_be_run_leaves_no_log(config, tmp_path, wrong, error, message):
+    with pytest.raises(error, match=message):
+        run_online(replace(config, **wrong), logs=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_body_s_outcomes_keep_their_shares(own_data):
+    domain = load_domain(own_data)
+    lifts = (Effect("x0", "lift", "x1", 0.6), Effect("x0", "lift", "x0", 0.2))
+    others = tuple(e for e in domain.diagram.effects if e.behavior != "lift")
+    two = replace(domain, diagram=replace(domain.diagram, effects=(*others, *lifts)))
+    body = _body(two, {"lift": 0.4})
+    assert [e.probability for e in body.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
+    assert _body(two, {}) == two
+
+
+def test_jobs_are_processes(config, tmp_path):
+    with pytest.raises(SettingsError, match="at least 1"):
+        run_online(config, logs=tmp_path, jobs=0)
