@@ -2,6 +2,7 @@
 
 import os
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,13 @@ def reference() -> Path:
     if not folder.is_dir():
         missing(f"no reference models in {folder}; set MEAL_BAYES_REFERENCE")
     return folder
+
+
+@pytest.fixture(scope="session")
+def dask() -> None:
+    """Ask for the extra that runs clusters."""
+    if find_spec("distributed") is None:
+        missing("no Dask; pip install 'meal-bayes[cluster]'")
 
 
 @pytest.fixture(scope="session")

@@ -55,9 +55,7 @@ def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
 
 def test_what_was_perceived_in_the_trial_is_not_paid_again(small):
     momdp = small.momdp("toy", small.rates, limit=5, discount=1.0)
-    after = update_belief(
-        initial_belief(momdp), momdp, Transition(0, 0, np.array([1, 0], np.int8))
-    )
+    after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1, 0], np.int8)))
     added, uses = bonuses_of(momdp, [7.0, 20.0, 0.0], 1, after)
     # Eq. 11 pays executions: a lift that succeeds with 0.9 takes 1 / 0.9 of them.
     np.testing.assert_allclose(added, 20.0 * np.minimum(uses[:, 1], 1) / 0.9)

@@ -1,6 +1,5 @@
 """Tables of marks: read back exactly as written, and refused where they are damaged."""
 
-import os
 from dataclasses import fields
 
 import numpy as np
@@ -52,7 +51,7 @@ def test_what_is_loaded_equals_what_was_saved(tmp_path_factory, marks):
     first = path.read_bytes()
     loaded.save(path)
     assert path.read_bytes() == first
-    assert os.listdir(path.parent) == [path.name]
+    assert list(path.parent.iterdir()) == [path]
 
 
 def lines(text):

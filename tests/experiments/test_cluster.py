@@ -1,0 +1,130 @@
+"""A Dask cluster on this machine runs the same experiment, also when a worker dies."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.experiments.parallel import in_parallel
+
+ROOT = Path(__file__).resolve().parents[2]
+LOCAL = "127.0.0.1"
+
+pytestmark = pytest.mark.usefixtures("dask")
+
+
+@contextmanager
+def process(folder, module, *words):
+    """Run a part of the cluster in a folder of its own."""
+    folder.mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    with (folder / "output").open("w") as output:
+        started = subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.{module}", *words],
+            cwd=folder, env=environment, stdout=output, stderr=output,
+        )  # fmt: skip
+        try:
+            yield started
+        finally:
+            started.kill()
+            started.wait()
+
+
+def wait_for(condition, what):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Start a scheduler and two workers; give its address with their processes."""
+    card = tmp_path / "scheduler.json"
+    with ExitStack() as stack:
+        words = ("--host", LOCAL, "--port", "0", "--no-dashboard", "--no-show")
+        words = (*words, "--scheduler-file", str(card))
+        stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *words))
+        wait_for(card.is_file, "no scheduler")
+        address = json.loads(card.read_text())["address"]
+        workers = [
+            stack.enter_context(
+                process(
+                    tmp_path / f"worker{k}", "dask_worker", address, "--host", LOCAL,
+                    "--no-nanny", "--no-dashboard", "--nthreads", "1", "--memory-limit", "0",
+                    "--local-directory", str(tmp_path),
+                )
+            )
+            for k in (1, 2)
+        ]  # fmt: skip
+        for k in (1, 2):
+            log = tmp_path / f"worker{k}" / "output"
+            wait_for(lambda log=log: "Registered to" in log.read_text(), "no worker")
+        yield address, workers
+
+
+@pytest.fixture
+def config(own_data):
+    return OnlineConfig(
+        str(own_data), root=str(own_data.parent), batches=2, trials=6, repeats=2, seed=3,
+        agents=("iterative_random_legal", "bayes_memory"),
+    )  # fmt: skip
+
+
+def contents(folder):
+    paths = [*folder.rglob("*.marks.csv"), *folder.rglob("*.mcap")]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkeypatch):
+    address, workers = cluster
+    expected = contents(run_online(config, logs=tmp_path / "here").folder)
+    monkeypatch.chdir(tmp_path)
+    seen = []
+
+    def kill_one():
+        """Kill a worker when both have begun and neither has ended."""
+        logs = tmp_path / "there"
+        wait_for(lambda: len({*logs.rglob("repeat-*")}) >= 2, "nothing begun")
+        os.kill(workers[0].pid, signal.SIGKILL)
+        seen.append(len([*logs.rglob("02-test.marks.csv")]))
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    run = run_online(config, logs="there", cluster=address)  # workers have other folders
+    killer.join()
+    assert seen[0] < 4
+    assert workers[0].poll() == -signal.SIGKILL
+    assert workers[1].poll() is None
+    assert contents(run.folder) == expected
+    assert len(list(run.results())) == 2 * 2 * 3
+
+
+def test_faults_of_the_work_are_told(cluster, config, tmp_path):
+    address, _ = cluster
+    wrong = replace(config, success=(("lift", 1.5),), repeats=1)
+    with pytest.raises(Exception, match=r"probability 1\.5"):
+        run_online(wrong, logs=tmp_path / "logs", cluster=address)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nonsense://127.0.0.1:1"])
+def test_no_scheduler_is_said_with_the_way_out(monkeypatch, address):
+    monkeypatch.setattr("meal_bayes.experiments.parallel._PATIENCE", "300ms")
+    with pytest.raises(SettingsError, match=f"No Dask scheduler answers at {address}; start one"):
+        list(in_parallel(abs, [-1], jobs=1, cluster=address))
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with pytest.raises(SettingsError, match=r"pip install 'meal-bayes\[cluster\]'"):
+        list(in_parallel(abs, [-1], jobs=1, cluster="tcp://127.0.0.1:9"))
