@@ -1,6 +1,7 @@
 """`meal-bayes run online`: robots that learn while they work."""
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -224,7 +225,7 @@ def _print(
     console.print(table)
     console.print(
         Text(
-            f"{summary[0].repeats} repeats; accuracy and ECE of the last three batches, the rest "
+            f"repeats: {summary[0].repeats}; accuracy and ECE of the last three batches, the rest "
             "after the last",
             "dim",
         )
@@ -238,12 +239,17 @@ def _print(
             against.add_row(
                 one.agent,
                 f"{one.hours_ratio:.2f} ({one.hours_ratio_low:.2f} to {one.hours_ratio_high:.2f})",
-                f"{one.accuracy_difference:+.3f} {spread}{one.accuracy_difference_se:.3f}",
-                f"{one.reward_difference:+.1f} {spread}{one.reward_difference_se:.1f}",
+                _difference(one.accuracy_difference, one.accuracy_difference_se, 3, spread),
+                _difference(one.reward_difference, one.reward_difference_se, 1, spread),
             )
     if against.row_count:
         console.print()
         console.print(against)
+
+
+def _difference(value: float, se: float, digits: int, spread: str) -> str:
+    error = "" if math.isnan(se) else f" {spread}{se:.{digits}f}"  # nan: a single repeat tells none
+    return f"{value:+.{digits}f}{error}"
 
 
 def _mean(values: Iterable[float]) -> float:

@@ -1,0 +1,162 @@
+"""`run online`: one JSON object, a table, one line for what is wrong, nothing done twice."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+ROW = [
+    "agent", "batch", "repeat", "exploration_hours", "accuracy", "accuracy_se", "test_cost_s",
+    "reward", "nll", "ece", "claimed_accuracy",
+]  # fmt: skip
+SUMMARY = [
+    "agent", "repeats", "exploration_hours", "accuracy", "reward", "pooled_ece", "ece_calibrated",
+    "hours_ratio", "hours_ratio_low", "hours_ratio_high", "accuracy_difference",
+    "accuracy_difference_se", "reward_difference", "reward_difference_se",
+]  # fmt: skip
+SMALL = ("--batches", "2", "--trials", "4")
+
+
+@pytest.fixture
+def words(own_data):
+    """The command, on data of one's own."""
+    return ("run", "online", "--dataset", own_data, "--root", own_data.parent, *SMALL)
+
+
+def test_json_is_one_object_with_every_field(run, words):
+    result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2", "--json")
+    assert result.exit_code == 0
+    assert result.stdout.count("\n") == 1
+    told = json.loads(result.stdout)
+    assert list(told) == ["config", "rows", "summary", "log"]
+    config = told["config"]
+    assert config["agents"] == ["bayes", "iterative_morc"]
+    assert (config["batches"], config["trials"], config["repeats"]) == (2, 4, 2)
+    assert config["split"] == [33, 33, 34]
+    assert [(r["agent"], r["repeat"], r["batch"]) for r in told["rows"]] == [
+        (agent, repeat, batch)
+        for agent in config["agents"]
+        for repeat in (0, 1)
+        for batch in (0, 1, 2)
+    ]
+    for row in told["rows"]:
+        assert list(row) == ROW
+        assert 0 <= row["accuracy"] <= 1
+        assert 0 <= row["claimed_accuracy"] <= 1
+        assert (row["exploration_hours"] == 0) == (row["batch"] == 0)
+    assert [row["agent"] for row in told["summary"]] == config["agents"]
+    for row in told["summary"]:
+        assert list(row) == SUMMARY
+        assert row["repeats"] == 2
+    reference = told["summary"][1]
+    assert reference["hours_ratio"] == pytest.approx(1.0)
+    assert reference["accuracy_difference"] == reference["reward_difference"] == 0
+    assert len(list(Path(told["log"]).rglob("*.mcap"))) == 2 * 2 * 5
+
+
+def test_one_repeat_has_no_errors_of_differences(run, words):
+    told = json.loads(run(*words, "--agent", "iterative_random_legal", "--json").stdout)
+    (row,) = told["summary"]
+    assert row["hours_ratio"] is None
+    assert row["accuracy_difference_se"] is None
+
+
+def test_the_table_fits_and_names_the_log(run, words):
+    result = run(*words, "--agent", "bayes,iterative_morc")
+    lines = result.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    names = "agent explored, h accuracy claimed test cost, s reward ECE"
+    assert lines[0].split() == names.split()
+    assert lines[1].split()[0] == "bayes"
+    assert lines[2].split()[0] == "iterative_morc"
+    assert lines[3].startswith("repeats: 1;")
+    assert "against iterative_morc" in result.stdout
+    assert "nan" not in result.stdout
+    assert "trials in logs/online-own-n1-" in result.stderr
+
+
+def test_differences_of_several_repeats_have_errors(run, words):
+    result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
+    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("bayes"))
+    assert row.count("±") + row.count("+-") == 2
+    assert "nan" not in result.stdout
+
+
+def test_a_second_call_computes_nothing_unless_fresh(run, words):
+    words = (*words, "--agent", "bayes", "--json")
+    first = run(*words)
+    folder = Path(json.loads(first.stdout)["log"])
+    stamps = {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")}
+    again = run(*words)
+    assert again.stdout == first.stdout
+    assert "3 of 3 batches are there already" in again.stderr
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")} == stamps
+    fresh = run(*words, "--fresh")
+    assert fresh.stdout == first.stdout
+    assert "there already" not in fresh.stderr
+    assert all(path.stat().st_mtime_ns > stamp for path, stamp in stamps.items())
+
+
+def test_options_reach_the_run(run, words):
+    options = (
+        "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--feedback",
+        "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--published",
+        "sample_wise, joint_label", "--seed", "9", "--log", "train", "--agent", "morc_itrs",
+    )  # fmt: skip
+    told = json.loads(run(*words, *options, "--json").stdout)
+    config = told["config"]
+    expected = {
+        "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
+        "error": 0.1, "success": [["lift", 0.5]], "learn_success": True,
+        "published": ["sample_wise", "joint_label"], "seed": 9, "log": "train",
+        "agents": ["morc_itrs"],
+    }  # fmt: skip
+    assert {name: config[name] for name in expected} == expected
+    assert {p.name for p in Path(told["log"]).rglob("*.mcap")} == {"01-train.mcap", "02-train.mcap"}
+
+
+def test_all_published_variants_at_once(run, words):
+    told = json.loads(run(*words, "--published", "all", "--agent", "morc_itrs", "--json").stdout)
+    assert told["config"]["published"] == [
+        "shaped_test", "sample_wise", "joint_label", "model_percepts",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("--agent", "bayess"), "did you mean 'bayes'"),
+        (("--agent", "bayes,bayes"), "named twice"),
+        (("--split", "33/33"), "give three whole numbers, such as 33/33/34"),
+        (("--split", "a/b/c"), "give three whole numbers"),
+        (("--split", "0/1/1"), "give three shares"),
+        (("--success", "lift"), "give it as grasp=0.5"),
+        (("--success", "lfit=0.5"), "did you mean 'lift'"),
+        (("--success", "lift=1.5"), "probability 1.5"),
+        (("--success", "lift=0"), "probability 0"),
+        (("--published", "shaped"), "published variant 'shaped'"),
+        (("--attributes", "3"), "own has 2"),
+        (("--attributes", "0"), "attributes is 0"),
+        (("--batches", "0"), "batches is 0"),
+        (("--alpha", "-1"), "alpha is -1"),
+        (("--split", "1/1/1000"), "Split sizes"),
+    ],
+)
+def test_bad_input_is_one_line(fails, words, wrong, message):
+    assert message in fails(*words, *wrong)
+    assert not Path("logs").exists()
+
+
+def test_one_s_own_data_need_their_folder(fails, own_data):
+    assert "give root=" in fails("run", "online", "--dataset", own_data)
+
+
+def test_public_data_without_network_say_so(fails):
+    told = fails("run", "online", "--dataset", "roc36", *SMALL)
+    assert "MEAL_BAYES_OFFLINE forbids the network" in told
+
+
+def test_a_cluster_that_does_not_answer_is_one_line(dask, fails, words, monkeypatch):
+    monkeypatch.setattr("meal_bayes.experiments.parallel._PATIENCE", "300ms")
+    told = fails(*words, "--agent", "bayes", "--cluster", "tcp://127.0.0.1:9")
+    assert "No Dask scheduler answers at tcp://127.0.0.1:9" in told
