@@ -27,7 +27,6 @@ from meal_bayes.perception import (
     fit_and_score,
 )
 from meal_bayes.planners import OpenLoop, OpenLoopPolicy, Policy, Remembering
-from meal_bayes.planners.baselines import RandomLegalPolicy
 from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
 
