@@ -38,7 +38,7 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels):
     dataset, rng = make(6, objects=12, signal=6.0), np.random.default_rng(0)
     training_set = partly_labelled(TrainingSet.everything(dataset, range(8)), rng)
     perception, expected = fit_and_validate(dataset, training_set, settings=settings)
-    kernels = Kernels.of(dataset, training_set, settings.kernel)
+    kernels = Kernels.of(dataset, training_set, kernel=settings.kernel)
     objects = np.array([2, 9, 11])
     log_odds, counts = fit_and_score(kernels, training_set, objects, settings=settings)
     np.testing.assert_array_equal(counts.counts, expected.counts)
@@ -49,8 +49,7 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels):
                 instance = dataset.instance(o, behavior, r)
                 e = dataset.domain.behavior_index(behavior)
                 own = perception.log_odds(instance, BOTH)
-                # kernels are kept in half the digits
-                np.testing.assert_allclose(log_odds[o, r, e], own, atol=0.02)
+                np.testing.assert_allclose(log_odds[o, r, e], own, atol=0.005)  # of float16
                 seen = percepts.observe(Instance(o, behavior, r), BOTH, rng)
                 levels_seen = levels_of(log_odds[o, r, e], BIN_EDGES, levels)
                 assert seen.tolist() == levels_seen.tolist()
@@ -76,9 +75,30 @@ def test_spaces_stay_those_of_the_start(make):
 def test_labels_play_no_part_in_the_spaces(make, relabel):
     dataset = make(4)
     changed = relabel(dataset, 1 - dataset.labels)
-    grams = [Kernels.of(d, TrainingSet.everything(d)).grams for d in (dataset, changed)]
-    for key in grams[0]:
-        np.testing.assert_array_equal(grams[0][key], grams[1][key])
+    spaces = [
+        Kernels.of(d, TrainingSet.everything(d), whiten=True).spaces for d in (dataset, changed)
+    ]
+    for key in spaces[0]:
+        np.testing.assert_array_equal(spaces[0][key].rows, spaces[1][key].rows)
+
+
+def test_whitening_shrinks_what_differs_between_repeats(make):
+    """A feature that is noise on every recording counts for less than one that objects keep."""
+    dataset, rng = make(2, objects=30, recordings=4), np.random.default_rng(3)
+    kept = rng.normal(size=(30, 1, 1)) + 0.05 * rng.normal(size=(30, 4, 1))
+    features = {
+        key: np.concatenate([kept, rng.normal(size=(30, 4, 1))], axis=2).astype(np.float32)
+        for key in dataset.features
+    }
+    noisy = replace(dataset, features=features)
+    everything = TrainingSet.everything(noisy)
+    plain, white = (
+        next(iter(Kernels.of(noisy, everything, whiten=on).spaces.values())).rows.std(axis=0)
+        for on in (False, True)
+    )
+    np.testing.assert_allclose(plain, 1.0, atol=0.01)
+    assert white[0] > 0.9
+    assert white[1] < 0.6  # sqrt(.3 / 1.3) is .48
 
 
 def test_a_behavior_never_recorded_says_nothing(make):
