@@ -33,6 +33,17 @@ def test_parts_are_disjoint_and_hold_every_object(dataset, repeat):
         assert (dataset.labels[part] == 1).sum(axis=0).min() >= 3
 
 
+@pytest.mark.parametrize(("positives", "each"), [(9, 3), (7, 2), (2, 0)])
+def test_rare_attributes_are_in_every_part_where_they_can_be(dataset, positives, each):
+    labels = dataset.labels.copy()
+    labels[:, 0] = np.arange(30) < positives
+    rare = Dataset(dataset.domain, dataset.objects, dataset.features, labels)
+    for repeat in range(4):
+        split = protocol(rare, repeat=repeat).split
+        counts = [labels[part, 0].sum() for part in (split.pre, split.train, split.test)]
+        assert min(counts) >= each
+
+
 def test_shares_are_followed(dataset):
     split = protocol(dataset, shares=(1, 1, 4)).split
     assert [len(part) for part in (split.pre, split.train, split.test)] == [5, 5, 20]

@@ -32,10 +32,10 @@ def partly_labelled(training_set, rng):
 
 
 @RECIPES
-@pytest.mark.parametrize("levels", [2, 4])
-def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels):
+@pytest.mark.parametrize(("levels", "signal"), [(2, 6.0), (4, 6.0), (2, 0.0)])
+def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels, signal):
     settings = replace(settings, levels=levels)
-    dataset, rng = make(6, objects=12, signal=6.0), np.random.default_rng(0)
+    dataset, rng = make(6, objects=12, signal=signal), np.random.default_rng(0)
     training_set = partly_labelled(TrainingSet.everything(dataset, range(8)), rng)
     perception, expected = fit_and_validate(dataset, training_set, settings=settings)
     kernels = Kernels.of(dataset, training_set, kernel=settings.kernel)
@@ -53,6 +53,8 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels):
                 seen = percepts.observe(Instance(o, behavior, r), BOTH, rng)
                 levels_seen = levels_of(log_odds[o, r, e], BIN_EDGES, levels)
                 assert seen.tolist() == levels_seen.tolist()
+    said = log_odds[objects][:, :, :2] != 0
+    assert said.all() if signal else not said.all()  # what is not believed says nothing
     rest = np.setdiff1d(np.arange(12), objects)
     assert np.isnan(log_odds[rest]).all()
     assert np.isnan(log_odds[:, :, 2:]).all()  # neither senses

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.planners import Decision, History, OpenLoop, OpenLoopPolicy, Remembering
 from meal_bayes.planners.compiled import compile_momdp
@@ -86,6 +87,23 @@ def test_a_bonus_that_is_worth_its_cost_is_fetched(small):
     assert OpenLoop(paid=1).solve(rich, None).decide(history, None).action == 1
     poor = with_bonus(momdp, [0.0, 5.0, 0.0])  # less than lift costs
     assert OpenLoop(paid=1).solve(poor, None).decide(history, None).action >= momdp.n_behaviors
+
+
+def test_only_what_pays_again_is_done_again(small):
+    momdp = with_bonus(small.momdp("toy", {"red": {}}, limit=4), [50.0, 0.0, 0.0])
+    after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1], np.int8)))
+    decide = History(after)
+    assert OpenLoop().solve(momdp, None).decide(decide, None).action == 0
+    assert OpenLoop(paid=1).solve(momdp, None).decide(decide, None).action >= momdp.n_behaviors
+
+
+def test_one_plan_fetches_every_bonus(small):
+    domain = load_domain("ispy32")
+    momdp = small.momdp(domain, {domain.attributes[0]: {}}, limit=4, discount=1.0)
+    senses = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
+    rich = with_bonus(momdp, 200.0 * senses)
+    decision = OpenLoop(paid=1).solve(rich, None).decide(History(initial_belief(rich)), None)
+    assert np.nanmax(decision.values) > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
 
 def test_decisions_are_remembered_by_place_and_percepts(toy):
