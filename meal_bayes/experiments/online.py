@@ -88,7 +88,7 @@ class OnlineConfig:
         for name in self.published:
             if name not in PUBLISHED:
                 raise SettingsError(unknown("published variant", name, PUBLISHED))
-        for name in ("alpha", "beta", "queries"):
+        for name in ("alpha", "beta"):
             value = getattr(self, name)
             if value is not None and not 0 <= value < math.inf:
                 raise SettingsError(f"{name} is {value}; give a finite number, 0 or more.")
