@@ -175,7 +175,7 @@ def reliability_diagram(
     index = np.minimum((b * bins).astype(np.intp), bins - 1)
     n, hits = np.bincount(index, minlength=bins), np.bincount(index[true], minlength=bins)
     filled = np.flatnonzero(n)
-    with _axes(ax, square=True) as to:
+    with _axes(ax, width=3.4, height=3.4) as to:
         edges = np.arange(bins) / bins
         to.bar(edges, n / len(b), 1 / bins, align="edge", color="#E3E3E3", label="share of beliefs")
         to.plot([0, 1], [0, 1], color=_GRAY, lw=1, ls="--", label="calibrated")
@@ -315,11 +315,11 @@ def _drawn(ax: Axes, kind: str) -> bytes:
 
 
 @contextlib.contextmanager
-def _axes(ax: Axes | None, *, square: bool = False, height: float = 2.9) -> Iterator[Axes]:
+def _axes(ax: Axes | None, *, width: float = 4.8, height: float = 2.9) -> Iterator[Axes]:
     """Give the Axes to draw into, in our style while the block runs."""
     with mpl.rc_context(_STYLE):
         if ax is None:
-            figure = Figure(figsize=(3.4 if square else 4.8, 3.4 if square else height))
+            figure = Figure(figsize=(width, height))
             figure.set_layout_engine("constrained")
             FigureCanvasAgg(figure)
             ax = figure.subplots()
