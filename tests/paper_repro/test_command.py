@@ -1,0 +1,75 @@
+"""`meal-bayes reproduce` as a reader types it."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import meal_bayes
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = ROOT / "paper_repro"
+PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
+BAR = 120  # s, on two cores
+
+
+def reproduce(*arguments, cwd=ROOT, **variables):
+    path = os.pathsep.join([str(PACKAGE), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-P", "-m", "meal_bayes", "reproduce", *map(str, arguments)],
+        cwd=cwd, env={**os.environ, "PYTHONPATH": path, **variables}, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+
+
+def test_all_items_quickly(scripts, tmp_path):
+    before = {path: path.stat().st_mtime_ns for path in SCRIPTS.rglob("*") if path.is_file()}
+    start = time.monotonic()
+    done = reproduce("all", "--quick", "--json", "--jobs", 2, "--logs", tmp_path)
+    seconds = time.monotonic() - start
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    found = {one["item"]: one for one in told["items"]}
+    assert {*found, *told["skipped"]} == set(scripts.reproduction.ITEMS)
+    assert set(told["skipped"]) <= {"table2"}  # it needs the recordings
+    for item, one in found.items():
+        assert one["tables"][0]["rows"], item
+        assert one["verdict"], item
+        assert "--quick" in one["command"]
+        for name in one["figures"]:
+            assert (tmp_path / "paper_repro" / name).stat().st_size > 1000
+    after = {path: path.stat().st_mtime_ns for path in before}
+    assert after == before
+    assert seconds < BAR
+    again = reproduce("all", "--quick", "--json", "--logs", tmp_path)
+    assert json.loads(again.stdout) == told  # from the logs
+
+
+def test_a_script_runs_alone(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(SCRIPTS / "table5.py"), "--quick", "--logs", str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": str(PACKAGE)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert "| shake | no | 0.060 | 0.059 |" in done.stdout
+
+
+def test_without_scripts_one_line_says_where_they_are(tmp_path):
+    done = reproduce("table5", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "--scripts" in done.stderr
+    assert "checkout" in done.stderr
+    done = reproduce("table5", "--quick", "--scripts", SCRIPTS, cwd=tmp_path)
+    assert done.returncode == 0
+    assert "reproduced: 7 of 7" in done.stdout
+
+
+def test_missing_recordings_are_told_in_a_line(tmp_path):
+    done = reproduce(
+        "table2", "--quick", "--logs", tmp_path,
+        MEAL_BAYES_DATA_URL="", MEAL_BAYES_DATA_DIR=str(tmp_path), MEAL_BAYES_OFFLINE="1",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "table2 is skipped" in done.stderr
