@@ -107,8 +107,10 @@ def verdict(claims: Sequence[Claim]) -> str:
     code = [claim for claim in claims if claim.published is not None]
     stand = f"{sum(bool(c.recorded) for c in own)} of {len(own)} statements stand"
     in_code = f"{sum(bool(c.published) for c in code)} of {len(code)} in the published protocol"
+    if not claims:
+        return "the paper says nothing that could be judged"
     if not own:
-        return f"on recordings not run: {in_code}" if code else "not run: what it needs is missing"
+        return f"on recordings not run: {in_code}"
     fell = [claim for claim in own if not claim.recorded]
     more = f" and {len(fell) - _NAMED} more" if len(fell) > _NAMED else ""
     names = "; not: " + "; ".join(claim.text for claim in fell[:_NAMED]) + more

@@ -16,7 +16,9 @@ ITEMS = (
     "fig5",
     "fig7",
     "table3",
+    "fig8",
     "table5",
+    "errata",
 )
 
 

@@ -27,7 +27,7 @@ def test_examples_hold(scripts):
         ([("a", False, None, True), ("b", True, None)], "reproduced where the paper agrees"),
         ([("a", False, None, True), ("b", False, None)], "not reproduced"),
         ([("a", None, True)], "on recordings not run: 1 of 1"),
-        ([], "not run"),
+        ([], "the paper says nothing"),
     ],
 )
 def test_verdicts_follow_from_the_claims(scripts, claims, begins):
