@@ -32,9 +32,7 @@ def run(setting: Setting) -> Result:
         stands = {name: is_best(r[n], best, measure) for name, r in runs.items()}
         text = f"MORC is best in {MEASURES[measure]} at {n} attributes"
         claims.append(Claim(text, stands.get("recorded"), stands["published"]))
-    figures = {
-        f"_{measure}_{name}": figure(r, measure) for name, r in runs.items() for measure in MEASURES
-    }
+    figures = {f"_{m}_{name}": figure(r, m) for name, r in runs.items() for m in MEASURES}
     own = [f"{list(runs.values())[-1][n].mean(best, 'reward').mean:.0f}" for n in numbers]
     compared = {f"{name}, {n} attributes": r[n] for n in numbers for name, r in runs.items()}
     return Result(
@@ -72,7 +70,7 @@ def figure(runs: Runs, measure: str) -> plots.Axes:
         found = [trials.mean(agent, measure) for trials in runs.values()]
         groups[agent] = [Interval(m, se, m - se, m + se) for m, se in found]
     ax = plots.bars(groups, [f"{n} attributes" for n in runs], y_label=MEASURES[measure])
-    ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize=8, frameon=False)
     return ax
 
 

@@ -92,7 +92,9 @@ class Result:
     notes: tuple[str, ...] = ()
     # by what their files' names end in after the item
     figures: Mapping[str, plots.Axes] = dataclasses.field(default_factory=dict)
-    seconds: float = 0.0  # of computing, logged ones included; never in a compared value
+    # computing time: kept apart, as it is never the same twice
+    seconds: float = 0.0  # in all, logged ones included
+    timing: str = ""  # what else is to be told of it
     # of the published code's departures, by their number in errata.toml
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
@@ -185,9 +187,9 @@ def write(result: Result, setting: Setting) -> dict[str, Any]:
     (folder / f"{result.item}.json").write_text(text, encoding="utf-8")
     for end, figure in result.figures.items():
         plots.save(figure, folder / f"{result.item}{end}.png")
-    timing = folder / "seconds.json"  # apart, as they are never the same twice
+    timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
-    known[result.item] = round(result.seconds, 1)
+    known[result.item] = {"seconds": round(result.seconds, 1), "told": result.timing}
     timing.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return told
 

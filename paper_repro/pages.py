@@ -40,7 +40,8 @@ and 13 are drawings and photographs, and are not made again.
 
 def readme(items: Iterable[str]) -> str:
     """Make the README from the results that are there."""
-    minutes = _seconds()
+    path = RESULTS / "timing.json"
+    timing = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     lines = [_HEAD, _row(["item", "command", "minutes", "paper", "ours", "verdict"])]
     lines.append(_row(["---"] * 6))
     sections = []
@@ -51,14 +52,14 @@ def readme(items: Iterable[str]) -> str:
             lines.append(_row([item, shown, _DASH, _DASH, _DASH, "not run in full yet"]))
             continue
         told = json.loads(path.read_text(encoding="utf-8"))
-        cells = [f"[{item}](#{item})", f"`{told['command']}`", _minutes(minutes.get(item))]
+        cells = [f"[{item}](#{item})", f"`{told['command']}`", _minutes(timing[item]["seconds"])]
         lines.append(_row([*cells, told["paper"], told["ours"], told["verdict"]]))
-        sections.append(result_page(told, figures="results/"))
+        sections.append(result_page(told, timing[item]["told"], figures="results/"))
     return "\n".join(lines) + "\n\n" + "\n".join(sections)
 
 
-def result_page(told: Mapping[str, Any], *, figures: str = "") -> str:
-    """Show one result; with the folder of its figures, these as well."""
+def result_page(told: Mapping[str, Any], timing: str = "", *, figures: str = "") -> str:
+    """Show one result, what its timing tells, and the figures of a folder."""
     lines = [f"## {told['item']}", "", f"{told['title']}. `{told['command']}`", ""]
     for table in told["tables"]:
         lines += [f"**{table['title']}**", "", _row(table["columns"])]
@@ -68,7 +69,8 @@ def result_page(told: Mapping[str, Any], *, figures: str = "") -> str:
         lines += [f"![{name}]({figures}{name})" for name in told["figures"]]
         lines += [""] if told["figures"] else []
     lines += [f"- {claim['text']} ({_stands(claim)})" for claim in told["claims"]]
-    lines += ["", *(f"{note}\n" for note in told["notes"]), f"**{told['verdict']}**", ""]
+    notes = (note for note in (*told["notes"], timing) if note)
+    lines += ["", *(f"{note}\n" for note in notes), f"**{told['verdict']}**", ""]
     return "\n".join(lines)
 
 
@@ -98,14 +100,7 @@ def _stands(claim: Mapping[str, Any]) -> str:
     return f"published: {code}" + (f", recorded: {own}" if own else "")
 
 
-def _seconds() -> dict[str, float]:
-    path = RESULTS / "seconds.json"
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-
-
-def _minutes(seconds: float | None) -> str:
-    if seconds is None:
-        return _DASH
+def _minutes(seconds: float) -> str:
     return "< 1" if seconds < 60 else f"{seconds / 60:.0f}"  # noqa: PLR2004  a minute
 
 

@@ -17,6 +17,7 @@ ITEMS = (
     "fig7",
     "table3",
     "fig8",
+    "fig9",
     "table5",
     "errata",
 )

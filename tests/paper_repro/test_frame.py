@@ -73,7 +73,7 @@ def test_quick_and_partial_runs_leave_the_committed_results(scripts, elsewhere, 
 @pytest.mark.parametrize("item", ["table5", "fig7", "fig5"])
 def test_a_full_run_again_gives_the_committed_files(scripts, elsewhere, tmp_path, item):
     scripts.reproduction.reproduce(item, scripts.frame.Setting(logs=tmp_path / "logs"))
-    made = sorted(path for path in elsewhere.iterdir() if path.name != "seconds.json")
+    made = sorted(path for path in elsewhere.iterdir() if path.name != "timing.json")
     assert (elsewhere / f"{item}.json") in made
     for path in made:
         kept = SCRIPTS / "results" / path.name
