@@ -18,6 +18,7 @@ from meal_bayes.evaluation import plots
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
+_ZERO = 1e-9
 _NAMED = 4  # fallen statements that a verdict names
 
 
@@ -199,7 +200,8 @@ def _plain(cell: Cell) -> Any:
     if isinstance(cell, Estimate):
         return [_plain(number) for number in cell]
     if isinstance(cell, float):
-        return None if math.isnan(cell) else float(f"{cell:.6g}")
+        nothing = abs(cell) < _ZERO  # what rounding leaves over
+        return None if math.isnan(cell) else 0.0 if nothing else float(f"{cell:.6g}")
     return cell
 
 

@@ -6,13 +6,13 @@ from typing import Any
 from frame import HERE, Claim, Estimate, Result, Setting, Table, agrees, main, paper_values
 from trials import Trials, paired_table, run_agents
 
-EVERY = str(HERE / "every_behavior.toml")
+EVERY, CODE = (str(HERE / f"{name}.toml") for name in ("every_behavior", "roc36_table3"))
 PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diagram; the paper's
 COLUMNS = ("attributes", "agent", "accuracy: paper", "published", "recorded", "cost, s: paper",
            "published", "recorded", "its sd: paper", "published", "recorded")  # fmt: skip
-NOTE = """Standard errors of the paper are those of its 400 trials. Its Predefined Plus costs what
-all eleven behaviors cost once: it is run so (every_behavior.toml), and through the diagram. Eleven
-percepts leave little doubt; the paper has them less accurate than MORC, which stops earlier."""
+NOTE = """The paper's errors are those of 400 trials. Its Predefined Plus costs what all eleven
+behaviors cost once: it is run so (every_behavior.toml), and through the diagram. Eleven percepts
+leave little doubt; the paper has them less accurate than MORC, which stops earlier."""
 
 Measures = tuple[Estimate, Estimate, float]  # accuracy, cost, sd of the cost
 
@@ -49,8 +49,9 @@ def run(setting: Setting) -> Result:
 
 def _agents(setting: Setting, protocol: str, n: int) -> tuple[Trials, Trials]:
     count, fewer = setting.of("table3", "trials"), setting.of("table3", "ours")
-    some = run_agents(setting, protocol, "roc36", n, ["random", PLUS, "morc"], count)
-    ours = run_agents(setting, protocol, "roc36", n, ["bayes"], fewer)
+    code = CODE if protocol == "published" else ""
+    some = run_agents(setting, protocol, "roc36", n, ["random", PLUS, "morc"], count, domain=code)
+    ours = run_agents(setting, protocol, "roc36", n, ["bayes"], fewer, domain=code)
     return some + ours, run_agents(setting, protocol, "roc36", n, [PLUS], count, domain=EVERY)
 
 
@@ -61,10 +62,9 @@ def _measures(some: Trials, every: Trials, agent: str) -> Measures:
 
 def _printed(n: int, agent: str) -> Measures | None:
     paper = paper_values("table3")
-    names = {"random": "random", ALL: "predefined_plus", "morc": "morc"}
-    if agent not in names:
+    values, root = paper[str(n)].get({ALL: PLUS, PLUS: ""}.get(agent, agent)), sqrt(paper["trials"])
+    if values is None:
         return None
-    values, root = paper[str(n)][names[agent]], sqrt(paper["trials"])
     share, cost, sd = (values[key] for key in ("accuracy", "cost", "sd"))
     return Estimate(share, sqrt(share * (1 - share)) / root), Estimate(cost, sd / root), sd
 

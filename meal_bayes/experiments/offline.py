@@ -179,9 +179,9 @@ def _loaded(dataset: str, perception: str, fingerprint: str) -> PerceptTable:
 
 
 def _fingerprint(dataset: str) -> str:
-    """Digest of a table of one's own, so that another one under its name is another run."""
+    """Digest of a table or domain of one's own: another one under its name is another run."""
     path = Path(dataset)
-    if path.suffix != ".npz" or not path.is_file():
+    if path.suffix not in (".npz", ".toml") or not path.is_file():
         return ""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

@@ -255,3 +255,17 @@ def test_logs_may_be_named_by_a_text(tmp_path):
     config = OfflineConfig("roc36", 1, 1, ("random",))
     run = run_offline(config, logs=os.fspath(tmp_path / "deep" / "logs"))
     assert run.folder.parent == tmp_path / "deep" / "logs"
+
+
+def test_another_domain_under_its_name_is_another_run(tmp_path):
+    own = tmp_path / "own.toml"
+    folders = []
+    for reward in (500.0, 300.0):
+        own.write_text(
+            f'extends = "roc36"\nname = "own"\ndata = "roc36"\nreport_reward = {reward}\n'
+        )
+        config = OfflineConfig(str(own), 1, 2, ("random",))
+        run = run_offline(config, logs=tmp_path)
+        folders.append(run.folder)
+        assert {abs(trial.steps[-1].reward) for trial in run.trials()} == {reward}
+    assert folders[0] != folders[1]

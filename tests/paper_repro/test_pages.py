@@ -84,3 +84,14 @@ def test_replayed_trials_show_what_the_paper_prints():
     assert all(claim["recorded"] for claim in committed("table5")["claims"])
     fell = [claim for claim in committed("fig7")["claims"] if not claim["recorded"]]
     assert [claim["text"] for claim in fell] == ["the trial costs 167 s", "its reward is 333"]
+
+
+def test_the_project_readme_shows_the_papers_numbers():
+    text = (SCRIPTS.parent / "README.md").read_text(encoding="utf-8")
+    paper = tomllib.loads((SCRIPTS / "paper_values.toml").read_text(encoding="utf-8"))["table3"]
+    for n, title in (("2", "ROC36, two attributes"), ("3", "ROC36, three attributes")):
+        table = text.partition(f"**{title}**")[2].partition("trials an agent")[0]
+        for agent, values in paper[n].items():
+            (row,) = (line for line in table.splitlines() if line.startswith(f"| {agent} |"))
+            accuracy, cost = row.strip("| ").split(" | ")[-2:]
+            assert (float(accuracy), float(cost)) == (values["accuracy"], values["cost"])
