@@ -32,7 +32,7 @@ def run(setting: Setting) -> Result:
         rows.append((number, text, *_measures(changed), difference))
         before, after = (t.mean(AGAINST, "success").mean for t in (whole, changed))
         effects[number] = (
-            f"MORC on ROC36, {n} attributes, this alone: accuracy {after:.3f} against "
+            f"MORC on ROC36, {n} attributes, {text}: accuracy {after:.3f} against "
             f"{before:.3f}, reward {difference.mean:+.1f} ± {difference.se:.1f}"
         )
         seconds += changed.seconds
@@ -69,7 +69,7 @@ def _press() -> str:
     """Update T2's belief by Table 4's late matrix, percept "not soft", as Eq. 8 does."""
     rows = np.array(paper_values("table4")["late"])
     trial = paper_values("t2")
-    belief = np.array(trial["before"]) * (rows / rows.sum(axis=1, keepdims=True))[:, 0]
+    belief = np.array(trial["before"]) * rows[:, 0]
     belief /= belief.sum()
     printed = " ".join(f"{value:.2f}" for value in trial["after"])
     return f"by Table 4 [{belief[0]:.2f} {belief[1]:.2f}], printed [{printed}]"

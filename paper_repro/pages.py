@@ -21,16 +21,17 @@ object-centric action policies. Autonomous Robots 47, 2023. doi:10.1007/s10514-0
 
 Numbers stand in up to three columns. **paper**: what it prints. **published**: the published code's
 protocol: percepts are drawn from the learned confusion matrices themselves, so that accuracy is the
-model's opinion of itself; with its transition diagrams and, on ROC36, the paper's classifiers.
-**recorded**: percepts are outputs of classifiers on real recordings of an object that none of them
-has seen, none used twice in a trial; `morc` is the paper's algorithm, `bayes` is ours. ± is one
-standard error, objects drawn as wholes; agents answer the same queries with the same luck.
+model's opinion of itself; with its transition diagrams and, on ROC36, the paper's classifiers
+(their percepts are computed from the recordings once, in a minute or two). **recorded**: percepts
+are outputs of classifiers on real recordings of an object that none has seen, none used twice in a
+trial; `morc` is the paper's algorithm, `bayes` is ours. ± is one standard error, objects drawn as
+wholes; agents answer the same queries with the same luck.
 
 A verdict is computed from statements that the paper makes, each of which stands or does not: a
-number stands if ours is within two standard errors of it. *reproduced*: all stand on recordings.
-*reproduced only in the published protocol*: those that fall there stand in the published code's.
-*reproduced where the paper agrees with itself*: those that fall are against other numbers of its
-own. *not reproduced*: the rest, with the statements that fell.
+number stands if it is within two standard errors of the difference from ours. *reproduced*: all
+stand on recordings. *reproduced only in the published protocol*: those that fall there stand in the
+published code's. *reproduced where the paper agrees with itself*: those that fall are against other
+numbers of its own. *not reproduced*: the rest, with the statements that fell.
 
 This page is made by `meal-bayes reproduce readme`; constants are in `settings.toml`, what the paper
 prints in `paper_values.toml`, departures of the published code in `ERRATA.md`. Figures 1, 2, 3, 6

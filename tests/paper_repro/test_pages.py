@@ -80,6 +80,14 @@ def test_table_3_meets_its_bars():
     assert claims["random, 3 attributes: accuracy 0.130"]["published"]
 
 
+def test_irrelevant_attributes_cost_us_nothing():
+    table = committed("fig9")["tables"][0]
+    own = table["columns"].index("reward: ours")
+    first, *_, last = (row[own][0] for row in table["rows"])
+    assert table["rows"][-1][0] == 79
+    assert last >= first - 0.02 * abs(first)
+
+
 def test_replayed_trials_show_what_the_paper_prints():
     assert all(claim["recorded"] for claim in committed("table5")["claims"])
     fell = [claim for claim in committed("fig7")["claims"] if not claim["recorded"]]
