@@ -95,6 +95,18 @@ def test_the_two_commands_stand_as_a_newcomer_types_them() -> None:
     assert "pip install '.[test]' && pytest" in shown
 
 
+def test_measured_tables_are_those_of_the_kept_rows() -> None:
+    maker = runpy.run_path(str(ROOT / "benchmarks" / "readme.py"))
+    kept = maker["measured"]()
+    if not kept:
+        pytest.skip("no rows are kept yet: python benchmarks/readme.py --only results")
+    text = README.read_text(encoding="utf-8")
+    for run in (*maker["RUNS"], maker["PAPER_RUN"]):
+        assert (run.command in kept) == (f"**{run.title}**" in text)
+        if run.command in kept:
+            assert maker["table_of"](run, kept[run.command]) in text
+
+
 def test_every_command_shown_exists() -> None:
     text = README.read_text(encoding="utf-8")
     shown = {
