@@ -27,7 +27,7 @@ def run(setting: Setting) -> Result:
     reward = {k: [mean(t, "reward").mean for t in _curve(found, k).values()] for k in KINDS}
     high, low = paper["first_reward_above"], paper["last_reward_below"]
     starts = {kind: curve[0] > high for kind, curve in reward.items() if curve}
-    falls = {kind: min(curve) < low for kind, curve in reward.items() if curve}
+    falls = {kind: curve[0] > low > min(curve) for kind, curve in reward.items() if curve}
     own = reward["ours"] or reward["drawn"]
     return Result(
         item="fig9",

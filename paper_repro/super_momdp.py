@@ -31,6 +31,7 @@ from meal_bayes.planners import PBVI, AlphaVectors, Decision, Factored, History,
 from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
 
+UNIT = 10  # trials that are kept together
 ASKED = 2  # relevant attributes, the first ones of a super query
 
 
@@ -191,15 +192,19 @@ Points = Mapping[tuple[str, int], list[dict[str, float]]]  # trials by curve and
 
 def run_points(points: Mapping[tuple[str, int], Point], setting: Setting) -> Points:
     """Run the trials of all points, or take them from the logs; points with more states first."""
-    work = [_Work(key, point, setting.seed, setting.logs) for key, point in points.items()]
-    work.sort(key=lambda piece: (piece.point.planner != "flat", -piece.point.irrelevant))
-    done = {}
-    for key, trials in in_parallel(_run_or_read, work, jobs=setting.jobs):
-        done[key] = trials
+    work = [
+        _Unit(key, point, first, setting.seed, setting.logs)
+        for key, point in points.items()
+        for first in range(0, point.trials, UNIT)
+    ]
+    work.sort(key=lambda unit: (unit.point.planner != "flat", -unit.point.irrelevant))
+    total = sum(point.trials for point in points.values())
+    done: dict[tuple[str, int], dict[int, list[dict[str, float]]]] = {key: {} for key in points}
+    for unit, trials in in_parallel(_run_or_read, work, jobs=setting.jobs):
+        done[unit.key][unit.first] = trials
         if setting.on_progress is not None:
-            count = sum(map(len, done.values()))
-            setting.on_progress(count, sum(point.trials for point in points.values()))
-    return {key: done[key] for key in points}
+            setting.on_progress(sum(len(t) for u in done.values() for t in u.values()), total)
+    return {key: [t for first in sorted(u) for t in u[first]] for key, u in done.items()}
 
 
 def mean(trials: Sequence[Mapping[str, float]], measure: str) -> Estimate:
@@ -217,32 +222,33 @@ def timing(found: Points) -> str:
     return "Seconds of planning and deciding a trial: " + ", ".join(told) + "."
 
 
-class _Work(NamedTuple):
+class _Unit(NamedTuple):
     key: tuple[str, int]
     point: Point
+    first: int  # trial
     seed: int
     logs: Path
 
 
-def _run_or_read(work: _Work) -> tuple[tuple[str, int], list[dict[str, float]]]:
-    point = work.point
-    config = {"point": repr(point), "seed": work.seed, "script": _digest()}
-    store = Store.of(work.logs, f"fig9-{point.planner}-{point.irrelevant}", config)
-    path = store.folder / "trials.json"
+def _run_or_read(unit: _Unit) -> tuple[_Unit, list[dict[str, float]]]:
+    point = unit.point
+    config = {"point": repr(point), "seed": unit.seed, "script": _digest()}
+    store = Store.of(unit.logs, f"fig9-{point.planner}-{point.irrelevant}", config)
+    path = store.folder / f"trials-{unit.first:04d}.json"
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_suffix(".part")
-        draft.write_text(json.dumps(_run(point, work.seed)), encoding="utf-8")
+        draft.write_text(json.dumps(_run(point, unit.first, unit.seed)), encoding="utf-8")
         draft.replace(path)  # whole or not at all
-    return work.key, json.loads(path.read_text(encoding="utf-8"))
+    return unit, json.loads(path.read_text(encoding="utf-8"))
 
 
-def _run(point: Point, seed: int) -> list[dict[str, float]]:
+def _run(point: Point, first: int, seed: int) -> list[dict[str, float]]:
     table = meal_bayes.load_percepts("ispy32")
     morc = Morc(table, load_agent("morc"), seed, _PERCEPTS[point.protocol])
     solve: Mapping[str, Callable[..., Policy]] = {"factored": _factored, "flat": _flat}
     rows = []
-    for task in offline_tasks(table, ASKED, point.trials, seed):
+    for task in offline_tasks(table, ASKED, point.trials, seed)[first : first + UNIT]:
         problem = super_momdp(table, morc, task, point.irrelevant)
         begin = time.perf_counter()
         policy = solve[point.planner](problem, point.seconds, stream(seed, "solver", *task.key))

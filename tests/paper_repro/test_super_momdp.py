@@ -81,9 +81,26 @@ def test_all_beliefs_are_updated(scripts, table, morc, task):
     np.testing.assert_allclose(answered.positive[:2], 0.7**0.5)
 
 
-def test_points_are_resumed(scripts, tmp_path):
+def test_points_are_resumed_unit_by_unit(scripts, tmp_path, monkeypatch):
+    monkeypatch.setattr(scripts.super_momdp, "UNIT", 2)
     setting = scripts.frame.Setting(logs=tmp_path)
-    points = {("flat", 0): scripts.super_momdp.Point("flat", "published", 0, 1, 0.2)}
+    points = {("drawn", 0): scripts.super_momdp.Point("factored", "published", 0, 3, 0.0)}
     once = scripts.super_momdp.run_points(points, setting)
+    assert len(once["drawn", 0]) == 3
     assert scripts.super_momdp.run_points(points, setting) == once  # times as well
-    assert "flat" in scripts.super_momdp.timing(once)
+    _, second = sorted(tmp_path.rglob("trials-*.json"))
+    second.unlink()
+    again = scripts.super_momdp.run_points(points, setting)["drawn", 0]
+    assert again[:2] == once["drawn", 0][:2]
+    assert again[2]["reward"] == once["drawn", 0][2]["reward"]
+    assert "drawn" in scripts.super_momdp.timing(once)
+
+
+def test_the_flat_solver_plays_the_super_momdp(scripts, tmp_path):
+    setting = scripts.frame.Setting(logs=tmp_path)
+    points = {("flat", 1): scripts.super_momdp.Point("flat", "published", 1, 2, 0.2)}
+    (trials,) = scripts.super_momdp.run_points(points, setting).values()
+    for trial in trials:
+        paid = {0.0: (-500.0, 0.0), 1.0: (500.0,)}[trial["success"]]
+        assert trial["reward"] + trial["cost"] in paid
+        assert trial["states"] == 49
