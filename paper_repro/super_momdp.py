@@ -50,7 +50,9 @@ class Super:
 
     def narrow(self, belief: Belief) -> Belief:
         """Take the relevant part of a belief."""
-        return Belief(belief.x, belief.weight[:ASKED], belief.seen[:ASKED])
+        return Belief(
+            belief.x, belief.weight[:ASKED], belief.seen[:ASKED], belief.log_share[:ASKED]
+        )
 
     def report(self, belief: Belief, asked: NDArray[np.bool_]) -> int:
         """Give the action that reports values of the relevant attributes."""

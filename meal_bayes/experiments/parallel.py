@@ -49,14 +49,14 @@ def _on_cluster(
     function: Callable[[Work], Result], work: Iterable[Work], address: str
 ) -> Iterator[Result]:
     try:
-        from dask import distributed  # noqa: PLC0415  an extra
+        import dask.distributed  # noqa: PLC0415  an extra
     except ImportError as fault:
         raise SettingsError(
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
-    dask: Any = distributed  # without types
+    distributed: Any = dask.distributed  # without types
     try:
-        client = dask.Client(address, timeout=_PATIENCE)
+        client = distributed.Client(address, timeout=_PATIENCE)
     except (OSError, ValueError) as fault:
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
@@ -64,6 +64,6 @@ def _on_cluster(
         ) from fault
     with client:
         futures = [client.submit(function, piece, pure=False, retries=3) for piece in work]
-        for future in dask.as_completed(futures):
+        for future in distributed.as_completed(futures):
             yield future.result()
             future.release()

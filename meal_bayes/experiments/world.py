@@ -99,7 +99,7 @@ class Protocol:
         for minimum in range(_POSITIVES, -1, -1):
             rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
             try:
-                split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum, tries=2_000)
+                split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum)
             except SettingsError as found:
                 fault = found
             else:

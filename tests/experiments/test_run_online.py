@@ -240,7 +240,7 @@ def test_fresh_runs_everything_again(config, whole, tmp_path):
 def test_every_setting_reaches_the_run(config, whole, tmp_path):
     one = replace(config, agents=AGENTS[1:], repeats=1)
     changes = (
-        {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"queries": 1.0},
+        {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
         {"published": ("joint_label",)}, {"trials": 4},
     )  # fmt: skip
@@ -284,7 +284,7 @@ def test_curious_agents_take_their_weights(config, tmp_path):
         ({"published": ("shaped",)}, "published variant 'shaped'"),
         ({"alpha": -1.0}, "alpha"),
         ({"beta": float("nan")}, "beta"),
-        ({"queries": -1.0}, "queries"),
+        ({"horizon": 0}, "horizon"),
     ],
 )
 def test_configs_are_checked(wrong, message):

@@ -145,7 +145,7 @@ def test_restricted_keeps_the_columns_of_what_is_kept():
 
 @pytest.mark.real_data
 def test_real_splits_have_three_of_every_attribute(recordings):
-    data = load_dataset("roc36", root=recordings)
+    data = load_dataset("cy101", root=recordings)
     for repeat in range(3):
         split = protocol(data, repeat=repeat).split
         for part in (split.pre, split.train, split.test):
