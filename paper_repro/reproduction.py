@@ -18,6 +18,11 @@ ITEMS = (
     "table3",
     "fig8",
     "fig9",
+    "table4",
+    "t1t2",
+    "fig10",
+    "fig11",
+    "fig12",
     "table5",
     "errata",
 )
