@@ -4,7 +4,7 @@ import pytest
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.perception import ConfusionSampler, RecordedPercepts
+from meal_bayes.perception import ConfusionSampler, FittedPercepts, RecordedPercepts
 from meal_bayes.perception.perceiver import answer, draw_levels
 
 BOTH = Query(("heavy", "red"))  # not in the domain's order
@@ -58,6 +58,19 @@ def test_answers_come_from_the_labels_and_in_extreme_levels(small_table):
     truth = [0, 3]  # heavy: no, red: yes
     assert sum(row == truth for row in drawn) > 25
     assert np.isnan(perceiver.log_odds(Instance(1, "ask", 0), BOTH)).all()
+
+
+def test_fitted_percepts_are_looked_up_and_people_answer(small_table):
+    t = small_table
+    fitted = FittedPercepts(t.domain, t.objects, t.labels, t.log_odds.astype(np.float16), 4)
+    recorded = RecordedPercepts(t, 4)
+    for o, r in np.ndindex(4, 3):
+        for behavior in ("look", "lift", "ask"):
+            said = [
+                one.observe(Instance(o, behavior, r), BOTH, np.random.default_rng(o)).tolist()
+                for one in (fitted, recorded)
+            ]
+            assert said[0] == said[1]
 
 
 def test_nobody_knows_is_a_coin(rng):

@@ -277,3 +277,25 @@ def test_recordings_out_of_range(recordings: int) -> None:
         RecordedRobot(domain, recordings, np.random.default_rng(0), dataset_of(domain))
     with pytest.raises(SettingsError, match="expected 1 or more"):
         RecordedRobot(domain, 0, np.random.default_rng(0))
+
+
+def test_a_supply_says_what_comes_next() -> None:
+    domain, asked = load_domain("toy"), list[int]()
+    look = domain.behavior_index("look")
+
+    def supply(object_index: int) -> list[list[int]]:
+        asked.append(object_index)
+        return [[0, 2, 1], [0], [0]]
+
+    robot = RecordedRobot(domain, 3, np.random.default_rng(0), supply=supply)
+    rng = np.random.default_rng(1)
+    for o in (4, 7):
+        robot.start(o)
+        shown = [robot.execute(look, rng).instance for _ in range(4)]
+        assert [i and (i.object_index, i.recording) for i in shown] == [
+            (o, 1),
+            (o, 2),
+            (o, 0),
+            None,
+        ]
+    assert asked == [4, 7]
