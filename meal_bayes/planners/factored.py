@@ -134,6 +134,9 @@ class FactoredPolicy:
         momdp, belief = self.momdp, history.belief
         problem, table = self._left(belief)
         ahead = _values(problem, table, belief.x, belief.positive)
+        if problem is self.problem:  # where percepts tell little the estimate may pass the bound
+            bound = _values(problem, self.table, belief.x, belief.positive)
+            ahead = np.minimum(ahead, bound)
         action, values = choose(momdp, belief, ahead, float(problem.exit_value[belief.x]))
         exact = np.where(np.isnan(values), np.nan, 0.0)
         return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))

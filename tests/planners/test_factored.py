@@ -496,3 +496,16 @@ class TestRefusals:
     def test_an_empty_part(self, toy):
         with pytest.raises(SettingsError, match="one attribute or more"):
             upper_bound(toy, size=0)
+
+
+def test_weak_percepts_promise_no_more_than_the_bound(small):
+    """The smooth estimate rose seven seconds above it, and a look that tells nothing was best."""
+    rates = {"red": {"look": (0.2, 0.2), "lift": (1 / 3, 0.25)}}
+    options = {"correct": 300.0, "incorrect": -300.0, "abstain": True, "limit": 3}
+    for prior, value in ((0.5, 24.46), (0.44137931, 38.0)):  # iterated on a grid of 2801 points
+        momdp = small.momdp("toy", rates, prior=prior, **options)
+        policy = Factored().solve(momdp, None)
+        decision = policy.decide(small.start(momdp), None)
+        assert decision.action == 1
+        assert np.nanmax(decision.values) == pytest.approx(value, abs=0.1)
+        assert np.nanmax(decision.values) <= policy.upper_bound + 1e-4
