@@ -147,7 +147,11 @@ class MorcItrs:
                 policy = self._solve(agent.train, task, momdp)
         order = stream(self.seed, "recordings", *task.key)  # unused: the world's order holds
         robot = RecordedRobot(
-            self.world.body, self._recordings, order, supply=self.experience.supply
+            self.world.body,
+            self._recordings,
+            order,
+            repeats="model_percepts" in self.world.published,
+            supply=self.experience.supply,
         )
         return self._run(task, momdp, policy, robot)
 

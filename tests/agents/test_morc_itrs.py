@@ -107,6 +107,7 @@ def test_each_labelled_instance_is_one_count(name):
     )
     assert learner.experience.evidence().sum() > 24  # more than pretraining gave
     assert sum(trial.success for trial in trials) > 0
+    assert max(len(trial.steps) for trial in trials) < 100  # none went round until it was stopped
 
 
 @pytest.fixture(scope="module")
@@ -208,12 +209,18 @@ def test_a_told_object_is_known_again_only_with_memory():
 
 class TestPublishedVariants:
     def test_sample_wise_claims_more(self):
+        rng = np.random.default_rng(0)
+        strange = make_synthetic(
+            TOY, objects=18, recordings=RECORDINGS, signal=0.0, object_effect=3.0, rng=rng
+        )
+
         def claimed(*published):
-            learner = trained("iterative_morc", published=published, feedback=Feedback("all"))[1]
+            options = {"published": published, "feedback": Feedback("all")}
+            learner = trained("iterative_random_legal", strange, 24, **options)[1]
             yes = learner.knowledge.posterior.mean[:, :2, :, 1]
             return (yes[..., 1] - yes[..., 0]).mean()
 
-        assert claimed("sample_wise") > claimed() + 0.1
+        assert claimed("sample_wise") > claimed() + 0.2
 
     def test_the_joint_label_is_true_where_all_are(self):
         world, start = world_of(DATASET, published=("joint_label",), feedback=Feedback("all"))
@@ -232,6 +239,14 @@ class TestPublishedVariants:
         assert np.isinf(learner.test(task_of(13, "red")).momdp.limit).all()
         plain = learner_of("iterative_morc", *world_of(DATASET))
         assert isinstance(plain.percepts, FittedPercepts)
+
+    @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
+    def test_model_percepts_do_not_run_out_in_training_either(self, name):
+        trials, learner = trained(name, published=("model_percepts",))
+        assert max(len(trial.steps) for trial in trials) < 100
+        evidence = learner.experience.evidence()
+        np.testing.assert_array_equal(learner.knowledge.posterior.evidence, evidence)
+        assert (learner.experience.gathered[TRAIN].sum(axis=2) <= RECORDINGS).all()
 
     def test_names_are_checked(self):
         assert world_of(DATASET, published=PUBLISHED)
