@@ -3,7 +3,8 @@
 `python benchmarks/readme.py` runs the commands and writes their results between the HTML comments
 of README.md; a run that is there already under logs/ is not computed again. `--only` writes one of
 the blocks. The block `paper-classifiers` is written only when it is named: it needs the recordings
-and, once, some minutes for the support vector machines. `--check` writes nothing: it compares the
+and, once, some minutes for the support vector machines. The block `online` shows what
+`meal-bayes reproduce fig10` left in paper_repro/results/. `--check` writes nothing: it compares the
 demo's text with what the command prints now, and exits with 1 if they differ.
 """
 
@@ -59,7 +60,8 @@ PAPER_RUN = Run(
     "CY101, the paper's agent with the paper's classifiers",
     f"{_CY101} --agent morc --perception paper",
 )
-BLOCKS = ("demo", "results", "paper-classifiers")
+BLOCKS = ("demo", "results", "paper-classifiers", "online")
+LEARNING = ROOT / "paper_repro" / "results" / "fig10.json"  # behind the block `online`
 
 
 def main() -> int:
@@ -81,6 +83,8 @@ def content(name: str) -> str:
     """Make what belongs into a block."""
     if name == "demo":
         return demo_block()
+    if name == "online":
+        return online_block(json.loads(LEARNING.read_text(encoding="utf-8")))
     runs = RUNS if name == "results" else (PAPER_RUN,)
     kept = measured()
     for one in runs:
@@ -141,6 +145,27 @@ def demo_block() -> str:
     """Make the demo's text a code block."""
     lines = (line.rstrip() for line in run(DEMO).splitlines())
     return "\n".join(("```text", *lines, "```\n"))
+
+
+def online_block(told: Mapping[str, Any]) -> str:
+    """Make the tables of learning curves from what was reproduced of Fig. 10."""
+    head = ["agent", "explored, h", "accuracy", "reward", "ECE", "hours ratio (90 %)",
+            "accuracy difference", "reward difference"]  # fmt: skip
+    parts = []
+    for table in told["tables"]:
+        if "published" in table["title"]:
+            continue
+        lines = [f"**{table['title']}** (of `{told['command']}`)", "", _row(head)]
+        lines.append(_row(["---", *["--:"] * (len(head) - 1)]))
+        for agent, hours, accuracy, _, reward, ece, ratio, low, high, *differences in table["rows"]:
+            cells = [agent, _number(hours, 1), _number(accuracy, 3), _number(reward, 1)]
+            between = f"{_number(low, 2)} to {_number(high, 2)}"
+            cells += [_number(ece, 3), f"{_number(ratio, 2)} ({between})"]
+            for (mean, se), digits in zip(differences, (3, 1), strict=True):
+                cells.append(f"{mean:+.{digits}f} ± {_number(se, digits)}")
+            lines.append(_row(cells))
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
 
 
 def table_of(of: Run, rows: list[dict[str, Any]]) -> str:

@@ -1,5 +1,6 @@
 """The README does what it says: its pages run, its commands exist, its references are listed."""
 
+import json
 import re
 import runpy
 import shlex
@@ -105,6 +106,13 @@ def test_measured_tables_are_those_of_the_kept_rows() -> None:
         assert (run.command in kept) == (f"**{run.title}**" in text)
         if run.command in kept:
             assert maker["table_of"](run, kept[run.command]) in text
+
+
+def test_learning_curves_are_those_reproduced() -> None:
+    maker = runpy.run_path(str(ROOT / "benchmarks" / "readme.py"))
+    told = json.loads(maker["LEARNING"].read_text(encoding="utf-8"))
+    shown = maker["block"](README.read_text(encoding="utf-8"), "online").strip()
+    assert shown == maker["online_block"](told).strip()
 
 
 def test_every_command_shown_exists() -> None:
