@@ -146,7 +146,9 @@ def online(
         click.echo(json.dumps(facts, allow_nan=False))
         return
     _print(output(), rows, summary)
-    note(f"trials in {finished.folder}; learning curves: meal-bayes report {finished.folder}")
+    note(f"trials in {finished.folder}")
+    if log == "all":
+        note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
 
 def _run(

@@ -1,9 +1,7 @@
 """OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects new to them."""
 
 import dataclasses
-import hashlib
 import math
-import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import UNIT, Store
+from meal_bayes.experiments.store import UNIT, Store, fingerprint
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.trial_log import TrialWriter, read_trials
 
@@ -110,10 +108,9 @@ def run_offline(
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
     tasks = _tasks(config)
-    domain = re.sub(r"[^\w.-]+", "_", _table(config).domain.name)  # one's own may be any text
-    name = f"offline-{domain}-n{config.attributes}-seed{config.seed}"
+    name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
     shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
-    shared["table"] = _fingerprint(config.dataset)
+    shared["table"] = fingerprint(config.dataset)
     store = Store.of(logs, name, shared)
     if fresh:
         for agent in config.agents:
@@ -170,20 +167,12 @@ def _tasks(config: OfflineConfig) -> list[Task]:
 
 
 def _table(config: OfflineConfig) -> PerceptTable:
-    return _loaded(config.dataset, config.perception, _fingerprint(config.dataset))
+    return _loaded(config.dataset, config.perception, fingerprint(config.dataset))
 
 
 @lru_cache(maxsize=4)
-def _loaded(dataset: str, perception: str, fingerprint: str) -> PerceptTable:
+def _loaded(dataset: str, perception: str, content: str) -> PerceptTable:
     return percepts_for(dataset, perception)
-
-
-def _fingerprint(dataset: str) -> str:
-    """Digest of a table or domain of one's own: another one under its name is another run."""
-    path = Path(dataset)
-    if path.suffix not in (".npz", ".toml") or not path.is_file():
-        return ""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _seconds(paths: Iterator[Path]) -> float:

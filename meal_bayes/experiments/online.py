@@ -28,7 +28,7 @@ from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.experiments.store import Store
+from meal_bayes.experiments.store import Store, fingerprint
 from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
@@ -200,15 +200,16 @@ def _repeats(config: OnlineConfig) -> range:
 
 def _shared(config: OnlineConfig) -> dict[str, object]:
     """Give what every unit depends on; repeats and agents name its folders."""
-    return {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
+    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
+    return {**shared, "data": fingerprint(config.dataset, config.root)}
 
 
 def _dataset(config: OnlineConfig) -> Dataset:
-    return _loaded(config.dataset, config.root)
+    return _loaded(config.dataset, config.root, fingerprint(config.dataset, config.root))
 
 
 @lru_cache(maxsize=2)
-def _loaded(name: str, root: str | None) -> Dataset:
+def _loaded(name: str, root: str | None, content: str) -> Dataset:
     dataset = load_dataset(name, root=root)
     if dataset.domain.data not in SOURCES or len(dataset.domain.attributes) <= ASKED:
         return dataset

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ class Store:
 
     @classmethod
     def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
-        """Name the folder of a configuration under `root`."""
+        """Name the folder of a configuration under `root`; `name` may be any text."""
+        name = re.sub(r"[^\w.-]+", "_", name)
         text = json.dumps({**config, "code": code_digest()}, sort_keys=True)
         return cls(Path(root) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}")
 
@@ -34,6 +36,18 @@ class Store:
     def clear(self) -> None:
         """Remove what an earlier run of the same settings left."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def fingerprint(dataset: str, root: str | None = None) -> str:
+    """Digest of a table or domain of one's own and its recordings: others are another run."""
+    path = Path(dataset)
+    if path.suffix not in (".npz", ".toml") or not path.is_file():
+        return ""
+    files = [path, *(sorted(Path(root).glob("*.csv")) if root is not None else [])]
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=1)

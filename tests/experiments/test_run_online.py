@@ -1,6 +1,7 @@
 """Online runs: their protocol, and that a run which was stopped goes on to the same end."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -320,3 +321,14 @@ def test_a_body_s_outcomes_keep_their_shares(own_data):
 def test_jobs_are_processes(config, tmp_path):
     with pytest.raises(SettingsError, match="at least 1"):
         run_online(config, logs=tmp_path, jobs=0)
+
+
+def test_other_data_under_the_same_path_are_another_run(config, tmp_path):
+    one = replace(config, agents=AGENTS[1:], repeats=1, batches=1)
+    root = tmp_path / "data"
+    shutil.copytree(config.root, root)
+    own = replace(one, dataset=str(root / Path(config.dataset).name), root=str(root))
+    before = run_online(own, logs=tmp_path).folder
+    labels = root / "labels.csv"
+    labels.write_text(labels.read_text(encoding="utf-8").replace(",1\n", ",0\n", 1))
+    assert run_online(own, logs=tmp_path).folder != before

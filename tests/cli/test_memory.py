@@ -1,0 +1,106 @@
+"""`ask --learn` remembers what it is told; `memory` shows and forgets it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from meal_bayes.cli import main
+from meal_bayes.trial_log import read_header, read_memory, read_trials
+
+OWN = ("--dataset", "kitchen.npz")
+
+
+@pytest.fixture
+def ask(run, table):
+    """Return a function that asks with --learn, and says what a person replies."""
+
+    def invoke(question, reply, name="red_jar", *more):
+        words = ["ask", question, *OWN, "--object", name, "--agent", "greedy", "--learn", *more]
+        result = CliRunner().invoke(main, words, input=reply)
+        assert result.exit_code == 0, result.stderr
+        return result
+
+    return invoke
+
+
+def facts(result):
+    return json.loads(result.stdout)["trial"]
+
+
+def test_the_next_ask_is_wiser(ask):
+    first = facts(ask("Is it red?", "yes\n", "red_jar", "--json"))
+    assert first["cost_s"] > 0
+    assert first["report"] == {"red": True}
+    second = facts(ask("Is it red?", "skip\n", "red_jar", "--json"))
+    assert second["report"] == {"red": True}
+    assert second["cost_s"] == 0.0
+    assert second["belief"]["red"] == pytest.approx(0.99)
+    other = facts(ask("Is it red?", "skip\n", "red_mug", "--json"))
+    assert other["cost_s"] > 0  # of another object nothing was told
+
+
+def test_no_tells_the_opposite_of_one_attribute(ask):
+    ask("Is it red?", "no\n")
+    (told,) = read_memory("logs", "kitchen")
+    assert (told.object_name, dict(told.values)) == ("red_jar", {"red": False})
+    assert facts(ask("Is it red?", "yes\n", "red_jar", "--json"))["report"] == {"red": False}
+
+
+def test_the_later_word_holds(ask):
+    ask("Is it red?", "no\n")
+    ask("Is it red?", "no\n")  # it said "not red"; that was wrong, too
+    assert [dict(t.values) for t in read_memory("logs", "kitchen")] == [
+        {"red": False}, {"red": True}
+    ]  # fmt: skip
+    assert facts(ask("Is it red?", "", "red_jar", "--json"))["report"] == {"red": True}
+
+
+def test_no_to_several_attributes_asks_for_each(ask):
+    result = ask("Is it crimson, and is it full?", "no\nyes\nskip\n")
+    assert "Is it red?" in result.stderr
+    assert "Is it full?" in result.stderr
+    (told,) = read_memory("logs", "kitchen")
+    assert dict(told.values) == {"red": True}
+
+
+@pytest.mark.parametrize("reply", ["", "skip\n", "no\nskip\nskip\n"])
+def test_nothing_told_is_nothing_remembered(ask, reply):
+    question = "Is it crimson, and is it full?"
+    assert "nothing is remembered" in ask(question, reply).stderr
+    assert read_memory("logs", "kitchen") == []
+    assert len(list(Path("logs").glob("ask-*.mcap"))) == 1  # the trial is kept
+
+
+def test_without_learn_nothing_is_asked_or_used(ask, run):
+    ask("Is it red?", "no\n")
+    result = run("ask", "Is it red?", *OWN, "--object", "red_jar", "--agent", "greedy", "--json")
+    assert facts(result)["report"] == {"red": True}
+    assert "right?" not in result.stderr
+
+
+def test_show_and_forget(ask, run):
+    assert "nothing was told yet" in run("memory", "show", *OWN).stderr
+    ask("Is it red?", "yes\n")
+    ask("Is it full?", "yes\n", "blue_mug")
+    shown = run("memory", "show", *OWN).stdout
+    assert "red_jar" in shown
+    assert "blue_mug" in shown
+    told = json.loads(run("memory", "show", *OWN, "--json").stdout)["memory"]
+    assert [row["told"] for row in told] == [{"red": True}, {"full": True}]
+    before = {row["log"]: [t.cost for t in read_trials(row["log"])] for row in told}
+    assert "in 1 trials" in run("memory", "forget", *OWN, "--object", "red_jar").stderr
+    assert [t.object_name for t in read_memory("logs", "kitchen")] == ["blue_mug"]
+    run("memory", "forget", *OWN)
+    assert read_memory("logs", "kitchen") == []
+    for log, costs in before.items():
+        assert [t.cost for t in read_trials(log)] == costs  # trials stay
+        assert "told" not in read_header(log)
+
+
+def test_a_broken_log_is_told_in_one_line(ask, fails):
+    ask("Is it red?", "yes\n")
+    (path,) = Path("logs").glob("ask-*.mcap")
+    path.write_bytes(path.read_bytes()[:200])
+    assert path.name in fails("memory", "show", *OWN)
