@@ -159,8 +159,7 @@ def online_block(told: Mapping[str, Any]) -> str:
         lines.append(_row(["---", *["--:"] * (len(head) - 1)]))
         for agent, hours, accuracy, _, reward, ece, ratio, low, high, *differences in table["rows"]:
             cells = [agent, _number(hours, 1), _number(accuracy, 3), _number(reward, 1)]
-            between = f"{_number(low, 2)} to {_number(high, 2)}"
-            cells += [_number(ece, 3), f"{_number(ratio, 2)} ({between})"]
+            cells += [_number(ece, 3), f"{_ratio(ratio)} ({_ratio(low)} to {_ratio(high)})"]
             for (mean, se), digits in zip(differences, (3, 1), strict=True):
                 cells.append(f"{mean:+.{digits}f} ± {_number(se, digits)}")
             lines.append(_row(cells))
@@ -196,6 +195,11 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         _number(row["ece"], 3),
         f"{row['abstained']:.1%}",
     ]
+
+
+def _ratio(value: float | None) -> str:
+    """Show how many times faster; beyond 100 the level was there before any training."""
+    return "> 100" if value is not None and value > 100 else _number(value, 2)  # noqa: PLR2004
 
 
 def _number(value: float | None, digits: int) -> str:
