@@ -68,7 +68,7 @@ def _measures(trials: Trials) -> tuple[Estimate, ...]:
 def _press() -> str:
     """Update T2's belief by Table 4's late matrix, percept "not soft", as Eq. 8 does."""
     rows = np.array(paper_values("table4")["late"])
-    trial = paper_values("t2")
+    trial = paper_values("t1t2")
     belief = np.array(trial["before"]) * rows[:, 0]
     belief /= belief.sum()
     printed = " ".join(f"{value:.2f}" for value in trial["after"])
