@@ -1,6 +1,7 @@
 """Run commands in a folder of their own, and one's own data to run them on."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -92,6 +93,8 @@ def start(tmp_path: Path) -> Callable[..., "subprocess.Popen[str]"]:
             [sys.executable, "-m", "meal_bayes", *arguments],
             cwd=tmp_path, env=environment, text=True, start_new_session=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            # a job in the background ignores Ctrl-C, and so would its children
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
         )  # fmt: skip
 
     return popen
