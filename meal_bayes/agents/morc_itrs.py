@@ -118,7 +118,7 @@ class MorcItrs:
             confusion, _ = knowledge.posterior.select(every, exact=True)
             percepts = ConfusionSampler(domain, dataset.labels, confusion)
         else:
-            percepts = FittedPercepts(domain, dataset.objects, dataset.labels, outputs, levels)
+            percepts = FittedPercepts(domain, dataset.labels, outputs, levels)
         gain = np.zeros((len(domain.attributes), len(domain.behaviors)))
         if agent.curiosity in ("auto", "information"):
             gain = information_value(knowledge, reward=world.reward, discount=agent.train.discount)

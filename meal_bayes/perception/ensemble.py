@@ -13,7 +13,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
 from meal_bayes.perception.modality import ModalityClassifier
-from meal_bayes.perception.perceiver import answer, columns_of
+from meal_bayes.perception.perceiver import columns_of, person_says
 
 Floats = NDArray[np.float64]
 
@@ -102,8 +102,7 @@ class Perception:
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """Percept levels of the queried attributes, (N,), or a person's answer."""
-        behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
-        if behavior.answer_accuracy is not None:
-            labels = self.labels[instance.object_index, columns_of(self.domain, query)]
-            return answer(labels, behavior.answer_accuracy, self.levels, rng)
+        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
+        if said is not None:
+            return said
         return levels_of(self.log_odds(instance, query), BIN_EDGES, self.levels)

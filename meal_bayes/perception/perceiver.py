@@ -42,6 +42,21 @@ def answer(
     return np.where(yes, levels - 1, 0).astype(np.int8)
 
 
+def person_says(
+    domain: Domain,
+    labels: NDArray[np.int8],
+    instance: Instance,
+    query: Query,
+    levels: int,
+    rng: np.random.Generator,
+) -> NDArray[np.int8] | None:
+    """Draw the answer of a person who knows labels (O,P); None where the behavior asks nobody."""
+    accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
+    if accuracy is None:
+        return None
+    return answer(labels[instance.object_index, columns_of(domain, query)], accuracy, levels, rng)
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
     """Percepts of real recordings, made by classifiers that never saw the object."""
@@ -68,11 +83,10 @@ class RecordedPercepts:
         ------
         SettingsError : an attribute or object for which the table was not computed.
         """
-        domain = self.table.domain
-        accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
-        if accuracy is not None:
-            labels = self.table.labels[instance.object_index, columns_of(domain, query)]
-            return answer(labels, accuracy, self.levels, rng)
+        table = self.table
+        said = person_says(table.domain, table.labels, instance, query, self.levels, rng)
+        if said is not None:
+            return said
         recorded = self.log_odds(instance, query)
         if np.isnan(recorded).any():
             missing = np.array(query.attributes)[np.isnan(recorded)].tolist()
@@ -89,7 +103,6 @@ class FittedPercepts:
     """Percepts of recordings that a fitted Psi has scored all at once."""
 
     domain: Domain
-    objects: tuple[str, ...]  # (O,)
     labels: NDArray[np.int8]  # (O,P) what a person who is asked knows; nothing else uses them
     log_odds: NDArray[np.float16]  # (O,R,E,P)
     levels: int = 2  # K
@@ -101,10 +114,10 @@ class FittedPercepts:
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """Levels of the outputs, or a drawn answer."""
+        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
+        if said is not None:
+            return said
         e, columns = self.domain.behavior_index(instance.behavior), columns_of(self.domain, query)
-        accuracy = self.domain.behaviors[e].answer_accuracy
-        if accuracy is not None:
-            return answer(self.labels[instance.object_index, columns], accuracy, self.levels, rng)
         scored = self.log_odds[instance.object_index, instance.recording, e, columns]
         return levels_of(scored, BIN_EDGES, self.levels)
 
@@ -133,12 +146,13 @@ class ConfusionSampler:
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """Draw each attribute's level from its row of the true value (a coin's, if unknown)."""
+        levels = self.confusion.shape[-1]
+        said = person_says(self.domain, self.labels, instance, query, levels, rng)
+        if said is not None:
+            return said
         behavior = self.domain.behavior_index(instance.behavior)
         columns = columns_of(self.domain, query)
         labels = self.labels[instance.object_index, columns]
-        accuracy = self.domain.behaviors[behavior].answer_accuracy
-        if accuracy is not None:
-            return answer(labels, accuracy, self.confusion.shape[-1], rng)
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
         rows = self.confusion[columns, behavior, truth]  # (N,K)
         return draw_levels(rows, rng)

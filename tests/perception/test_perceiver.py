@@ -62,7 +62,7 @@ def test_answers_come_from_the_labels_and_in_extreme_levels(small_table):
 
 def test_fitted_percepts_are_looked_up_and_people_answer(small_table):
     t = small_table
-    fitted = FittedPercepts(t.domain, t.objects, t.labels, t.log_odds.astype(np.float16), 4)
+    fitted = FittedPercepts(t.domain, t.labels, t.log_odds.astype(np.float16), 4)
     recorded = RecordedPercepts(t, 4)
     for o, r in np.ndindex(4, 3):
         for behavior in ("look", "lift", "ask"):
