@@ -5,7 +5,7 @@ the named agents are a table in `recipes.py`.
 """
 
 from meal_bayes.agents.agent import Agent
-from meal_bayes.agents.experience import Experience, Feedback
+from meal_bayes.agents.experience import Experience, Feedback, implied
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.morc import Morc
 from meal_bayes.agents.morc_itrs import PUBLISHED, MorcItrs, OnlineAgent, Surroundings, heard
@@ -30,6 +30,7 @@ __all__ = [
     "Task",
     "Trial",
     "heard",
+    "implied",
     "knowledge_without",
     "load_agent",
     "load_online_agent",

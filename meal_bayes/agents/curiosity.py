@@ -67,15 +67,13 @@ def exploration_bonus(
         (Those still to be told would too, but to record for them first costs more than it brings.)
     queries : how many queries about each attribute are to come.
     """
-    recorded = np.asarray((experience.labels >= 0).any(axis=2))  # (O,E,P)
     new = np.zeros(value.shape, np.bool_)  # (P,E)
     new[columns] = True
     if object_index is not None:
         if experience.memory:
             new |= experience.told[object_index][:, None] >= 0
-        new &= ~recorded[object_index].T
-    objects = recorded.sum(axis=0).T  # (P,E)
-    return np.asarray((queries * value * new / (objects + 1)).sum(axis=0))
+        new &= ~experience.recorded()[object_index].T
+    return np.asarray((_worth(value, experience, queries) * new).sum(axis=0))
 
 
 def chosen_weights(
@@ -91,8 +89,13 @@ def chosen_weights(
     confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
     momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
     entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
-    objects = (experience.labels >= 0).any(axis=2).sum(axis=0).T[:, senses]
-    worth = queries * value[:, senses] / (objects + 1)
+    worth = _worth(value, experience, queries)[:, senses]
     ie = experience.evidence()[:, senses] / delta
     (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), worth.ravel())
     return ITRS(float(alpha), float(beta), delta)
+
+
+def _worth(value: Array, experience: Experience, queries: float) -> Array:
+    """Value one more object in a table, (P,E), s: the more it has, the less another moves it."""
+    objects = experience.recorded().sum(axis=0).T  # (P,E)
+    return np.asarray(queries * value / (objects + 1))

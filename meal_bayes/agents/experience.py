@@ -43,16 +43,22 @@ class Feedback:
         By a verdict the robot learns v where its report was right, or where it asked for a single
         attribute (Sect. 7.3); an abstention teaches nothing.
         """
-        nothing = np.full(len(trial.truth), -1, np.int8)
         if self.answers == "all":
             errs = rng.random(len(trial.truth)) < self.error
             return np.where(trial.truth ^ errs, 1, 0).astype(np.int8)
         if trial.report is None:
-            return nothing
-        right = trial.success ^ bool(rng.random() < self.error)
-        if right:
-            return trial.report.astype(np.int8)
-        return (~trial.report).astype(np.int8) if len(trial.report) == 1 else nothing
+            return np.full(len(trial.truth), -1, np.int8)
+        return implied(trial.report, right=trial.success ^ bool(rng.random() < self.error))
+
+
+def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
+    """Labels (N,) that a verdict on a report (N,) implies; -1 unknown.
+
+    Of a wrong report of several attributes nobody knows which are wrong.
+    """
+    if right:
+        return report.astype(np.int8)
+    return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +149,10 @@ class Experience:
     def evidence(self) -> NDArray[np.int64]:
         """Count the labelled instances of attribute and behavior, (P,E): delta x IE of Eq. 10."""
         return np.asarray((self.labels >= 0).sum(axis=(0, 2)).T)
+
+    def recorded(self) -> NDArray[np.bool_]:
+        """Tell of which objects D holds a behavior, labelled for an attribute, (O,E,P)."""
+        return np.asarray((self.labels >= 0).any(axis=2))
 
     def training_set(self) -> TrainingSet:
         """Give D."""

@@ -35,11 +35,10 @@ PUBLISHED = ("shaped_test", "sample_wise", "joint_label", "model_percepts")
 
 @dataclass(frozen=True, slots=True)
 class OnlineAgent:
-    """How an agent answers, how it acts while it still learns, and what it is curious about."""
+    """How an agent answers, and what it is curious about while it still learns."""
 
     name: str
-    test: Agent  # how it answers when it is tested
-    train: Agent  # how it acts in training trials; the same percepts, another prior or planner
+    recipe: Agent  # how it perceives, believes and plans
     curiosity: str = "none"  # "itrs": Eq. 11; "auto": the same, weights chosen; "information"
     alpha: float = 6.0  # the published code's
     beta: float = 30.0
@@ -97,7 +96,7 @@ class MorcItrs:
         cls, agent: OnlineAgent, world: Surroundings, experience: Experience, seed: int
     ) -> "MorcItrs":
         """Refit classifiers, tables and posterior on D (Alg. 2, l. 6)."""
-        dataset, levels = world.dataset, agent.test.levels
+        dataset, levels = world.dataset, agent.recipe.levels
         by_object = "sample_wise" not in world.published
         settings = PerceptionSettings(levels=levels, by_object=by_object)
         kernels = world.kernels
@@ -110,7 +109,7 @@ class MorcItrs:
         if world.learn_success:
             domain = with_success(domain, experience.attempts)
         knowledge = knowledge_of(
-            domain, counts, experience.told, object_level=agent.test.object_level
+            domain, counts, experience.told, object_level=agent.recipe.object_level
         )
         percepts: Perceiver
         if "model_percepts" in world.published:
@@ -121,7 +120,7 @@ class MorcItrs:
             percepts = FittedPercepts(domain, dataset.labels, outputs, levels)
         gain = np.zeros((len(domain.attributes), len(domain.behaviors)))
         if agent.curiosity in ("auto", "information"):
-            gain = information_value(knowledge, reward=world.reward, discount=agent.train.discount)
+            gain = information_value(knowledge, reward=world.reward, discount=agent.recipe.discount)
         return cls(agent, world, experience, knowledge, percepts, seed, gain)
 
     def test(self, task: Task) -> Trial:
@@ -134,24 +133,22 @@ class MorcItrs:
     def train(self, task: Task) -> Trial:
         """Answer and explore, with recordings that enter D (Alg. 2, l. 5-18)."""
         agent = self.agent
-        if agent.curiosity == "none" and not agent.memory and agent.train is agent.test:
+        if agent.curiosity == "none" and not agent.memory:
             momdp, policy = self._settled(task)
         else:
             told = self.experience.told[task.object_index, self._columns(task)]
-            momdp = self._model(agent.train, task, told if agent.memory else None)
+            momdp = self._model(task, told if agent.memory else None)
             if agent.curiosity == "information":
                 momdp = self._priced(momdp, task, new=False)
                 policy = self._explore(task, momdp)
             else:
                 momdp = momdp if agent.curiosity == "none" else self._shaped(momdp, task)
-                policy = self._solve(agent.train, task, momdp)
-        order = stream(self.seed, "recordings", *task.key)  # unused: the world's order holds
+                policy = self._solve(task, momdp)
         robot = RecordedRobot(
             self.world.body,
             self._recordings,
-            order,
+            self.experience.supply,
             repeats="model_percepts" in self.world.published,
-            supply=self.experience.supply,
         )
         return self._run(task, momdp, policy, robot)
 
@@ -159,11 +156,11 @@ class MorcItrs:
         """Give the policy of a query in tests, solved once between two refits."""
         key = task.query.attributes
         if key not in self._policies:
-            momdp = self._model(self.agent.test, task, None)
+            momdp = self._model(task, None)
             if "shaped_test" in self.world.published and self.agent.curiosity in ("itrs", "auto"):
                 momdp = self._shaped(momdp, task)
-            policy = self._solve(self.agent.test, task, momdp)
-            if self.agent.test.searches:  # others draw, or look at the cost so far
+            policy = self._solve(task, momdp)
+            if self.agent.recipe.searches:  # others draw, or look at the cost so far
                 policy = Remembering(policy)
             self._policies[key] = momdp, policy
         return self._policies[key]
@@ -189,9 +186,9 @@ class MorcItrs:
     def _columns(self, task: Task) -> list[int]:
         return [self.knowledge.domain.attribute_index(name) for name in task.query.attributes]
 
-    def _model(self, agent: Agent, task: Task, told: NDArray[np.int8] | None) -> MOMDP:
+    def _model(self, task: Task, told: NDArray[np.int8] | None) -> MOMDP:
         forever = "model_percepts" in self.world.published and told is None
-        return agent.model(
+        return self.agent.recipe.model(
             task.query,
             self.knowledge,
             limit=np.inf if forever else self._recordings,
@@ -205,7 +202,8 @@ class MorcItrs:
         experience = self.experience.evidence()[self._columns(task)] / weights.delta
         return shape_reward(momdp, experience, weights, domain=self.knowledge.domain)
 
-    def _solve(self, agent: Agent, task: Task, momdp: MOMDP) -> Policy:
+    def _solve(self, task: Task, momdp: MOMDP) -> Policy:
+        agent = self.agent.recipe
         rng = stream(self.seed, "solver", agent.name, *task.key)
         return agent.solver(self.knowledge.domain, task.query).solve(momdp, rng)
 
@@ -213,7 +211,7 @@ class MorcItrs:
         """Plan with a bonus of its own for every trial, but one plan library for every query."""
         key = task.query.attributes
         if key not in self._plans:
-            new = self._priced(self._model(self.agent.train, task, None), task, new=True)
+            new = self._priced(self._model(task, None), task, new=True)
             policy = OpenLoop(paid=1).solve(new, stream(0))  # an object is new to a table but once
             self._plans[key] = policy
         return self._plans[key].repaid(momdp)

@@ -26,14 +26,12 @@ _BAYES = replace(AGENTS["bayes"], solver=_open_loop)  # the tree search takes to
 ONLINE_AGENTS = {
     agent.name: agent
     for agent in (
-        OnlineAgent("iterative_random_legal", _LEGAL, _LEGAL),
-        OnlineAgent("iterative_morc", _MORC, _MORC),
-        OnlineAgent("morc_itrs", _MORC, _MORC, curiosity="itrs"),
-        OnlineAgent("morc_itrs_auto", _MORC, _MORC, curiosity="auto"),
-        OnlineAgent("bayes", _BAYES, _BAYES, curiosity="information", whiten=True),
-        OnlineAgent(
-            "bayes_memory", _BAYES, _BAYES, curiosity="information", memory=True, whiten=True
-        ),
+        OnlineAgent("iterative_random_legal", _LEGAL),
+        OnlineAgent("iterative_morc", _MORC),
+        OnlineAgent("morc_itrs", _MORC, curiosity="itrs"),
+        OnlineAgent("morc_itrs_auto", _MORC, curiosity="auto"),
+        OnlineAgent("bayes", _BAYES, curiosity="information", whiten=True),
+        OnlineAgent("bayes_memory", _BAYES, curiosity="information", memory=True, whiten=True),
     )
 }
 

@@ -59,10 +59,11 @@ def ask(
         "agent": agent,
         "seed": seed,
     }
-    told = None
+    told, number = None, 0
     if learn:
         memory = read_memory(logs, table.domain.data)
-        config["told_before"] = 1 + max((told.number for told in memory), default=-1)
+        number = 1 + max((told.number for told in memory), default=-1)
+        config["told_before"] = number
         told = labels_told(memory, table.objects, table.domain.attributes)
     trial, path = answer(table, task, agent=agent, seed=seed, logs=logs, config=config, told=told)
     if as_json:
@@ -71,14 +72,15 @@ def ask(
     else:
         tell_briefly(output(), trial)
     if learn:
-        _listen(trial, path)
+        _listen(trial, path, number)
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _listen(trial: "Trial", path: Path) -> None:
-    """Ask a person about the answer, and put the reply into the trial's log."""
-    from meal_bayes.trial_log import Told, hear, read_header, write_told
+def _listen(trial: "Trial", path: Path, number: int) -> None:
+    """Ask a person about the answer, and put the reply into the trial's log, as word `number`."""
+    from meal_bayes.agents import implied
+    from meal_bayes.trial_log import Told, write_told
 
     if trial.report is None:
         note("it gave no answer, so there is nothing to be told")
@@ -86,7 +88,10 @@ def _listen(trial: "Trial", path: Path) -> None:
     names = trial.task.query.attributes
     said = trial.task.query.report_name(trial.report.tolist())
     reply = _prompt(f"The answer was: {said}. Was that right?", ("yes", "no", "skip"))
-    values = {} if reply == "skip" else hear(trial.report, reply, names)
+    values: dict[str, bool] = {}
+    if reply != "skip":
+        labels = zip(names, implied(trial.report, right=reply == "yes").tolist(), strict=True)
+        values = {name: label == 1 for name, label in labels if label >= 0}
     if reply == "no" and len(names) > 1:
         for name in names:
             each = _prompt(f"Is it {name}?", ("yes", "no", "skip"))
@@ -95,10 +100,7 @@ def _listen(trial: "Trial", path: Path) -> None:
     if not values:
         note("nothing was told, and nothing is remembered")
         return
-    header = {k: v for k, v in read_header(path).items() if k != "versions"}
-    config = header["config"]
-    number = int(config["told_before"]) if isinstance(config, dict) else 0
-    write_told(path, trial, header, Told(number, trial.task.object_name, values, path))
+    write_told(Told(number, trial.task.object_name, values, path))
     words = ", ".join(name if value else f"not {name}" for name, value in values.items())
     note(f"remembered in {path}: {trial.task.object_name} is {words}")
 

@@ -10,6 +10,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.robots.robot import Execution
 from meal_bayes.robots.walk import DiagramWalk
 
+Supply = Callable[[int], list[list[int]]]
+
 ANSWERED = -1  # the recording of an instance that a person answers
 
 
@@ -23,31 +25,29 @@ class RecordedRobot:
     Parameters
     ----------
     recordings : R, how many each (object, behavior) has.
-    order_rng : draws the order of recordings at each `start`.
+    order : draws the order of recordings at each `start`, or gives it: from the object to (E,)
+        lists of the recordings to come, the next one last.
     dataset : whose features the instances carry; without it they carry none, and the perceiver
         looks percepts up by (object, behavior, recording).
     repeats : recordings never run out, each is drawn anew from all (for percepts that are drawn
         from tables).
-    supply : gives the recordings to come of an object, (E,) lists, the next one last; drawn by
-        default.
     """
 
     def __init__(
         self,
         domain: Domain,
         recordings: int,
-        order_rng: np.random.Generator,
+        order: np.random.Generator | Supply,
         dataset: Dataset | None = None,
         *,
         repeats: bool = False,
-        supply: Callable[[int], list[list[int]]] | None = None,
     ) -> None:
         if recordings < 1 or (dataset is not None and recordings > dataset.recordings):
             has = "1 or more" if dataset is None else f"1 to {dataset.recordings}"
             raise SettingsError(f"recordings = {recordings}; expected {has}.")
         self._domain, self._dataset = domain, dataset
         self._recordings, self._repeats = recordings, repeats
-        self._order_rng, self._supply = order_rng, supply
+        self._order = order
         self._walk = DiagramWalk(domain)
         self._object = -1
         self._left: list[list[int]] = []  # (E,) recordings to come, the next one last
@@ -59,11 +59,11 @@ class RecordedRobot:
         ):
             raise SettingsError(f"Object {object_index} is not in the data set.")
         self._object = object_index
-        if self._supply is not None:
-            self._left = self._supply(object_index)
-            return self._walk.start()
-        luck = self._order_rng.random((len(self._domain.behaviors), self._recordings))
-        self._left = luck.argsort(axis=1).tolist()
+        if isinstance(self._order, np.random.Generator):
+            luck = self._order.random((len(self._domain.behaviors), self._recordings))
+            self._left = luck.argsort(axis=1).tolist()
+        else:
+            self._left = self._order(object_index)
         return self._walk.start()
 
     def execute(self, behavior: int, rng: np.random.Generator) -> Execution:

@@ -3,18 +3,17 @@
 A log whose header has `told` remembers; the folder of logs is the memory, and nothing else is.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError
 from meal_bayes.trial_log.reader import read_header, read_trials
-from meal_bayes.trial_log.writer import TrialWriter
+from meal_bayes.trial_log.writer import write_trials
 
 _NAMES = "ask-*.mcap"
 
@@ -29,11 +28,10 @@ class Told:
     path: Path  # of the log
 
 
-def write_told(path: Path, trial: Trial, header: Mapping[str, object], told: Told) -> None:
-    """Log a trial together with what was told of it."""
+def write_told(told: Told) -> None:
+    """Put what was told into the log of its trial."""
     words = {"number": told.number, "object": told.object_name, "values": dict(told.values)}
-    with TrialWriter(path, {**header, "told": words}) as log:
-        log.write(trial)
+    _rewrite(told.path, {"told": words})
 
 
 def read_memory(folder: str | Path, data: str) -> list[Told]:
@@ -57,16 +55,11 @@ def read_memory(folder: str | Path, data: str) -> list[Told]:
     return sorted(found, key=lambda told: told.number)
 
 
-def forget(memory: Iterable[Told]) -> int:
+def forget(memory: Sequence[Told]) -> int:
     """Forget what was told; the trials stay in their logs. Return how many logs that were."""
-    count = 0
-    for count, told in enumerate(memory, start=1):  # noqa: B007
-        header = {k: v for k, v in read_header(told.path).items() if k not in ("told", "versions")}
-        trials = list(read_trials(told.path))
-        with TrialWriter(told.path, header) as log:
-            for trial in trials:
-                log.write(trial)
-    return count
+    for told in memory:
+        _rewrite(told.path, {})
+    return len(memory)
 
 
 def labels_told(
@@ -95,13 +88,7 @@ def _told(words: Mapping[str, object], path: Path) -> Told:
     return Told(number, name, values, path)
 
 
-def hear(report: NDArray[np.bool_], answer: str, attributes: tuple[str, ...]) -> dict[str, bool]:
-    """Take a person's "yes" or "no" to a report (N,): what it tells, by attribute.
-
-    A "no" to a report of several attributes tells nothing: which of them is wrong?
-    """
-    if answer not in ("yes", "no"):
-        raise SettingsError(f"The answer was {answer!r}; say yes or no.")
-    if answer == "yes":
-        return dict(zip(attributes, report.tolist(), strict=True))
-    return {attributes[0]: not report[0]} if len(attributes) == 1 else {}
+def _rewrite(path: Path, words: Mapping[str, object]) -> None:
+    """Write a log anew with other words in its header."""
+    kept = {k: v for k, v in read_header(path).items() if k not in ("told", "versions")}
+    write_trials(path, list(read_trials(path)), header={**kept, **words})

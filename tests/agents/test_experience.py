@@ -43,7 +43,7 @@ def work(experience, o, attributes, seed, budget=BUDGET):
     columns = [TOY.attribute_index(name) for name in attributes]
     momdp = build_momdp(TOY, query, FAIR[columns], limit=RECORDINGS)
     task = Task("a task", query, o, DATASET.objects[o], (seed, o, *attributes))
-    robot = RecordedRobot(TOY, RECORDINGS, np.random.default_rng(0), supply=experience.supply)
+    robot = RecordedRobot(TOY, RECORDINGS, experience.supply)
     trial = run_trial(
         task, momdp, RandomLegal(budget).solve(momdp, None), robot, witness,
         Streams.of(seed, task, ""), truth=DATASET.labels[o, columns] == 1,

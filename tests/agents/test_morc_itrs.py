@@ -294,4 +294,4 @@ def test_recipes_are_checked_and_named():
         load_online_agent("bayes_memori")
     some = load_online_agent("bayes")
     with pytest.raises(SettingsError, match="did you mean 'information'"):
-        OnlineAgent("odd", some.test, some.train, curiosity="informations")
+        OnlineAgent("odd", some.recipe, curiosity="informations")

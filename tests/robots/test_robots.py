@@ -287,7 +287,7 @@ def test_a_supply_says_what_comes_next() -> None:
         asked.append(object_index)
         return [[0, 2, 1], [0], [0]]
 
-    robot = RecordedRobot(domain, 3, np.random.default_rng(0), supply=supply)
+    robot = RecordedRobot(domain, 3, supply)
     rng = np.random.default_rng(1)
     for o in (4, 7):
         robot.start(o)
