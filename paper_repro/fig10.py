@@ -24,12 +24,13 @@ def run(setting: Setting) -> Result:
         code: list[BatchMarks] | None = None
         again = setting.of("fig10", "published").get(name, 0)
         if again:
-            code = panel(setting, dataset, int(n), PAPERS[1:], again, published=True)
+            run = panel(setting, dataset, int(n), PAPERS[1:], again, published=True)
+            code = list(run.results())
             tables.append(compared(f"{title}, published protocol", code))
             figures[f"_{name}_published"] = _figure(code, PAPERS[1:])
         if not setting.as_published:
             repeats = setting.of("fig10", "repeats")[name]
-            own = panel(setting, dataset, int(n), (*PAPERS, *OURS), repeats)
+            own = list(panel(setting, dataset, int(n), (*PAPERS, *OURS), repeats).results())
             tables.append(compared(f"{title}, {repeats} repeats", own))
             figures[f"_{name}"] = _figure(own, (*PAPERS, *OURS))
             words.append(f"{name} {_ratio(own)[0]:.2f}")

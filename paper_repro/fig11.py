@@ -2,7 +2,7 @@
 
 import numpy as np
 from frame import Cell, Claim, Estimate, Result, Setting, Table, main, paper_values
-from online import OURS, PAPERS, panel
+from online import OURS, PAPERS, mean_of, panel
 
 import meal_bayes
 from meal_bayes.evaluation import Interval, plots
@@ -15,7 +15,7 @@ def run(setting: Setting) -> Result:
     """Read the curves of Fig. 10 at two hours, attribute by attribute."""
     paper, names = paper_values("fig11"), meal_bayes.load_domain("cy101").attributes
     repeats = setting.of("fig10", "repeats")["cy101_1"]
-    results = panel(setting, "cy101", 1, AGENTS, repeats)
+    results = list(panel(setting, "cy101", 1, AGENTS, repeats).results())
     hours = paper["hours"]
     found = {agent: [_at(results, agent, p, hours) for p in range(len(names))] for agent in AGENTS}
     rows: list[tuple[Cell, ...]] = [
@@ -56,9 +56,7 @@ def _at(results: list[BatchMarks], agent: str, column: int, hours: float) -> Est
             repeats.setdefault(result.repeat, []).append((result.hours, share))
     curves = [np.array(points) for points in repeats.values()]
     values = np.array([np.interp(hours, curve[:, 0], curve[:, 1]) for curve in curves])
-    values = values[~np.isnan(values)]
-    error = float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else float("nan")
-    return Estimate(float(values.mean()), error)
+    return mean_of(values[~np.isnan(values)])
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from frame import Cell, Claim, Result, Setting, Table, main
 from numpy.typing import NDArray
-from online import chosen_weights, mean_of, nearest, panel, run_panel
+from online import chosen_weights, mean_of, nearest, panel
 
 from meal_bayes.evaluation import curves_of, plots
 
@@ -23,7 +23,7 @@ def run(setting: Setting) -> Result:
     grid = np.array(
         [[_accuracy(setting, FIXED, repeats, a, b) for a in alphas] for b in betas]
     )  # (beta,alpha,repeat,batch)
-    auto = run_panel(setting, "cy101", 1, (AUTO,), repeats)
+    auto = panel(setting, "cy101", 1, (AUTO,), repeats)
     own = curves_of(auto.results(), AUTO).accuracy  # (repeat,batch)
     alpha, beta = chosen_weights(auto)
     beta *= DELTA
@@ -69,8 +69,8 @@ def _accuracy(
     setting: Setting, agent: str, repeats: int, alpha: float | None = None,
     beta: float | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
-    results = panel(setting, "cy101", 1, (agent,), repeats, alpha=alpha, beta=beta)
-    return curves_of(results, agent).accuracy
+    run = panel(setting, "cy101", 1, (agent,), repeats, alpha=alpha, beta=beta)
+    return curves_of(run.results(), agent).accuracy
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from frame import Cell, Estimate, Setting, Table
 from numpy.typing import NDArray
 
 from meal_bayes.agents import PUBLISHED
-from meal_bayes.evaluation import curves_of, plots, summarize_learning
+from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
 from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.trial_log import BatchMarks, read_trials
@@ -28,26 +28,8 @@ def panel(
     published: bool = False,
     alpha: float | None = None,
     beta: float | None = None,
-) -> list[BatchMarks]:
-    """Give the test results of a panel; runs what the logs do not hold yet."""
-    run = run_panel(
-        setting, dataset, n, agents, repeats, published=published, alpha=alpha, beta=beta
-    )
-    return list(run.results())
-
-
-def run_panel(
-    setting: Setting,
-    dataset: str,
-    n: int,
-    agents: Sequence[str],
-    repeats: int,
-    *,
-    published: bool = False,
-    alpha: float | None = None,
-    beta: float | None = None,
 ) -> OnlineRun:
-    """Run a panel; its training trials are logged, of tests the marks."""
+    """Run what the logs do not hold yet; training trials are logged whole, of tests the marks."""
     config = OnlineConfig(
         dataset,
         attributes=n,
@@ -124,5 +106,4 @@ def nearest(values: Sequence[float], value: float) -> int:
 
 def mean_of(values: NDArray[np.float64]) -> Estimate:
     """Estimate a mean over repeats."""
-    n = len(values)
-    return Estimate(float(values.mean()), float(values.std(ddof=1) / n**0.5) if n > 1 else np.nan)
+    return Estimate(float(values.mean()), clustered_se(values, range(len(values))))

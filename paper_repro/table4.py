@@ -3,7 +3,7 @@
 import numpy as np
 from frame import Cell, Claim, Result, Setting, Table, main, paper_values
 from numpy.typing import NDArray
-from online import OURS, PAPERS, run_panel
+from online import OURS, PAPERS, panel
 from t1t2 import PRESS
 
 from meal_bayes import read_trials
@@ -15,7 +15,7 @@ def run(setting: Setting) -> Result:
     """Read the rows off the MOMDPs of training trials in the first and in the last batch."""
     paper, attribute = paper_values("table4"), setting.of("table4", "attribute")
     repeats = setting.of("fig10", "repeats")["cy101_1"]
-    done = run_panel(setting, "cy101", 1, (*PAPERS, *OURS), repeats)
+    done = panel(setting, "cy101", 1, (*PAPERS, *OURS), repeats)
     found = {}
     for name, batch in (("early", 1), ("late", setting.of("online", "batches"))):
         logs = sorted(done.folder.glob(f"{AGENT}/repeat-*/{batch:02d}-train.mcap"))

@@ -1,7 +1,6 @@
 """`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -167,10 +166,10 @@ def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, 
 
 def _difference(trials: "Iterable[Trial]", agent: str) -> dict[str, object]:
     from meal_bayes.evaluation import compare
+    from meal_bayes.evaluation.statistics import plain
 
-    found = compare(trials, agent, _AGAINST, measure=_MEASURE)._asdict()
-    values = {name: None if math.isnan(value) else value for name, value in found.items()}
-    return {"agent": agent, "against": _AGAINST, "measure": _MEASURE, **values}
+    found = compare(trials, agent, _AGAINST, measure=_MEASURE)
+    return {"agent": agent, "against": _AGAINST, "measure": _MEASURE, **plain(found._asdict())}
 
 
 def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:

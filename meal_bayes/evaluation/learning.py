@@ -19,7 +19,13 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import bootstrap_interval, clustered_se
+from meal_bayes.evaluation.statistics import (
+    Interval,
+    bootstrap_interval,
+    clustered_se,
+    paired_difference,
+    plain,
+)
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchMarks
 
@@ -49,7 +55,7 @@ class LearningRow:
 
     def as_dict(self) -> dict[str, str | int | float | None]:
         """Give the measures by name, None for nan, as JSON wants it."""
-        return _plain(dataclasses.asdict(self))
+        return plain(dataclasses.asdict(self))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -73,7 +79,7 @@ class LearningSummary:
 
     def as_dict(self) -> dict[str, str | int | float | None]:
         """Give the measures by name, None for nan, as JSON wants it."""
-        return _plain(dataclasses.asdict(self))
+        return plain(dataclasses.asdict(self))
 
 
 class Curves(NamedTuple):
@@ -172,7 +178,7 @@ def _summary(results: Sequence[BatchMarks], agent: str, base: Curves | None) -> 
     own = curves_of(results, agent)
     ece, calibrated = pooled_ece(result for result in results if result.agent == agent)
     ratio = low = high = math.nan
-    accuracy = reward = (math.nan, math.nan)
+    accuracy = reward = Interval(math.nan, math.nan, math.nan, math.nan)
     if base is not None:
         shared = sorted(set(own.repeats) & set(base.repeats))
         first = _of(own, shared)
@@ -182,8 +188,10 @@ def _summary(results: Sequence[BatchMarks], agent: str, base: Curves | None) -> 
         found = bootstrap_interval(both, shared, rng, statistic=_ratio, draws=1000, mass=_MASS)
         ratio, low, high = found.estimate, found.low, found.high
         last = slice(-_LAST, None)
-        accuracy = _paired(first.accuracy[:, last].mean(1) - second.accuracy[:, last].mean(1))
-        reward = _paired(first.reward[:, -1] - second.reward[:, -1])
+        accuracy = paired_difference(
+            first.accuracy[:, last].mean(axis=1), second.accuracy[:, last].mean(axis=1), shared
+        )
+        reward = paired_difference(first.reward[:, -1], second.reward[:, -1], shared)
     return LearningSummary(
         agent=agent,
         repeats=len(own.repeats),
@@ -195,10 +203,10 @@ def _summary(results: Sequence[BatchMarks], agent: str, base: Curves | None) -> 
         hours_ratio=ratio,
         hours_ratio_low=low,
         hours_ratio_high=high,
-        accuracy_difference=accuracy[0],
-        accuracy_difference_se=accuracy[1],
-        reward_difference=reward[0],
-        reward_difference_se=reward[1],
+        accuracy_difference=accuracy.estimate,
+        accuracy_difference_se=accuracy.se,
+        reward_difference=reward.estimate,
+        reward_difference_se=reward.se,
     )
 
 
@@ -214,15 +222,3 @@ def _ratio(both: Array) -> float:
     needed = max(hours_to(hours, accuracy, level), _SOON)
     base_needed = max(hours_to(base_hours, base_accuracy, level), _SOON)
     return 0.0 if math.isinf(needed) else base_needed / needed
-
-
-def _paired(difference: Array) -> tuple[float, float]:
-    n = len(difference)
-    return float(difference.mean()), float(difference.std(ddof=1) / n**0.5) if n > 1 else math.nan
-
-
-def _plain(values: dict[str, str | int | float]) -> dict[str, str | int | float | None]:
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in values.items()
-    }

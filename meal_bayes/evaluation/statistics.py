@@ -1,7 +1,8 @@
 """Errors and intervals that respect clusters: trials of one object share what is odd about it."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,18 @@ class Interval(NamedTuple):
     se: float
     low: float
     high: float
+
+
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Give named values as JSON wants them, None for what is nan or infinite.
+
+    >>> plain({"agent": "morc", "se": float("nan")})
+    {'agent': 'morc', 'se': None}
+    """
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in values.items()
+    }
 
 
 def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:

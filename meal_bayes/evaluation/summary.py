@@ -15,7 +15,7 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, clustered_se, paired_difference
+from meal_bayes.evaluation.statistics import Interval, clustered_se, paired_difference, plain
 from meal_bayes.seeds import stream
 
 
@@ -44,10 +44,7 @@ class SummaryRow:
 
     def as_dict(self) -> dict[str, str | int | float | None]:
         """Give the measures by name, None for nan, as JSON wants it."""
-        return {
-            name: None if isinstance(value, float) and math.isnan(value) else value
-            for name, value in dataclasses.asdict(self).items()
-        }
+        return plain(dataclasses.asdict(self))
 
 
 def summarize(

@@ -16,7 +16,7 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import LogError
 
-_KINDS = {"object_index": np.int64, "success": np.bool_, "truth": np.bool_}
+_KINDS = {"object_index": np.int64, "success": np.bool_, "truth": np.bool_, "column": np.int64}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Marks:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            kind = _KINDS.get(field.name, np.int64 if field.name == "column" else np.float64)
+            kind = _KINDS.get(field.name, np.float64)
             set_frozen(self, **{field.name: freeze(getattr(self, field.name), kind)})
 
     @classmethod

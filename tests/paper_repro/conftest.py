@@ -27,7 +27,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> Scripts:
 @pytest.fixture
 def elsewhere(scripts: Scripts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Let full runs write to a folder of the test's own."""
-    monkeypatch.setattr(scripts.frame, "RESULTS", tmp_path / "results")
-    monkeypatch.setattr(scripts.pages, "RESULTS", tmp_path / "results")
+    for module in (scripts.frame, scripts.pages):  # both imported before either is changed
+        monkeypatch.setattr(module, "RESULTS", tmp_path / "results")
     assert sys.modules["frame"].RESULTS != SCRIPTS / "results"
     return tmp_path / "results"
