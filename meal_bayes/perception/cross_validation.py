@@ -9,7 +9,6 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, believable
 from meal_bayes.perception.ensemble import BehaviorClassifier, BehaviorFit, Perception
-from meal_bayes.perception.modality import ModalityClassifier
 from meal_bayes.perception.recipes import recipe_of
 from meal_bayes.perception.recordings import BehaviorRecordings, recordings_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
@@ -53,9 +52,7 @@ def fit_and_validate(
         recordings, spaces = found
         fit, believed, own = fit_behavior(recordings, settings, n_objects)
         counts[:, :, index] = own.counts[:, :, 0]
-        parts = zip(spaces.items(), fit.dual, fit.bias, strict=True)
-        modalities = tuple(ModalityClassifier(*named, dual, bias) for named, dual, bias in parts)
-        classifiers[behavior.name] = BehaviorClassifier(modalities, fit.pool, believed)
+        classifiers[behavior.name] = BehaviorClassifier(spaces, fit, believed)
     perception = Perception(domain, classifiers, dataset.labels, settings.levels)
     return perception, ConfusionCounts(counts)
 

@@ -12,7 +12,7 @@ from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
-from meal_bayes.perception.modality import ModalityClassifier
+from meal_bayes.perception.modality import FeatureSpace, with_joint
 from meal_bayes.perception.perceiver import columns_of, person_says
 
 Floats = NDArray[np.float64]
@@ -27,21 +27,30 @@ class Pool(Protocol):
 
 
 class BehaviorFit(NamedTuple):
-    """A behavior fitted to n recordings, M modalities."""
+    """A behavior fitted to n recordings: a classifier for each of M kernels, and their pool.
 
-    dual: Floats  # (M,P,n) weight of each recording in the modalities' decisions
+    Kernels are those of its modalities, and the joint one where it was learned with.
+    """
+
+    dual: Floats  # (M,P,n) weight of each recording in the classifiers' decisions
     bias: Floats  # (M,P)
     pool: Pool
     nested: Floats  # (n,P) log-odds of each recording by classifiers that never saw its object;
     # NaN where its label is unknown
 
+    def log_odds(self, kernels: Floats) -> Floats:
+        """Log-odds of "true", (B,P), from the modalities' kernels with the recordings, (.,B,n)."""
+        across = with_joint(kernels) if len(self.dual) > len(kernels) else kernels
+        decisions = across @ self.dual.transpose(0, 2, 1) + self.bias[:, None]
+        return self.pool.log_odds(decisions.transpose(1, 0, 2))
+
 
 @dataclass(frozen=True, slots=True)
 class BehaviorClassifier:
-    """The classifiers of one behavior's modalities and the rule that pools them."""
+    """Psi(f_a, .): a fitted behavior and the feature spaces of its modalities."""
 
-    modalities: tuple[ModalityClassifier, ...]
-    pool: Pool
+    spaces: Mapping[str, FeatureSpace]  # by modality
+    fit: BehaviorFit
     believed: NDArray[np.bool_]  # (P,) elsewhere the percept says nothing
 
     def __post_init__(self) -> None:
@@ -49,10 +58,11 @@ class BehaviorClassifier:
 
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
         """Log-odds of all attributes for raw features {modality: (B,D)}, (B,P)."""
-        decisions = np.stack(
-            [phi.decisions(features[phi.modality]) for phi in self.modalities], axis=1
-        )
-        return np.where(self.believed, self.pool.log_odds(decisions), 0.0)
+        kernels = [
+            space.similarity(space.standardize(features[modality]))
+            for modality, space in self.spaces.items()
+        ]
+        return np.where(self.believed, self.fit.log_odds(np.stack(kernels)), 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,9 +97,7 @@ def fit_and_score(
         )
         fit, believed, own = fit_behavior(recordings, settings, len(dataset.objects))
         counts[:, :, e] = own.counts[:, :, 0]
-        across = kernels.between(behavior.name, scored, place)  # (M,r,n)
-        decisions = across @ fit.dual.transpose(0, 2, 1) + fit.bias[:, None]
-        pooled = fit.pool.log_odds(decisions.transpose(1, 0, 2))
+        pooled = fit.log_odds(kernels.between(behavior.name, scored, place))
         outputs = round_log_odds(np.where(believed, pooled, 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     return log_odds, ConfusionCounts(counts)

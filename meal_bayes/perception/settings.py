@@ -15,9 +15,10 @@ class PerceptionSettings:
     """
 
     recipe: str = "stacked"  # or "paper": support vector machines, Cohen's kappa weights
-    kernel: str = "rbf"  # exp(-d^2 / w^2), w the median distance; "polynomial": degree 2
+    kernel: str = "rbf"  # exp(-d^2 / w^2), w 1.5 median distances; "polynomial": degree 2
+    joint: bool = True  # "stacked", RBF only: one more kernel, of all modalities at once
     noise: float = 0.15  # lambda of C = K + lambda I
-    ridge: float = 0.75  # on the stacker's slopes
+    ridge: float = 0.5  # on the stacker's slopes
     levels: int = 2  # K, what an observed percept tells: yes or no; 4: and how surely
     folds: int = 5  # "paper" only: grouped folds, an object never split
     box: float = 10.0  # "paper" only: the support vector machine's C
@@ -34,13 +35,15 @@ class PerceptionSettings:
         for name in ("noise", "ridge", "box"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
+        if self.joint and (self.recipe, self.kernel) == ("stacked", "polynomial"):
+            raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
         level_edges(BIN_EDGES, self.levels)
         if self.folds < 2:  # noqa: PLR2004
             raise SettingsError(f"folds is {self.folds}; give at least 2.")
 
 
 DEFAULT = PerceptionSettings()
-PAPER = PerceptionSettings(recipe="paper", kernel="polynomial")
+PAPER = PerceptionSettings(recipe="paper", kernel="polynomial", joint=False)
 
 
 def named_settings(name: str) -> PerceptionSettings:

@@ -1,4 +1,7 @@
-"""The default recipe: closed-form kernel classifiers, pooled by a stacker [Wolpert1992]."""
+"""The default recipe: closed-form kernel classifiers, pooled by a stacker [Wolpert1992].
+
+A classifier for each modality, and one for all of them at once.
+"""
 
 from dataclasses import dataclass
 
@@ -15,6 +18,7 @@ from meal_bayes.perception.leave_out import (
     known_patterns,
     leave_out,
 )
+from meal_bayes.perception.modality import with_joint
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 
@@ -23,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Stacker:
-    """A class-balanced logistic regression on the modalities' decisions."""
+    """A class-balanced logistic regression on M classifiers' decisions."""
 
     weights: Floats  # (P,1+M) intercept and slopes
 
@@ -42,11 +46,12 @@ def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) ->
     The nested output on a recording comes from classifiers and stackers that never saw its object;
     it is NaN where the label is unknown.
     """
-    grams, labels = recordings.grams, recordings.labels
+    labels = recordings.labels
+    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
     groups = recordings.objects if settings.by_object else np.arange(len(labels))
-    n_modalities, (n, n_attributes) = len(grams), labels.shape
-    dual = np.zeros((n_modalities, n_attributes, n))
-    weights = np.zeros((n_attributes, 1 + n_modalities))
+    n_kernels, (n, n_attributes) = len(grams), labels.shape
+    dual = np.zeros((n_kernels, n_attributes, n))
+    weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
     for known, attributes in known_patterns(labels >= 0):
         problem = kernel_problem(
@@ -57,8 +62,8 @@ def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) ->
         )
         weights[attributes] = all_objects(problem, settings)
         nested[np.ix_(known, attributes)] = each_object(problem, settings, weights[attributes])
-        dual[np.ix_(np.arange(n_modalities), attributes, known)] = problem.duals
-    return BehaviorFit(dual, np.zeros((n_modalities, n_attributes)), Stacker(weights), nested)
+        dual[np.ix_(np.arange(n_kernels), attributes, known)] = problem.duals
+    return BehaviorFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
 
 
 def stacked_outputs(
@@ -72,7 +77,7 @@ def stacked_outputs(
 
     Parameters
     ----------
-    grams : (M,n,n) between all recordings, n = O R.
+    grams : (M,n,n) between all recordings, a modality each, n = O R.
     labels : (O,P).
     known : (O,) the objects whose labels are known.
     held : the objects to hold out.
@@ -82,6 +87,7 @@ def stacked_outputs(
     The outputs on held-out objects, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN
     where none was computed.
     """
+    grams = with_joint(grams) if settings.joint else grams
     n_objects, n_attributes = labels.shape
     n_recordings = grams.shape[1] // n_objects
     rows, names = np.repeat(known, n_recordings), np.flatnonzero(known)

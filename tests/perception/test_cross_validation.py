@@ -179,6 +179,7 @@ def test_unknown_labels_and_senseless_behaviors_are_not_scored(make, relabel):
         ({"noise": 0.0}, "noise is 0.0; give a number above 0"),
         ({"ridge": float("nan")}, "ridge is nan"),
         ({"folds": 1}, "give at least 2"),
+        ({"kernel": "polynomial"}, "give joint=False"),
         ({"levels": 3}, r"3 levels; expected one of \[2, 4, 8\]"),
     ],
 )

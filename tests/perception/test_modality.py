@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.perception.modality import ModalityClassifier, fit_space
+from meal_bayes.perception.modality import fit_space, with_joint
 
 
 def features(seed=0, n=12, d=4):
@@ -17,10 +17,10 @@ def test_the_kernel_is_symmetric_and_positive(seed, kernel):
     assert np.linalg.eigvalsh(gram).min() > -1e-9
 
 
-def test_rbf_has_the_median_distance_for_width():
+def test_rbf_is_half_again_as_wide_as_the_median_distance():
     space = fit_space(features(), "rbf")
     distance = np.linalg.norm(space.rows[:, None] - space.rows[None], axis=-1)
-    assert space.width == pytest.approx(np.median(distance[np.triu_indices(12, 1)]))
+    assert space.width == pytest.approx(1.5 * np.median(distance[np.triu_indices(12, 1)]))
     np.testing.assert_allclose(space.gram(), np.exp(-((distance / space.width) ** 2)), atol=1e-12)
 
 
@@ -67,8 +67,11 @@ def test_mostly_equal_recordings_have_a_width():
     assert np.isfinite(space.gram()).all()
 
 
-def test_decisions_are_weighted_sums_of_kernels():
-    raw, dual, bias = features(), np.random.default_rng(1).normal(size=(2, 12)), np.array([0.5, 0])
-    space = fit_space(raw, "rbf")
-    found = ModalityClassifier("color", space, dual, bias).decisions(raw[:3])
-    np.testing.assert_allclose(found, space.gram()[:3] @ dual.T + bias, atol=1e-12)
+def test_the_joint_kernel_is_that_of_the_features_side_by_side():
+    spaces = [fit_space(features(seed, d=d), "rbf") for seed, d in ((1, 2), (2, 4), (3, 3))]
+    kernels = np.stack([space.gram() for space in spaces])
+    together = np.concatenate([space.rows / space.width for space in spaces], axis=1)
+    squares = ((together[:, None] - together[None]) ** 2).sum(axis=-1)
+    np.testing.assert_array_equal(with_joint(kernels)[:3], kernels)
+    np.testing.assert_allclose(with_joint(kernels)[3], np.exp(-squares / 3), atol=1e-12)
+    np.testing.assert_array_equal(with_joint(kernels[:1]), kernels[:1])

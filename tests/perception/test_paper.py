@@ -51,13 +51,14 @@ def test_the_sigmoid_is_platts(seed, n):
 def test_machines_are_those_of_scikit_learn(make):
     dataset = make(1, signal=4.0)
     perception = fit_perception(dataset, TrainingSet.everything(dataset), settings=PAPER)
-    phi = perception.classifiers["lift"].modalities[1]
+    classifier = perception.classifiers["lift"]
+    space, dual, bias = classifier.spaces["b"], classifier.fit.dual[1], classifier.fit.bias[1]
     truth = np.repeat(dataset.labels == 1, 2, axis=0)
     for p in range(2):
-        machine = SVC(C=10, kernel="precomputed", tol=1e-2).fit(phi.space.gram(), truth[:, p])
-        raw = dataset.features["lift", "b"].reshape(20, -1)
-        expected = machine.decision_function(phi.space.similarity(phi.space.standardize(raw)))
-        np.testing.assert_allclose(phi.decisions(raw)[:, p], expected, atol=1e-9)
+        machine = SVC(C=10, kernel="precomputed", tol=1e-2).fit(space.gram(), truth[:, p])
+        kernel = space.similarity(space.standardize(dataset.features["lift", "b"].reshape(20, -1)))
+        expected = machine.decision_function(kernel)
+        np.testing.assert_allclose(kernel @ dual[p] + bias[p], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("perception", [DEFAULT, PAPER], ids=["default", "paper"])

@@ -9,7 +9,7 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, RecordedPercepts, build_percept_table
 from meal_bayes.perception.leave_out import each_object, kernel_problem
-from meal_bayes.perception.modality import fit_space
+from meal_bayes.perception.modality import fit_space, with_joint
 from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
 
 ALL = replace(DEFAULT, believable_only=False)
@@ -38,6 +38,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     grams = np.stack(
         [fit_space(dataset.features["lift", m].reshape(16, -1), "rbf").gram() for m in "abc"]
     )
+    grams = with_joint(grams)
     objects = np.repeat(np.arange(8), 2)
     truth = np.repeat(dataset.labels == 1, 2, axis=0)
     for held_out in range(8):
