@@ -95,7 +95,7 @@ def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if len(kernels) == 1:
         return kernels
-    joint = np.prod(kernels ** (1.0 / len(kernels)), axis=0)
+    joint = np.prod(kernels, axis=0) ** (1.0 / len(kernels))
     return np.concatenate([kernels, joint[None]])
 
 
