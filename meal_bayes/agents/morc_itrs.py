@@ -258,12 +258,10 @@ def with_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     ----------
     attempts : (E,2) legal executions that failed, and that succeeded.
     """
-    weight, effects = 2.0, []
-    rows = attempts[:, 1] / np.maximum(attempts.sum(axis=1), 1)
-    for effect in domain.diagram.effects:
-        total = domain.diagram.success(effect)
-        e = domain.behavior_index(effect.behavior)
-        n = attempts[e].sum()
-        mean = (weight * total + n * rows[e]) / (weight + n)
-        effects.append(replace(effect, probability=effect.probability * mean / total))
-    return replace(domain, diagram=replace(domain.diagram, effects=tuple(effects)))
+    weight = 2.0
+
+    def mean(behavior: str, prior: float) -> float:
+        failed, succeeded = attempts[domain.behavior_index(behavior)]
+        return float((weight * prior + succeeded) / (weight + failed + succeeded))
+
+    return replace(domain, diagram=domain.diagram.succeeding(mean))

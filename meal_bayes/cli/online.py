@@ -11,13 +11,20 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from meal_bayes.cli.options import dataset_option, json_option, logs_option, seed_option
-from meal_bayes.cli.screen import note, output, prepare_planner, progress, signs_of
+from meal_bayes.cli.options import (
+    dataset_option,
+    fresh_option,
+    jobs_option,
+    json_option,
+    listed,
+    logs_option,
+    seed_option,
+)
+from meal_bayes.cli.screen import note, output, prepare_planner, resumed, signs_of
 from meal_bayes.errors import SettingsError
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningRow, LearningSummary
-    from meal_bayes.experiments import OnlineConfig, OnlineRun
 
 AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory"
 
@@ -69,7 +76,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     "model_percepts.",
 )  # fmt: skip
 @seed_option()
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@jobs_option
 @click.option(
     "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
 )
@@ -78,7 +85,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     help="Trials that are logged whole; of the others only what measures need is kept.",
 )  # fmt: skip
 @logs_option
-@click.option("--fresh", is_flag=True, help="Run again what is there already.")
+@fresh_option
 @json_option
 def online(
     dataset: str,
@@ -109,9 +116,9 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted goes on where it stopped when the same command is given again.
     """
-    from meal_bayes.experiments import OnlineConfig
+    from meal_bayes.experiments import OnlineConfig, run_online
 
-    named = tuple(name.strip() for text in agents for name in text.split(","))
+    named = listed(*agents)
     config = OnlineConfig(
         dataset=dataset,
         root=root,
@@ -131,9 +138,13 @@ def online(
         published=_variants(published),
         log=log,
     )
-    finished = _run(config, logs, jobs, cluster, fresh=fresh)
     from meal_bayes.evaluation import learning_rows, summarize_learning
 
+    prepare_planner()
+    with resumed("batches") as advance:
+        finished = run_online(
+            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+        )
     results = list(finished.results())
     rows, summary = learning_rows(results), summarize_learning(results)
     if as_json:
@@ -149,31 +160,6 @@ def online(
     note(f"trials in {finished.folder}")
     if log == "all":
         note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
-
-
-def _run(
-    config: "OnlineConfig", logs: Path, jobs: int, cluster: str | None, *, fresh: bool
-) -> "OnlineRun":
-    from meal_bayes.experiments import run_online
-
-    prepare_planner()
-    done = total = 0
-
-    def advance(so_far: int, in_all: int) -> None:
-        nonlocal done, total
-        if not total and so_far:
-            note(f"{so_far} of {in_all} batches are there already")
-        done, total = so_far, in_all
-        bar(so_far, in_all)
-
-    try:
-        with progress("batches", "batches") as bar:
-            return run_online(
-                config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
-            )
-    except KeyboardInterrupt:
-        note("interrupted: whole batches are kept; the same command goes on from there")
-        raise
 
 
 def _shares(text: str) -> tuple[int, int, int]:
@@ -197,7 +183,7 @@ def _variants(text: str | None) -> tuple[str, ...]:
 
     if text is None:
         return ()
-    return PUBLISHED if text == "all" else tuple(name.strip() for name in text.split(","))
+    return PUBLISHED if text == "all" else listed(text)
 
 
 def _print(

@@ -38,6 +38,10 @@ logs_option = click.option(
     help="Folder of the trial logs.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes."
+)
 perception_option = click.option(
     "--perception",
     type=click.Choice(["default", "paper"]),
@@ -45,3 +49,8 @@ perception_option = click.option(
     show_default=True,
     help="Which classifiers made the percepts: ours, or the paper's recipe.",
 )
+
+
+def listed(*texts: str) -> tuple[str, ...]:
+    """Take names that are given one by one or as comma lists."""
+    return tuple(name.strip() for text in texts for name in text.split(","))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from meal_bayes.cli.options import json_option, logs_option, seed_option
+from meal_bayes.cli.options import jobs_option, json_option, logs_option, seed_option
 from meal_bayes.cli.screen import note, progress
 from meal_bayes.errors import DownloadError
 
@@ -23,7 +23,7 @@ _PROGRAM = "reproduction"  # the module of that folder that knows its items
     help="The published code's protocol alone: percepts drawn from the learned tables.",
 )  # fmt: skip
 @seed_option()
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@jobs_option
 @logs_option
 @click.option(
     "--scripts", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",

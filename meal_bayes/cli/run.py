@@ -12,13 +12,16 @@ from rich.text import Text
 from meal_bayes.cli.options import (
     AGENTS,
     dataset_option,
+    fresh_option,
+    jobs_option,
     json_option,
+    listed,
     logs_option,
     perception_option,
     seed_option,
 )
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import Advance, note, output, prepare_planner, progress, signs_of
+from meal_bayes.cli.screen import note, output, prepare_planner, progress, resumed, signs_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,7 +52,7 @@ def run() -> None:
     help=f"{AGENTS}; may be repeated, or a comma list. All of them by default.",
 )  # fmt: skip
 @seed_option()
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@jobs_option
 @click.option(
     "--percepts", type=click.Choice(["recorded", "model"]), default="recorded", show_default=True,
     help="Of real recordings, or drawn from the learned confusion matrices.",
@@ -60,7 +63,7 @@ def run() -> None:
     help="For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @logs_option
-@click.option("--fresh", is_flag=True, help="Run again what is there already.")
+@fresh_option
 @json_option
 def offline(
     dataset: str,
@@ -82,7 +85,7 @@ def offline(
     """
     from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
 
-    named = tuple(name.strip() for text in agents for name in text.split(","))
+    named = listed(*agents)
     config = OfflineConfig(
         dataset=dataset,
         attributes=attributes,
@@ -124,32 +127,8 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
     offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
     if any(load_agent(name).searches for name in config.agents):
         prepare_planner()
-    counted = _Count()
-    try:
-        with progress("trials", "trials") as advance:
-            counted.tell = advance
-            return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=counted)
-    except KeyboardInterrupt:
-        note(
-            f"interrupted: {counted.done} of {counted.total} trials are kept; "
-            "the same command goes on from there"
-        )
-        raise
-
-
-class _Count:
-    """Remembers how far a run is, for when it is interrupted."""
-
-    def __init__(self) -> None:
-        self.done = self.total = 0
-        self.tell: Advance | None = None
-
-    def __call__(self, done: int, total: int) -> None:
-        if not self.total and done:
-            note(f"{done} of {total} trials are there already")
-        self.done, self.total = done, total
-        if self.tell is not None:
-            self.tell(done, total)
+    with resumed("trials") as advance:
+        return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance)
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":

@@ -105,6 +105,28 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         yield advance
 
 
+@contextlib.contextmanager
+def resumed(units: str) -> Iterator[Advance]:
+    """Show how far a run is that goes on where it stopped; tell what is there, what is kept."""
+    done = total = 0
+    try:
+        with progress(units, units) as bar:
+
+            def advance(so_far: int, in_all: int) -> None:
+                nonlocal done, total
+                if not total and so_far:
+                    note(f"{so_far} of {in_all} {units} are there already")
+                done, total = so_far, in_all
+                bar(so_far, in_all)
+
+            yield advance
+    except KeyboardInterrupt:
+        note(
+            f"interrupted: {done} of {total} {units} are kept; the same command goes on from there"
+        )
+        raise
+
+
 def _lines(console: Console, what: str, unit: str) -> Advance:
     start = last = time.monotonic()
     first = -1

@@ -1,7 +1,7 @@
 """The transition diagram of the fully observable states x (the paper's Fig. 5)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -107,6 +107,22 @@ class TransitionDiagram:
             o for o in self.effects if (o.source, o.behavior) == (effect.source, effect.behavior)
         )
         return sum(outcome.probability for outcome in same)
+
+    def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":
+        """Change how often behaviors succeed; outcomes keep their shares.
+
+        Parameters
+        ----------
+        chance : probability of success, of a behavior and what the probability is now.
+        """
+        effects = []
+        for effect in self.effects:
+            now = self.success(effect)
+            then = chance(effect.behavior, now)
+            if then != now:
+                effect = replace(effect, probability=effect.probability * then / now)  # noqa: PLW2901
+            effects.append(effect)
+        return replace(self, effects=tuple(effects))
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
         """Compile to arrays over the named behaviors, in their order."""

@@ -165,12 +165,8 @@ def run_online(
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
-    dataset = _dataset(config)
-    Protocol.of(
-        dataset, attributes=config.attributes, seed=config.seed, repeat=config.first,
-        shares=config.split,
-    )  # fmt: skip  # or say what is wrong
-    store = Store.of(logs, f"online-{dataset.domain.name}-n{config.attributes}", _shared(config))
+    domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
+    store = Store.of(logs, f"online-{domain.name}-n{config.attributes}", _shared(config))
     units = [
         _Unit(config, agent, repeat, store.folder.absolute())  # a cluster's workers live elsewhere
         for repeat in _repeats(config)
@@ -216,26 +212,23 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
     return restricted(dataset, learnable(load_percepts(dataset.domain.data)))
 
 
-def _run_unit(unit: _Unit) -> int:
-    """Run what a unit has not finished; return how many batches that were."""
-    before = unit.done
-    for _ in _batches(unit):
-        pass
-    return unit.config.batches + 1 - before
-
-
-def _batches(unit: _Unit) -> Iterator[int]:
-    config, agent = unit.config, _recipe(unit.config, unit.agent)
-    dataset = _dataset(config)
-    protocol = Protocol.of(
-        dataset, attributes=config.attributes, seed=config.seed, repeat=unit.repeat,
+def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
+    return Protocol.of(
+        _dataset(config), attributes=config.attributes, seed=config.seed, repeat=repeat,
         shares=config.split,
     )  # fmt: skip
+
+
+def _run_unit(unit: _Unit) -> int:
+    """Run what a unit has not finished; return how many batches that were."""
+    before, config, agent = unit.done, unit.config, _recipe(unit.config, unit.agent)
+    protocol = _protocol(config, unit.repeat)
+    dataset = protocol.dataset
     rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
     experience = Experience.none(dataset, rng, memory=agent.memory)
     experience = experience.pretrain(dataset, protocol.split.pre)
     world = _surroundings(config, protocol, Kernels.of(dataset, experience.training_set()))
-    tests = protocol.tests()
+    tests, names = protocol.tests(), dataset.domain.attributes
     for batch in range(config.batches + 1):
         train = config.batches > batch and not unit.log(batch + 1, "train").is_file()
         test = not unit.marks(batch, "test").is_file()
@@ -243,14 +236,14 @@ def _batches(unit: _Unit) -> Iterator[int]:
         if train or test:
             learner = MorcItrs.learn(agent, world, experience, config.seed)
             if test:
-                _write(unit, batch, "test", learner.test, tests, config.log == "all")
+                _write(unit, batch, "test", learner.test, tests, names, config.log == "all")
             if train:
                 tasks = protocol.training(batch + 1, config.trials)
-                _write(unit, batch + 1, "train", _Training(learner), tasks, logged=True)
+                _write(unit, batch + 1, "train", _Training(learner), tasks, names, logged=True)
                 experience = learner.experience
         if not train and batch < config.batches:
             experience = _replay(unit, batch + 1, world, experience)
-        yield batch
+    return config.batches + 1 - before
 
 
 def _recipe(config: OnlineConfig, name: str) -> OnlineAgent:
@@ -280,14 +273,7 @@ def _body(domain: Domain, success: Mapping[str, float]) -> Domain:
     """Change how often behaviors succeed."""
     for name in success:
         domain.behavior_index(name)  # or say what is wrong
-    effects = []
-    for effect in domain.diagram.effects:
-        share = effect.probability / domain.diagram.success(effect)
-        total = success.get(effect.behavior)
-        probability = effect.probability if total is None else share * total
-        effects.append(dataclasses.replace(effect, probability=probability))
-    diagram = dataclasses.replace(domain.diagram, effects=tuple(effects))
-    return dataclasses.replace(domain, diagram=diagram)
+    return dataclasses.replace(domain, diagram=domain.diagram.succeeding(success.get))
 
 
 class _Training:
@@ -304,7 +290,7 @@ class _Training:
 
 def _write(
     unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task],
-    logged: bool,
+    attributes: tuple[str, ...], logged: bool,
 ) -> None:  # fmt: skip
     """Run trials, log them, and write their marks last: with those the batch is done."""
     trials = []
@@ -322,7 +308,7 @@ def _write(
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         trials = [run(task) for task in tasks]
-    Marks.of(trials, _dataset(unit.config).domain.attributes).save(unit.marks(batch, part))
+    Marks.of(trials, attributes).save(unit.marks(batch, part))
 
 
 def _replay(unit: _Unit, batch: int, world: Surroundings, experience: Experience) -> Experience:
