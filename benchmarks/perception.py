@@ -1,9 +1,11 @@
 """Perception on the real recordings: held-out log-loss, Cohen's kappa, permuted labels, CPU time.
 
 python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
+                                [--without joint|balanced|nonnegative|nested|believable_only]
 """
 
 import argparse
+import dataclasses
 import json
 import time
 from typing import Any
@@ -20,6 +22,7 @@ from meal_bayes.perception.quality import (
     permuted,
     with_base_rate,
 )
+from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
 
@@ -36,21 +39,28 @@ def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
     return kappa[np.ix_(asked(dataset), sensing)]
 
 
-def measure(name: str, root: str | None, permutations: int) -> dict[str, Any]:
+CURES = ("joint", "balanced", "nonnegative", "nested", "believable_only")
+
+
+def measure(
+    name: str, root: str | None, permutations: int, settings: PerceptionSettings
+) -> dict[str, Any]:
     """Measure one data set."""
     dataset = load_dataset(name, root=root)
     columns = asked(dataset)
     start = time.process_time()
-    log_odds = held_out_log_odds(dataset)
+    log_odds = held_out_log_odds(dataset, settings=settings)
     decisions = time.process_time() - start
     start = time.process_time()
-    build_percept_table(dataset)
+    build_percept_table(dataset, perception=settings)
     tables = time.process_time() - start
     kappa = kappas(dataset, log_odds)
     by_chance = []
     for number in range(permutations):
         shuffled = permuted(dataset, stream(number, "permutation", name))
-        by_chance.append(float(kappas(shuffled, held_out_log_odds(shuffled)).mean()))
+        by_chance.append(
+            float(kappas(shuffled, held_out_log_odds(shuffled, settings=settings)).mean())
+        )
     return {
         "dataset": name,
         "attributes": len(columns),
@@ -71,9 +81,11 @@ def main() -> None:
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
     parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
     parser.add_argument("--permutations", type=int, default=5)
+    parser.add_argument("--without", choices=CURES, help="take one of the recipe's cures out")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows = [measure(name, options.root, options.permutations) for name in options.dataset]
+    settings = dataclasses.replace(DEFAULT, **({options.without: False} if options.without else {}))
+    rows = [measure(name, options.root, options.permutations, settings) for name in options.dataset]
     if options.json:
         print(json.dumps(rows, indent=2))
         return

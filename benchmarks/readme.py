@@ -38,7 +38,7 @@ class Run:
 
 
 _OFFLINE = "meal-bayes run offline --jobs 2 --json"
-_CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 200"
+_CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1000"
 RUNS = (
     Run(
         "ROC36, two attributes",
@@ -53,7 +53,7 @@ RUNS = (
     Run("CY101, one of ten attributes", _CY101),
     Run(
         "ISPY32, one of 37 attributes",
-        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 200",
+        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 1184",
     ),
 )
 PAPER_RUN = Run(
