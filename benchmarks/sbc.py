@@ -29,6 +29,7 @@ RANKED = 99  # posterior draws that a true value is ranked among
 SIMULATIONS = 200
 MORE = 20  # times as many where they cost nothing
 MASSES = (0.5, 0.8, 0.95)
+BATCHES = 20  # of draws, for the error of a standard deviation
 
 Row = dict[str, object]
 
@@ -192,6 +193,16 @@ def crossed(settings: argparse.Namespace) -> Iterator[Row]:
         yield judged("NUTS crossed", of, true, values, rng) | extra
 
 
+def spread_error(values: np.ndarray) -> np.ndarray:
+    """Relative Monte Carlo error of the standard deviations of chains of draws (L,...).
+
+    By batch means, as draws of a chain depend on each other and squares have heavy tails.
+    """
+    squares = (values - values.mean(axis=0)) ** 2
+    batches = np.stack([part.mean(axis=0) for part in np.array_split(squares, BATCHES)])
+    return np.asarray(batches.std(axis=0, ddof=1) / BATCHES**0.5 / (2 * squares.mean(axis=0)))
+
+
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
@@ -209,6 +220,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
         first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
+        error = np.hypot(spread_error(first), spread_error(second))
         s = [1 / (1 + found.rows()[1][:, votes]) for found in (nuts, exact)]
         told = convergence(to_idata(nuts))
         yield {
@@ -217,7 +229,9 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "rows": int(ratio.size),
             "mean_off": round(float(np.abs(first.mean(0) - second.mean(0)).max()), 5),
             "sd_ratio": [round(float(ratio.min()), 4), round(float(ratio.max()), 4)],
-            "sd_ratio_error": round(float(1 / np.sqrt(2 * told[0].ess_bulk)), 4),
+            "sd_ratio_error": round(float(error.max()), 4),
+            "sd_off_in_errors": round(float((np.abs(ratio - 1) / error).max()), 1),
+            "sd_off_pooled": round(float(np.average(ratio - 1, weights=error**-2.0)), 4),
             "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
             "r_hat": round(max(one.r_hat for one in told), 4),
             "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),
