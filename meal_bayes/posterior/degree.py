@@ -22,7 +22,7 @@ five repeats, and costs the others nothing.)
 Sigma is learned from the training objects: the least sum of the mean of -ln Pr(truth | percepts)
 over beliefs by all recordings of one behavior, one recording of each, and all recordings of all,
 with half-normal(1) as its prior. M, the grid's reach and the least probability of a level were set
-while looking at held-out figures of these data. Sigma is about .33 on ROC36, .9 on ISPY32, .55 on
+while looking at held-out figures of these data. Sigma is about .3 on ROC36, .95 on ISPY32, .6 on
 CY101.
 """
 
