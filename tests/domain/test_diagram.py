@@ -102,3 +102,19 @@ def test_success_is_the_sum_over_outcomes():
     )
     diagram = TransitionDiagram(("a", "b", "term"), "a", effects)
     assert [diagram.success(effect) for effect in effects] == [0.75, 0.75, 0.9]
+
+
+def test_outcomes_keep_their_shares_when_success_changes():
+    push = (Effect("a", "push", "b", 0.5), Effect("a", "push", "a", 0.25))
+    before = TransitionDiagram(("a", "b", "term"), "a", (*push, LOOP))
+    asked = []
+
+    def chance(behavior, now):
+        asked.append((behavior, now))
+        return 0.3 if behavior == "push" else now
+
+    after = before.succeeding(chance)
+    assert [effect.probability for effect in after.effects] == pytest.approx([0.2, 0.1, 0.8])
+    assert asked == [("push", 0.75), ("push", 0.75), ("look", 0.8)]
+    assert after.effects[2] is before.effects[2]
+    assert before.effects[0].probability == 0.5
