@@ -1,6 +1,6 @@
 """Fig. 10: learning curves on three data sets, one and two attributes."""
 
-from frame import Claim, Result, Setting, main
+from frame import Claim, Result, Setting, asked, main
 from online import OURS, PAPERS, compared, curve, panel
 
 from meal_bayes.evaluation import plots, summarize_learning
@@ -19,7 +19,7 @@ def run(setting: Setting) -> Result:
     tables, figures, claims, words = [], {}, [], []
     for name in setting.of("fig10", "panels"):
         dataset, n = name.split("_")
-        title = f"{dataset.upper()}, {n} attribute{'s' if n != '1' else ''}"
+        title = f"{dataset.upper()}, {asked(int(n))}"
         own: list[BatchMarks] | None = None
         code: list[BatchMarks] | None = None
         again = setting.of("fig10", "published").get(name, 0)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import product
 
-from frame import Cell, Claim, Result, Setting, Table, main, paper_values
+from frame import Cell, Claim, Result, Setting, Table, asked, main, paper_values
 from trials import AGAINST, Trials, paired_table, run_agents
 
 from meal_bayes.evaluation import Interval, plots
@@ -30,11 +30,11 @@ def run(setting: Setting) -> Result:
     claims = []
     for n, measure in product(numbers, ("reward", "success")):
         stands = {name: is_best(r[n], best, measure) for name, r in runs.items()}
-        text = f"MORC is best in {MEASURES[measure]} at {n} attributes"
+        text = f"MORC is best in {MEASURES[measure]} at {asked(n)}"
         claims.append(Claim(text, stands.get("recorded"), stands["published"]))
     figures = {f"_{m}_{name}": figure(r, m) for name, r in runs.items() for m in MEASURES}
     own = [f"{list(runs.values())[-1][n].mean(best, 'reward').mean:.0f}" for n in numbers]
-    compared = {f"{name}, {n} attributes": r[n] for n in numbers for name, r in runs.items()}
+    compared = {f"{name}, {asked(n)}": r[n] for n in numbers for name, r in runs.items()}
     return Result(
         item="fig8",
         title="Strategies on ISPY32",
@@ -69,7 +69,7 @@ def figure(runs: Runs, measure: str) -> plots.Axes:
     for agent in AGENTS:
         found = [trials.mean(agent, measure) for trials in runs.values()]
         groups[agent] = [Interval(m, se, m - se, m + se) for m, se in found]
-    ax = plots.bars(groups, [f"{n} attributes" for n in runs], y_label=MEASURES[measure])
+    ax = plots.bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
     ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize=8, frameon=False)
     return ax
 

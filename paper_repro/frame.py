@@ -100,6 +100,15 @@ class Result:
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
+def asked(n: int) -> str:
+    """Name a number of attributes.
+
+    >>> asked(1), asked(2)
+    ('1 attribute', '2 attributes')
+    """
+    return f"{n} attribute{'s' if n != 1 else ''}"
+
+
 def verdict(claims: Sequence[Claim]) -> str:
     """Judge an item from its claims, and name those that do not stand.
 
