@@ -25,6 +25,8 @@ from meal_bayes.perception.quality import (
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
+CURES = ("joint", "balanced", "nonnegative", "nested", "believable_only")
+
 
 def asked(dataset: Dataset) -> np.ndarray:
     """Columns of the attributes that experiments ask."""
@@ -37,9 +39,6 @@ def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
     sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
     kappa = held_out_counts(log_odds, dataset.labels).kappa()
     return kappa[np.ix_(asked(dataset), sensing)]
-
-
-CURES = ("joint", "balanced", "nonnegative", "nested", "believable_only")
 
 
 def measure(

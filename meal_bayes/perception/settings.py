@@ -11,7 +11,8 @@ from meal_bayes.errors import SettingsError
 class PerceptionSettings:
     """How a behavior's percept is made from its modalities.
 
-    The last four are cures: each can be taken out to see what it is good for (tests, benchmarks).
+    `joint` and the last five are cures: each can be taken out to see what it is good for (tests,
+    benchmarks).
     """
 
     recipe: str = "stacked"  # or "paper": support vector machines, Cohen's kappa weights
