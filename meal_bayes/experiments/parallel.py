@@ -56,7 +56,9 @@ def _on_cluster(
         ) from fault
     distributed: Any = dask.distributed  # without types
     try:
-        client = distributed.Client(address, timeout=_PATIENCE)
+        # As the default it would be Dask's scheduler for this whole process, and stay so when no
+        # scheduler answers: saving a NetCDF file would then fail for want of a client.
+        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as fault:
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
@@ -64,6 +66,6 @@ def _on_cluster(
         ) from fault
     with client:
         futures = [client.submit(function, piece, pure=False, retries=3) for piece in work]
-        for future in distributed.as_completed(futures):
+        for future in distributed.as_completed(futures, loop=client.loop):
             yield future.result()
             future.release()
