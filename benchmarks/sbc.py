@@ -2,11 +2,12 @@
 
 Parameters are drawn from the prior, percepts from the parameters; then the rank of each true value
 among 99 posterior draws is uniform. Grid and closed forms take seconds (and 20 times as many
-simulations show how far off an approximation is); NUTS takes minutes, so its part is run apart.
+simulations show how far off an approximation is); NUTS takes minutes (the crossed model, a fit for
+each simulation, 20 s each), so its parts are run apart.
 
 And do grid and NUTS agree, on the real recordings?
 
-    python benchmarks/sbc.py [--json] [--only closed|same|crossed|agree]
+    python benchmarks/sbc.py [--json] [--only closed|same|crossed|agree] [--jobs 2]
 """
 
 import argparse
@@ -18,6 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from meal_bayes.datasets import load_percepts
+from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import coverage, rank_statistics, simulate, uniformity
@@ -41,6 +43,7 @@ def main() -> None:
     parser.add_argument("--only", choices=["closed", "same", "crossed", "agree"], help="one part")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--fits", type=int, default=SIMULATIONS, help="of the crossed model")
+    parser.add_argument("--jobs", type=int, default=1, help="processes that fit it")
     arguments = parser.parse_args()
     parts = {"closed": closed, "same": same, "crossed": crossed, "agree": agree}
     rows = []
@@ -153,37 +156,47 @@ def same(settings: argparse.Namespace) -> Iterator[Row]:
         yield judged(kind, "s", made.dispersion[0], s[:, 0], rng) | extra
 
 
+PAIRS = names(2, 2)  # of the crossed model
+Fit = tuple[int, int, tuple[np.ndarray, ...]]
+
+
+def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
+    """Fit one simulation's counts; (number, divergences, draws of m, s and epsilon)."""
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+
+    number, counts = work
+    found = fit_hierarchical(counts, **PAIRS, model="crossed", chains=2, cores=1, draws=250,
+                             tune=400, seed=number)  # fmt: skip
+    mean, s = found.rows()
+    return number, found.divergences, (yes(mean), s, found.misperception.ravel())
+
+
 def crossed(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the crossed hierarchy, small: a fit for each simulation."""
-    import pymc as pm  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import build_model  # noqa: PLC0415  before PyMC itself
 
-    from meal_bayes.posterior.hierarchical import build_model, fit_hierarchical  # noqa: PLC0415
+    import pymc as pm  # noqa: PLC0415 isort: skip
 
-    attributes, behaviors, objects, recordings = 2, 2, 24, 3
-    named = names(attributes, behaviors)
-    template = np.zeros((objects, attributes, behaviors, 2, 2), dtype=np.int64)
+    objects, recordings = 24, 3
+    template = np.zeros((objects, 2, 2, 2, 2), dtype=np.int64)
     template[: objects // 2, ..., 0, 0] = template[objects // 2 :, ..., 1, 0] = recordings
-    model = build_model(template, **named, model="crossed")
+    model = build_model(template, **PAIRS, model="crossed")
     prior = pm.draw(
         [model["mean"], model["dispersion"], model["misperception"]], settings.fits,
         random_seed=int(stream(settings.seed, "sbc", "prior").integers(2**31)),
     )  # fmt: skip
-    before = Draws(*map(tuple, named.values()), *(values[None] for values in prior))
+    before = Draws(*map(tuple, PAIRS.values()), *(values[None] for values in prior))
     rng, start = stream(settings.seed, "sbc", "crossed"), time.perf_counter()
     made = replicate(before, template, rng, size=settings.fits)
-    kept: list[tuple[np.ndarray, ...]] = []
-    lost = 0
-    for number, counts in enumerate(made):
-        found = fit_hierarchical(counts, **named, model="crossed", chains=2, cores=1, draws=250,
-                                 tune=400, seed=number)  # fmt: skip
-        mean, s = found.rows()
-        kept.append((yes(mean), s, found.misperception.ravel()))
-        lost += found.divergences
-        if not (number + 1) % 10:
+    fits: list[Fit] = []
+    for fit in in_parallel(fit_crossed, enumerate(made), jobs=settings.jobs):
+        fits.append(fit)
+        if not len(fits) % 10:
             passed = time.perf_counter() - start
-            print(f"{number + 1}/{settings.fits} fits, {passed:.0f} s", file=sys.stderr, flush=True)
+            print(f"{len(fits)}/{settings.fits} fits, {passed:.0f} s", file=sys.stderr, flush=True)
+    _, lost, kept = zip(*sorted(fits, key=lambda fit: fit[0]), strict=True)
     drawn = [np.stack(values, axis=1) for values in zip(*kept, strict=True)]  # (L,200,...)
-    extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
+    extra = {"divergences": sum(lost), "seconds": round(time.perf_counter() - start)}
     pair = (0, 0, 1)
     for of, true, values in (
         ("m of a true row", yes(prior[0])[:, *pair], drawn[0][:, :, *pair]),
