@@ -10,8 +10,9 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, believable
 from meal_bayes.perception.ensemble import BehaviorClassifier, BehaviorFit, Perception
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import BehaviorRecordings, recordings_of
+from meal_bayes.perception.recordings import BehaviorRecordings, all_recordings_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+from meal_bayes.perception.width import learned_widths
 
 
 def fit_perception(
@@ -44,15 +45,14 @@ def fit_and_validate(
     domain, n_objects = dataset.domain, len(dataset.objects)
     shape = (n_objects, len(domain.attributes), len(domain.behaviors), 2, settings.levels)
     counts = np.zeros(shape, np.int64)
+    gathered = all_recordings_of(dataset, training_set, settings.kernel)
+    width, _ = learned_widths([recordings for recordings, _ in gathered.values()], settings)
     classifiers = {}
-    for index, behavior in enumerate(domain.behaviors):
-        found = recordings_of(dataset, training_set, behavior.name, settings.kernel)
-        if found is None or not behavior.modalities:
-            continue
-        recordings, spaces = found
-        fit, believed, own = fit_behavior(recordings, settings, n_objects)
-        counts[:, :, index] = own.counts[:, :, 0]
-        classifiers[behavior.name] = BehaviorClassifier(spaces, fit, believed)
+    for name, (recordings, spaces) in gathered.items():
+        fit, believed, own = fit_behavior(recordings.widened(width), settings, n_objects)
+        counts[:, :, domain.behavior_index(name)] = own.counts[:, :, 0]
+        wide = {modality: space.widened(width) for modality, space in spaces.items()}
+        classifiers[name] = BehaviorClassifier(wide, fit, believed)
     perception = Perception(domain, classifiers, dataset.labels, settings.levels)
     return perception, ConfusionCounts(counts)
 

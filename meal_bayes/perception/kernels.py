@@ -14,9 +14,10 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts
 from meal_bayes.perception.cross_validation import fit_behavior
-from meal_bayes.perception.modality import FeatureSpace, fit_space
+from meal_bayes.perception.modality import FeatureSpace, fit_space, widened
 from meal_bayes.perception.recordings import BehaviorRecordings, rows_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+from meal_bayes.perception.width import learned_widths
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,7 @@ def fit_and_score(
     log_odds = np.full((shape[0], dataset.recordings, shape[2], shape[1]), np.nan, np.float16)
     every = np.arange(dataset.recordings)
     scored = (np.asarray(objects)[:, None] * dataset.recordings + every).ravel()
+    gathered = {}
     for e, behavior in enumerate(domain.behaviors):
         if not behavior.modalities:
             continue
@@ -92,12 +94,13 @@ def fit_and_score(
             continue
         names = training_set.object[rows].astype(np.int64)
         place = names * dataset.recordings + training_set.recording[rows]
-        recordings = BehaviorRecordings(
-            names, training_set.labels[rows], kernels.between(behavior.name, place, place)
-        )
-        fit, believed, own = fit_behavior(recordings, settings, len(dataset.objects))
-        counts[:, :, e] = own.counts[:, :, 0]
-        pooled = fit.log_odds(kernels.between(behavior.name, scored, place))
-        outputs = round_log_odds(np.where(believed, pooled, 0.0))
+        own = kernels.between(behavior.name, place, place)
+        gathered[e] = place, BehaviorRecordings(names, training_set.labels[rows], own)
+    width, _ = learned_widths([recordings for _, recordings in gathered.values()], settings)
+    for e, (place, recordings) in gathered.items():
+        fit, believed, told = fit_behavior(recordings.widened(width), settings, shape[0])
+        counts[:, :, e] = told.counts[:, :, 0]
+        across = kernels.between(domain.behaviors[e].name, scored, place)
+        outputs = round_log_odds(np.where(believed, fit.log_odds(widened(across, width)), 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     return log_odds, ConfusionCounts(counts)

@@ -7,6 +7,7 @@ serves every attribute, fold and nested fold.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stackers, score_without
 
 Floats = NDArray[np.float64]
+
+NOBODY = np.empty((1, 0), np.int64)  # one set, of no objects
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,25 +44,42 @@ def kernel_problem(
     )
 
 
+class LeftOut(NamedTuple):
+    """Stackers that never saw some sets S of objects, and what they say of these objects."""
+
+    weights: Floats  # (S,P,1+M) intercept and slopes of each stacker
+    log_odds: Floats  # (S,P,s,R) of the sets' recordings, R the most that an object has
+    losses: Floats  # (S,P) of each stacker on the decisions it learned from, ridge included
+
+
+def problems(
+    grams: Floats, labels: NDArray[np.int8], groups: NDArray[np.int64], noise: float
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64], KernelProblem]]:
+    """Yield (rows (n,), attributes, problem) for attributes whose labels (n,P) are known together.
+
+    `groups` (n,), rising, are what is left out as one.
+    """
+    for known, attributes in known_patterns(labels >= 0):
+        truth = labels[np.ix_(known, attributes)] == 1
+        gram = grams[:, known][:, :, known]
+        yield known, attributes, kernel_problem(gram, truth, groups[known], noise)
+
+
 def leave_out(
     problem: KernelProblem,
     sets: NDArray[np.int64],
     settings: PerceptionSettings,
     warm: Floats | None = None,
-) -> tuple[Floats, Floats]:
-    """Stackers that never saw the sets (S,s) of objects, and what they say of these objects.
+) -> LeftOut:
+    """Leave out each of the sets (S,s) of objects, numbered as in the problem.
 
     `warm` (P,1+M) is where the search for the stackers starts; the same ones are found from
     anywhere.
-
-    Returns
-    -------
-    weights : (S,P,1+M) intercept and slopes of each stacker.
-    log_odds : (S,P,s,R) of the sets' recordings, R the most that an object has.
     """
     n_modalities, n_targets, n = problem.duals.shape
     sizes = np.diff(problem.starts)
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
+    losses = np.zeros((len(sets), n_targets))
     log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
     decisions = np.empty((n_modalities, n_targets, n))
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
@@ -85,17 +105,17 @@ def leave_out(
             settings.nonnegative,
             settings.balanced,
             weights[index],
+            losses[index],
         )
         pooled = weights[index, :, :1] + np.einsum("mpq,pm->pq", own, weights[index, :, 1:])
         present = np.arange(log_odds.shape[3]) < sizes[left_out][:, None]  # (s,R)
         log_odds[index][:, present] = pooled
-    return weights, log_odds
+    return LeftOut(weights, log_odds, losses)
 
 
 def all_objects(problem: KernelProblem, settings: PerceptionSettings) -> Floats:
     """Stackers of a robot that has seen every object, (P,1+M)."""
-    weights: Floats = leave_out(problem, np.empty((1, 0), np.int64), settings)[0][0]
-    return weights
+    return np.asarray(leave_out(problem, NOBODY, settings).weights[0])
 
 
 def each_object(
@@ -103,7 +123,7 @@ def each_object(
 ) -> Floats:
     """Score every recording by classifiers and stackers that never saw its object, (n,P)."""
     sets = np.arange(len(problem.objects))[:, None]
-    log_odds = leave_out(problem, sets, settings, warm)[1][:, :, 0]  # (k,P,R)
+    log_odds = leave_out(problem, sets, settings, warm).log_odds[:, :, 0]  # (k,P,R)
     present = np.arange(log_odds.shape[2]) < np.diff(problem.starts)[:, None]
     outputs: Floats = log_odds.transpose(0, 2, 1)[present]
     return outputs

@@ -10,7 +10,6 @@ from meal_bayes.arrays import freeze, set_frozen
 _FAR = 5.0  # standard deviations; features beyond are drawn in
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
 _CONSTANT = 1e-9  # relative spread below which a feature says nothing
-_WIDE = 1.5  # width of the RBF in median distances
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +26,7 @@ class FeatureSpace:
     scale: NDArray[np.float64]  # (d,)
     rows: NDArray[np.float64]  # (n,d) the recordings, standardized
     kernel: str  # "rbf" or "polynomial"
-    width: float  # of the RBF: 1.5 times the median distance between two recordings
+    width: float  # of the RBF: the median distance between two recordings, times what is learned
     mix: NDArray[np.float64] | None = None  # (d,d) whitening, applied last
 
     def __post_init__(self) -> None:
@@ -49,6 +48,10 @@ class FeatureSpace:
     def over(self, features: NDArray[np.floating]) -> "FeatureSpace":
         """Keep means, spreads and width, for other recordings (n,D)."""
         return replace(self, rows=self.standardize(features))
+
+    def widened(self, factor: float) -> "FeatureSpace":
+        """Make the kernel wider."""
+        return replace(self, width=factor * self.width)
 
     def similarity(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Kernel between standardized rows (B,d) and this space's recordings, (B,n)."""
@@ -83,7 +86,12 @@ def fit_space(
     rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
     mix = None if objects is None else _whitening(rows, objects)
     rows = rows if mix is None else rows @ mix
-    return FeatureSpace(kept, center, scale, rows, kernel, _WIDE * _median_distance(rows), mix)
+    return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows), mix)
+
+
+def widened(kernels: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """Kernels of spaces whose RBF is wider by a factor: exp(-d^2 / (f w)^2) = k^(1 / f^2)."""
+    return kernels if factor == 1.0 else kernels ** (factor**-2.0)
 
 
 def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:

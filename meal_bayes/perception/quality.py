@@ -7,8 +7,9 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, by_truth
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import recordings_of
+from meal_bayes.perception.recordings import all_recordings_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
+from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
 
@@ -21,11 +22,16 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     domain, everything = dataset.domain, TrainingSet.everything(dataset)
     shape = (len(dataset.objects), dataset.recordings, len(domain.attributes))
     outputs = np.full((*shape[:2], len(domain.behaviors), shape[2]), np.nan)
-    for index, behavior in enumerate(domain.behaviors):
-        found = recordings_of(dataset, everything, behavior.name, settings.kernel)
-        if found is not None:
-            nested = recipe_of(settings).fit(found[0], settings).nested
-            outputs[:, :, index] = nested.reshape(shape)
+    gathered = {
+        name: recordings
+        for name, (recordings, _) in all_recordings_of(dataset, everything, settings.kernel).items()
+    }
+    _, widths = learned_widths(list(gathered.values()), settings, range(shape[0]))
+    for width in np.unique(widths):
+        held = widths == width
+        for name, recordings in gathered.items():
+            nested = recipe_of(settings).fit(recordings.widened(width), settings).nested
+            outputs[held, :, domain.behavior_index(name)] = nested.reshape(shape)[held]
     return outputs
 
 

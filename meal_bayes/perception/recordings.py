@@ -1,13 +1,13 @@
 """What a training set holds of one behavior."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.perception.modality import FeatureSpace, fit_space
+from meal_bayes.perception.modality import FeatureSpace, fit_space, widened
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,24 +26,32 @@ class BehaviorRecordings:
             grams=freeze(self.grams),
         )
 
+    def widened(self, factor: float) -> "BehaviorRecordings":
+        """Compare the same recordings by wider kernels."""
+        return replace(self, grams=widened(self.grams, factor))
+
 
 def rows_of(dataset: Dataset, training_set: TrainingSet, behavior: str) -> NDArray[np.intp]:
     """Rows of a training set that hold a behavior; a training set is sorted by object."""
     return np.flatnonzero(training_set.behavior == dataset.domain.behavior_index(behavior))
 
 
-def recordings_of(
-    dataset: Dataset, training_set: TrainingSet, behavior: str, kernel: str
-) -> tuple[BehaviorRecordings, dict[str, FeatureSpace]] | None:
-    """Collect a behavior's recordings and their spaces; None where the training set has none."""
-    rows = rows_of(dataset, training_set, behavior)
-    if not len(rows):
-        return None
-    objects, recordings = training_set.object[rows], training_set.recording[rows]
-    spaces = {
-        modality: fit_space(values[objects, recordings], kernel)
-        for (name, modality), values in dataset.features.items()
-        if name == behavior
-    }
-    grams = np.stack([space.gram() for space in spaces.values()])
-    return BehaviorRecordings(objects.astype(np.int64), training_set.labels[rows], grams), spaces
+def all_recordings_of(
+    dataset: Dataset, training_set: TrainingSet, kernel: str
+) -> dict[str, tuple[BehaviorRecordings, dict[str, FeatureSpace]]]:
+    """Collect each sensing behavior's recordings and their spaces; no entry where there is none."""
+    found = {}
+    for behavior in dataset.domain.behaviors:
+        rows = rows_of(dataset, training_set, behavior.name)
+        if not len(rows) or not behavior.modalities:
+            continue
+        objects, recordings = training_set.object[rows], training_set.recording[rows]
+        spaces = {
+            modality: fit_space(values[objects, recordings], kernel)
+            for (name, modality), values in dataset.features.items()
+            if name == behavior.name
+        }
+        grams = np.stack([space.gram() for space in spaces.values()])
+        labels = training_set.labels[rows]
+        found[behavior.name] = BehaviorRecordings(objects.astype(np.int64), labels, grams), spaces
+    return found

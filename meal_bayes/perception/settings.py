@@ -16,7 +16,8 @@ class PerceptionSettings:
     """
 
     recipe: str = "stacked"  # or "paper": support vector machines, Cohen's kappa weights
-    kernel: str = "rbf"  # exp(-d^2 / w^2), w 1.5 median distances; "polynomial": degree 2
+    kernel: str = "rbf"  # exp(-d^2 / w^2); "polynomial": degree 2
+    width: float | None = None  # w in median distances; None: learned (1, 1.5 or 2)
     joint: bool = True  # "stacked", RBF only: one more kernel, of all modalities at once
     noise: float = 0.15  # lambda of C = K + lambda I
     ridge: float = 0.5  # on the stacker's slopes
@@ -36,6 +37,11 @@ class PerceptionSettings:
         for name in ("noise", "ridge", "box"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
+        if self.width is not None:
+            if not self.width > 0:
+                raise SettingsError(f"width is {self.width}; give a number above 0.")
+            if (self.recipe, self.kernel) != ("stacked", "rbf"):
+                raise SettingsError("Only the stacked recipe's RBF has a width; give width=None.")
         if self.joint and (self.recipe, self.kernel) == ("stacked", "polynomial"):
             raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
         level_edges(BIN_EDGES, self.levels)

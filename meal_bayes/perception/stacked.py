@@ -15,8 +15,8 @@ from meal_bayes.perception.leave_out import (
     all_objects,
     each_object,
     kernel_problem,
-    known_patterns,
     leave_out,
+    problems,
 )
 from meal_bayes.perception.modality import with_joint
 from meal_bayes.perception.recordings import BehaviorRecordings
@@ -47,19 +47,13 @@ def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) ->
     it is NaN where the label is unknown.
     """
     labels = recordings.labels
-    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
     groups = recordings.objects if settings.by_object else np.arange(len(labels))
+    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
     n_kernels, (n, n_attributes) = len(grams), labels.shape
     dual = np.zeros((n_kernels, n_attributes, n))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
-    for known, attributes in known_patterns(labels >= 0):
-        problem = kernel_problem(
-            grams[:, known][:, :, known],
-            labels[np.ix_(known, attributes)] == 1,
-            groups[known],
-            settings.noise,
-        )
+    for known, attributes, problem in problems(grams, labels, groups, settings.noise):
         weights[attributes] = all_objects(problem, settings)
         nested[np.ix_(known, attributes)] = each_object(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_kernels), attributes, known)] = problem.duals
@@ -102,7 +96,7 @@ def stacked_outputs(
     own[known] = each_object(problem, settings, weights).reshape(-1, n_recordings, n_attributes)
     training = np.full((n_objects, *own.shape), np.nan)
     pairs = _pairs(problem, held)
-    both = leave_out(problem, pairs, settings, weights)[1].transpose(0, 2, 3, 1)  # (S,2,R,P)
+    both = leave_out(problem, pairs, settings, weights).log_odds.transpose(0, 2, 3, 1)  # (S,2,R,P)
     first, second = names[pairs.T]
     training[first, second], training[second, first] = both[:, 1], both[:, 0]
     # An object whose label is unknown is in no training set: what serves the others serves it.

@@ -146,24 +146,22 @@ def fit_stacker(
     ridge: float,
     nonnegative: bool,
     theta: Floats,
-) -> None:
+) -> float:
     """Logistic regression with ridge on the slopes, by projected Newton from `theta`, in place.
 
-    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first. With
-    `nonnegative` no slope falls below zero.
+    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first; slopes
+    stay above zero if `nonnegative`. Returns the loss, ridge included.
     """
     size, n = len(theta), features.shape[1]
     rate, scratch = np.empty(n), np.empty((2, n))
     gradient, hessian = np.empty(size), np.empty((size, size))
     step, trial = np.empty(size), np.empty(size)
-    mass = 0.0
-    for i in range(n):
-        mass += weight[i]
+    mass = weight.sum()
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
         _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian, scratch)
         if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * mass:
-            return
+            break
         length = 1.0
         for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
             for j in range(size):
@@ -177,6 +175,7 @@ def fit_stacker(
         value = new
         for j in range(size):
             theta[j] = trial[j]
+    return float(value)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -330,11 +329,12 @@ def fit_stackers(
     nonnegative: bool,
     balanced: bool,
     weights: Floats,
+    losses: Floats,
 ) -> None:
     """Fit one stacker an attribute on the decisions (M,P,n) on the objects that remain.
 
-    `weights` (P,1+M) is where Newton's method starts and what it finds: intercept and slopes, all
-    zero where only one class remains.
+    Newton's method starts from `weights` (P,1+M), intercept and slopes, and leaves what it finds
+    there, and the losses (P,); all zero where only one class remains.
     """
     n_modalities, n_targets, n = decisions.shape
     features, weight = np.empty((n_modalities, n)), np.empty(n)
@@ -344,6 +344,6 @@ def fit_stackers(
     for p in range(n_targets):
         if _weigh(targets[p], starts, out, balanced, weight):
             features[:] = decisions[:, p]
-            fit_stacker(features, targets[p], weight, ridge, nonnegative, weights[p])
+            losses[p] = fit_stacker(features, targets[p], weight, ridge, nonnegative, weights[p])
         else:
-            weights[p] = 0.0
+            weights[p], losses[p] = 0.0, 0.0

