@@ -17,7 +17,7 @@ from meal_bayes.perception.modality import with_joint
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 
-WIDTHS = (1.0, 1.5, 2.0)  # in median distances; beyond, no data set gains
+WIDTHS = (1.0, 1.5, 2.0)  # in median distances
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
