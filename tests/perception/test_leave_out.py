@@ -128,7 +128,9 @@ def test_the_stacker_is_the_optimum(seed, n, nonnegative):
     features[0] += rng.normal() * target
     weight = rng.uniform(0.1, 2.0, n)
     theta = rng.normal(size=4) ** 2  # Newton's method starts anywhere
-    fit_stacker(features, target, weight, RIDGE, nonnegative, theta)
+    loss = fit_stacker(features, target, weight, RIDGE, nonnegative, theta)
+    wrong = np.logaddexp(0, -target * (theta[0] + theta[1:] @ features))
+    assert loss == pytest.approx(weight @ wrong + RIDGE / 2 * (theta[1:] ** 2).sum())
     expected = optimum(features.T, target, weight, nonnegative=nonnegative)
     np.testing.assert_allclose(theta, expected, atol=2e-4 * (1 + np.abs(expected).max()))
     assert not nonnegative or (theta[1:] >= 0).all()
@@ -138,7 +140,7 @@ def test_the_stacker_is_the_optimum(seed, n, nonnegative):
 def test_log_odds_equal_everything_done_by_hand(left_out):
     grams, truth, objects = some_problem(3, [2, 1, 2, 3, 2, 2, 1])
     problem = kernel_problem(grams, truth, objects, NOISE)
-    _, log_odds = leave_out(problem, np.array([left_out]), SETTINGS)
+    log_odds = leave_out(problem, np.array([left_out]), SETTINGS).log_odds
     sizes = np.bincount(objects)
     found = np.concatenate([log_odds[0, :, j, : sizes[k]] for j, k in enumerate(left_out)], axis=1)
     np.testing.assert_allclose(found, by_hand(grams, truth, objects, left_out), atol=1e-4)

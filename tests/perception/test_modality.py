@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.perception.modality import fit_space, with_joint
+from meal_bayes.perception.modality import fit_space, widened, with_joint
 
 
 def features(seed=0, n=12, d=4):
@@ -65,6 +65,14 @@ def test_mostly_equal_recordings_have_a_width():
     space = fit_space(raw, "rbf")
     assert 0 < space.width < np.inf
     assert np.isfinite(space.gram()).all()
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5, 3.0])
+def test_a_wider_kernel_is_that_of_a_wider_space(factor):
+    space = fit_space(features(), "rbf")
+    wide = space.widened(factor)
+    assert wide.width == factor * space.width
+    np.testing.assert_allclose(wide.gram(), widened(space.gram(), factor), atol=1e-14)
 
 
 def test_the_joint_kernel_is_that_of_the_features_side_by_side():

@@ -3,14 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import Instance, load_dataset
+from meal_bayes.datasets import Instance, TrainingSet, load_dataset
 from meal_bayes.datasets.percepts import BIN_EDGES, load_percepts, round_log_odds
 from meal_bayes.domain import Query
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, RecordedPercepts, build_percept_table
 from meal_bayes.perception.leave_out import each_object, kernel_problem
-from meal_bayes.perception.modality import fit_space, with_joint
+from meal_bayes.perception.modality import fit_space, widened, with_joint
 from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
+from meal_bayes.perception.recordings import all_recordings_of
+from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, believable_only=False)
 RECIPES = pytest.mark.parametrize(
@@ -38,12 +40,15 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     grams = np.stack(
         [fit_space(dataset.features["lift", m].reshape(16, -1), "rbf").gram() for m in "abc"]
     )
-    grams = with_joint(grams)
     objects = np.repeat(np.arange(8), 2)
     truth = np.repeat(dataset.labels == 1, 2, axis=0)
+    gathered = all_recordings_of(dataset, TrainingSet.everything(dataset), "rbf").values()
+    _, widths = learned_widths([recordings for recordings, _ in gathered], ALL, range(8))
+    assert len(set(widths)) > 1  # so that each table has its own
     for held_out in range(8):
         rest = objects != held_out
-        problem = kernel_problem(grams[:, rest][:, :, rest], truth[rest], objects[rest], ALL.noise)
+        wide = with_joint(widened(grams, widths[held_out]))[:, rest][:, :, rest]
+        problem = kernel_problem(wide, truth[rest], objects[rest], ALL.noise)
         outputs = each_object(problem, ALL)
         for other in range(8):
             found = table.training_bins[held_out, other, :, 1]
@@ -87,7 +92,9 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     known = np.delete(np.arange(10), 3)
     assert (table.training_bins[3, known, 0, :2].sum(axis=-1) == 2).all()
     assert (table.training_bins[known, 3, 0].sum(axis=-1) == 0).all()
-    # The other attribute, whose labels are all known, is as it was.
+    # The other attribute, whose labels are all known, is as it was, but for the width they share.
+    settings = replace(settings, width=None if settings.recipe == "paper" else 1.0)
+    table = build_percept_table(relabel(dataset, labels), perception=settings)
     whole = build_percept_table(dataset, perception=settings)
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])
 
