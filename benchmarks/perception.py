@@ -2,6 +2,7 @@
 
 python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
                                 [--without joint|balanced|nonnegative|nested|believable_only]
+                                [--width MEDIANS]
 """
 
 import argparse
@@ -81,9 +82,12 @@ def main() -> None:
     parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
     parser.add_argument("--permutations", type=int, default=5)
     parser.add_argument("--without", choices=CURES, help="take one of the recipe's cures out")
+    parser.add_argument("--width", type=float, help="of kernels, in medians; learned by default")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    settings = dataclasses.replace(DEFAULT, **({options.without: False} if options.without else {}))
+    settings = dataclasses.replace(DEFAULT, width=options.width)
+    if options.without:
+        settings = dataclasses.replace(settings, **{options.without: False})
     rows = [measure(name, options.root, options.permutations, settings) for name in options.dataset]
     if options.json:
         print(json.dumps(rows, indent=2))
