@@ -5,12 +5,13 @@ python benchmarks/calibration.py [--dataset NAME ...] [--pairs decision|percept|
 Everything is nested: percepts of an object come from classifiers, and what is believed of them
 from tables, that never saw it; the prior is the other objects' base rate.
 
-Evidence: k recordings of one behavior (in a row, without overlap), one recording of each behavior
-(the r-th, for every r), all recordings of all behaviors. Counted are attributes that experiments
-ask; of their behaviors those with TPR - FPR > .2 on the training objects of the held-out object at
-hand, and beliefs of several behaviors are those of these. TPR and FPR are of the decision: "true"
-where class-balanced log-odds and the base rate's sum to more than 0 (--pairs percept: where the
-class-balanced log-odds alone do; --pairs all: every pair with TPR > FPR).
+Evidence: k recordings of one behavior (in a row, starting from each; the first follows the last),
+one recording of each behavior (the r-th, for every r), all recordings of all behaviors. Counted are
+attributes that experiments ask; of their behaviors those with TPR - FPR > .2 on the training
+objects of the held-out object at hand, and beliefs of several behaviors are those of these. TPR and
+FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum to more than 0
+(--pairs percept: where the class-balanced log-odds alone do; --pairs all: every pair with
+TPR > FPR).
 
 Intervals are of the NLL, 95 %, whole objects redrawn.
 """
@@ -140,15 +141,19 @@ def log_odds(model: Model, shown: NDArray[np.int64], prior: Array, used: Array |
     return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_kinds))
 
 
-def evidence(recordings: int) -> dict[str, list[slice]]:
-    """Which recordings each kind of evidence takes, at a time."""
+def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
+    """Which recordings each kind of evidence takes, at a time.
+
+    Runs of k go round in a ring, so that all recordings are in equally many: were the fifth of
+    five left out for k = 2, it would be missed or spared there alone.
+    """
     found = {}
     for k in (1, 2, 5, 10):
         if k <= recordings:
-            starts = range(0, recordings - k + 1, k)
-            found[f"k={k}"] = [slice(start, start + k) for start in starts]
-    found["all_once"] = [slice(r, r + 1) for r in range(recordings)]
-    found["all"] = [slice(0, recordings)]
+            starts = range(recordings if k < recordings else 1)
+            found[f"k={k}"] = [(np.arange(k) + start) % recordings for start in starts]
+    found["all_once"] = [np.array([r]) for r in range(recordings)]
+    found["all"] = [np.arange(recordings)]
     return found
 
 
@@ -178,7 +183,7 @@ def measure(name: str, pairs: str) -> tuple[list[dict[str, Any]], float]:
 
 def beliefs(
     table: PerceptTable, columns: list[int], fold: Fold, model: str, held_out: int,
-    sets: list[slice], kind: str,
+    sets: list[NDArray[np.int64]], kind: str,
 ) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
     """Beliefs (n,) in what a held-out object is, and its truth, after each set of recordings."""
     outputs = table.log_odds[held_out][..., columns].astype(float)  # (R,E,P)
