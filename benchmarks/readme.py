@@ -1,4 +1,4 @@
-"""Regenerate what README.md shows of real runs: the demo's text and the measured tables.
+"""Regenerate what README.md shows of real runs: the demo's text, measured tables and beliefs.
 
 `python benchmarks/readme.py` runs the commands and writes their results between the HTML comments
 of README.md; a run that is there already under logs/ is not computed again. `--only` writes one of
@@ -60,7 +60,14 @@ PAPER_RUN = Run(
     "CY101, the paper's agent with the paper's classifiers",
     f"{_CY101} --agent morc --perception paper",
 )
-BLOCKS = ("demo", "results", "paper-classifiers", "online")
+BELIEFS = "python benchmarks/calibration.py --json"
+EVIDENCE = {
+    **{f"k={k}": f"{k} recordings of a behavior" for k in (1, 2, 5, 10)},
+    "all_once": "one recording of each behavior",
+    "all": "all recordings of all behaviors",
+}
+BELIEVED = {"counts": "Eq. 8", "shared degree": "`bayes`"}  # observation models
+BLOCKS = ("demo", "results", "beliefs", "paper-classifiers", "online")
 LEARNING = ROOT / "paper_repro" / "results" / "fig10.json"  # behind the block `online`
 
 
@@ -72,7 +79,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.check:
         return check_demo()
-    for name in [options.only] if options.only else ["demo", "results"]:
+    for name in [options.only] if options.only else ["demo", "results", "beliefs"]:
         new = content(name)
         text = README.read_text(encoding="utf-8")
         README.write_text(replaced(text, name, new), encoding="utf-8")
@@ -85,11 +92,16 @@ def content(name: str) -> str:
         return demo_block()
     if name == "online":
         return online_block(json.loads(LEARNING.read_text(encoding="utf-8")))
-    runs = RUNS if name == "results" else (PAPER_RUN,)
-    kept = measured()
-    for one in runs:
-        kept[one.command] = json.loads(run(one.command))["rows"]
+    runs = {"results": RUNS, "paper-classifiers": (PAPER_RUN,), "beliefs": ()}[name]
+    shown = {*(one.command for one in (*RUNS, PAPER_RUN)), BELIEFS}
+    kept = {command: rows for command, rows in measured().items() if command in shown}
+    for command in [one.command for one in runs] or [BELIEFS]:
+        kept[command] = json.loads(run(command))["rows"]
+    if name == "beliefs":
+        kept[BELIEFS] = [row for row in kept[BELIEFS] if row["observation_model"] in BELIEVED]
     MEASURED.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    if name == "beliefs":
+        return beliefs_table(kept[BELIEFS])
     return "\n\n".join(table_of(one, kept[one.command]) for one in runs)
 
 
@@ -128,14 +140,14 @@ def replaced(text: str, name: str, new: str) -> str:
 
 
 def run(command: str) -> str:
-    """Run a command of this package in the project's folder; what it prints."""
+    """Run a command of this package, or a script, in the project's folder; what it prints."""
     name, *arguments = shlex.split(command)
-    if name != "meal-bayes":
+    if name not in ("meal-bayes", "python"):
         raise ValueError(f"not a command of this package: {command}")
     print(f"$ {command}", file=sys.stderr, flush=True)
     # -P: the installed package, not the one in the working directory
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "meal_bayes", *arguments],
+        [sys.executable, "-P", *(["-m", "meal_bayes"] if name == "meal-bayes" else []), *arguments],
         cwd=ROOT, env={**os.environ, **PLAIN}, stdout=subprocess.PIPE, encoding="utf-8", check=True,
     )  # fmt: skip
     return done.stdout
@@ -165,6 +177,22 @@ def online_block(told: Mapping[str, Any]) -> str:
             lines.append(_row(cells))
         parts.append("\n".join(lines))
     return "\n\n".join(parts)
+
+
+def beliefs_table(rows: list[dict[str, Any]]) -> str:
+    """Make the table of beliefs by the paper's observation model and by ours."""
+    found = {(row["evidence"], row["dataset"], row["observation_model"]): row for row in rows}
+    columns = [(name, model) for name in ("roc36", "ispy32", "cy101") for model in BELIEVED]
+    head = ["belief after", *(f"{name.upper()}, {BELIEVED[model]}" for name, model in columns)]
+    lines = [f"Of `{BELIEFS}`, NLL and (ECE):", "", _row(head)]
+    lines.append(_row(["---", *["--:"] * len(columns)]))
+    for evidence, words in EVIDENCE.items():
+        cells = [words.replace("1 recordings", "1 recording")]
+        for column in columns:
+            row = found.get((evidence, *column))
+            cells.append(f"{row['nll']:.3f} ({row['ece']:.3f})" if row else _number(None, 3))
+        lines.append(_row(cells))
+    return "\n".join(lines)
 
 
 def table_of(of: Run, rows: list[dict[str, Any]]) -> str:

@@ -105,6 +105,8 @@ def test_measured_tables_are_those_of_the_kept_rows() -> None:
         assert (run.command in kept) == (f"**{run.title}**" in text)
         if run.command in kept:
             assert maker["table_of"](run, kept[run.command]) in text
+    shown = maker["block"](text, "beliefs").strip()
+    assert shown == maker["beliefs_table"](kept[maker["BELIEFS"]])
 
 
 def test_learning_curves_are_those_reproduced() -> None:
