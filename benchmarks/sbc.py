@@ -216,6 +216,18 @@ def spread_error(values: np.ndarray) -> np.ndarray:
     return np.asarray(batches.std(axis=0, ddof=1) / BATCHES**0.5 / (2 * squares.mean(axis=0)))
 
 
+def width(values: np.ndarray) -> np.ndarray:
+    """Width of the central 90 % interval of draws (L,...); tails are no part of it."""
+    low, high = np.quantile(values, [0.05, 0.95], axis=0)
+    return np.asarray(high - low)
+
+
+def width_error(values: np.ndarray) -> np.ndarray:
+    """Relative Monte Carlo error of the widths, by batches of the chains' draws (L,...)."""
+    widths = np.stack([width(part) for part in np.array_split(values, BATCHES)])
+    return np.asarray(widths.std(axis=0, ddof=1) / BATCHES**0.5 / widths.mean(axis=0))
+
+
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
@@ -234,6 +246,8 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))
+        widths = width(first) / width(second)
+        width_off = np.hypot(width_error(first), width_error(second))
         s = [1 / (1 + found.rows()[1][:, votes]) for found in (nuts, exact)]
         told = convergence(to_idata(nuts))
         yield {
@@ -245,6 +259,8 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "sd_ratio_error": round(float(error.max()), 4),
             "sd_off_in_errors": round(float((np.abs(ratio - 1) / error).max()), 1),
             "sd_off_pooled": round(float(np.average(ratio - 1, weights=error**-2.0)), 4),
+            "width_ratio": [round(float(widths.min()), 4), round(float(widths.max()), 4)],
+            "width_ratio_error": round(float(width_off.max()), 4),
             "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
             "r_hat": round(max(one.r_hat for one in told), 4),
             "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),
