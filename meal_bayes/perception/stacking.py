@@ -149,8 +149,8 @@ def fit_stacker(
 ) -> float:
     """Logistic regression with ridge on the slopes, by projected Newton from `theta`, in place.
 
-    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first; slopes
-    stay above zero if `nonnegative`. Returns the loss, ridge included.
+    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first; with
+    `nonnegative` no slope falls below 0. Returns the loss, ridge included.
     """
     size, n = len(theta), features.shape[1]
     rate, scratch = np.empty(n), np.empty((2, n))

@@ -17,7 +17,7 @@ def test_the_kernel_is_symmetric_and_positive(seed, kernel):
     assert np.linalg.eigvalsh(gram).min() > -1e-9
 
 
-def test_rbf_is_half_again_as_wide_as_the_median_distance():
+def test_rbf_is_as_wide_as_the_median_distance():
     space = fit_space(features(), "rbf")
     distance = np.linalg.norm(space.rows[:, None] - space.rows[None], axis=-1)
     assert space.width == pytest.approx(np.median(distance[np.triu_indices(12, 1)]))
