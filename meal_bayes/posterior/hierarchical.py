@@ -204,10 +204,10 @@ def _crossed() -> tuple[Any, Any]:
 
 def _effects(name: str, inner: tuple[str, ...]) -> Any:
     """Effects of attributes, of behaviors and of their pairs, (2,P,E,*inner), one spread each."""
-    sizes = pm.modelcontext(None).dim_lengths
+    coords = pm.modelcontext(None).coords
     total: Any = 0.0
     for crossed in (("attribute",), ("behavior",), ("attribute", "behavior")):
-        if any(sizes[dim].eval() < 2 for dim in crossed):  # noqa: PLR2004  nothing to compare
+        if any(len(coords[dim]) < 2 for dim in crossed):  # noqa: PLR2004  nothing to compare
             continue
         label = f"{name}_{'_'.join(crossed)}"
         spread = pm.HalfNormal(f"{label}_spread", 1.0, dims="truth")
