@@ -62,7 +62,8 @@ PAPER_RUN = Run(
 )
 BELIEFS = "python benchmarks/calibration.py --json"
 EVIDENCE = {
-    **{f"k={k}": f"{k} recordings of a behavior" for k in (1, 2, 5, 10)},
+    "k=1": "1 recording of a behavior",
+    **{f"k={k}": f"{k} recordings of a behavior" for k in (2, 5, 10)},
     "all_once": "one recording of each behavior",
     "all": "all recordings of all behaviors",
 }
@@ -92,17 +93,22 @@ def content(name: str) -> str:
         return demo_block()
     if name == "online":
         return online_block(json.loads(LEARNING.read_text(encoding="utf-8")))
-    runs = {"results": RUNS, "paper-classifiers": (PAPER_RUN,), "beliefs": ()}[name]
+    if name == "beliefs":
+        rows = json.loads(run(BELIEFS))["rows"]
+        rows = [row for row in rows if row["observation_model"] in BELIEVED]
+        keep({BELIEFS: rows})
+        return beliefs_table(rows)
+    runs = RUNS if name == "results" else (PAPER_RUN,)
+    found = {one.command: json.loads(run(one.command))["rows"] for one in runs}
+    keep(found)
+    return "\n\n".join(table_of(one, found[one.command]) for one in runs)
+
+
+def keep(found: Mapping[str, list[dict[str, Any]]]) -> None:
+    """Write down the rows of some tables, beside those of the others that the README shows."""
     shown = {*(one.command for one in (*RUNS, PAPER_RUN)), BELIEFS}
     kept = {command: rows for command, rows in measured().items() if command in shown}
-    for command in [one.command for one in runs] or [BELIEFS]:
-        kept[command] = json.loads(run(command))["rows"]
-    if name == "beliefs":
-        kept[BELIEFS] = [row for row in kept[BELIEFS] if row["observation_model"] in BELIEVED]
-    MEASURED.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    if name == "beliefs":
-        return beliefs_table(kept[BELIEFS])
-    return "\n\n".join(table_of(one, kept[one.command]) for one in runs)
+    MEASURED.write_text(json.dumps({**kept, **found}, indent=1) + "\n", encoding="utf-8")
 
 
 def measured() -> dict[str, list[dict[str, Any]]]:
@@ -187,7 +193,7 @@ def beliefs_table(rows: list[dict[str, Any]]) -> str:
     lines = [f"Of `{BELIEFS}`, NLL and (ECE):", "", _row(head)]
     lines.append(_row(["---", *["--:"] * len(columns)]))
     for evidence, words in EVIDENCE.items():
-        cells = [words.replace("1 recordings", "1 recording")]
+        cells = [words]
         for column in columns:
             row = found.get((evidence, *column))
             cells.append(f"{row['nll']:.3f} ({row['ece']:.3f})" if row else _number(None, 3))
