@@ -31,8 +31,8 @@ from planner_policies import PLANNERS, TABLED, Planner, believed_in, planners_fo
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, Policy
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.factored_bound import restrict, upper_bound
+from meal_bayes.planners.factored.bound import restrict, upper_bound
+from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.seeds import stream
 

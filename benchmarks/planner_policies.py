@@ -13,10 +13,10 @@ from planner_models import NOISY
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.open_loop import OpenLoop
-from meal_bayes.planners.pbvi import PBVI
-from meal_bayes.planners.sarsop import Sarsop
+from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.point_based.pbvi import PBVI
+from meal_bayes.planners.point_based.sarsop import Sarsop
 
 TABLED = 3  # attributes up to which factored value iteration is near the optimum
 

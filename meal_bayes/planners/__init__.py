@@ -3,18 +3,19 @@
 In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decision`.
 """
 
-from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy, AlphaVectors
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.factored_bound import upper_bound
+from meal_bayes.planners.factored import Factored, single_values, upper_bound
 from meal_bayes.planners.greedy import Greedy
-from meal_bayes.planners.many import single_values
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.pbvi import PBVI
-from meal_bayes.planners.policy_file import read_policy
+from meal_bayes.planners.point_based import (
+    PBVI,
+    AlphaVectorPolicy,
+    AlphaVectors,
+    Sarsop,
+    read_policy,
+)
 from meal_bayes.planners.pomcp import POMCP, compile_kernels
 from meal_bayes.planners.rollout import Rollouts, simulate
-from meal_bayes.planners.sarsop import Sarsop
 from meal_bayes.planners.solver import (
     Decision,
     History,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.plan_library import Moves, moves_of
+from meal_bayes.planners.open_loop.library import Moves, moves_of
 from meal_bayes.planners.solver import Decision, History
 
 

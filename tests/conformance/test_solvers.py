@@ -18,9 +18,9 @@ from meal_bayes.planners import (
     RandomLegal,
     Solver,
 )
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.open_loop import OpenLoop
-from meal_bayes.planners.pbvi import PBVI
+from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.point_based.pbvi import PBVI
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon

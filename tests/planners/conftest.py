@@ -20,9 +20,9 @@ from meal_bayes.momdp import (
     update_belief,
 )
 from meal_bayes.planners import POMCP, Decision, History, Policy
-from meal_bayes.planners.bayes_error import plan_error
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.leaf import remember, room_for
+from meal_bayes.planners.open_loop.errors import plan_error
+from meal_bayes.planners.open_loop.values import remember, room_for
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far

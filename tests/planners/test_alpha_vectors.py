@@ -9,7 +9,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import History
-from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy, AlphaVectors
 
 LOOK, LIFT, REINIT = range(3)
 

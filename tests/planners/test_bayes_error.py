@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
-from meal_bayes.planners.bayes_error import SPAN, tabulate_rules
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.leaf import room_for
+from meal_bayes.planners.open_loop.errors import SPAN, tabulate_rules
+from meal_bayes.planners.open_loop.values import room_for
 
 COARSE = 0.02  # by how much errors read off the tables may be too high
 

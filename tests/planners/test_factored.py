@@ -17,9 +17,8 @@ from meal_bayes.momdp import (
     shape_reward,
 )
 from meal_bayes.planners import POMCP, Greedy, History
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.factored_bound import restrict, upper_bound
-from meal_bayes.planners.factored_grid import (
+from meal_bayes.planners.factored.bound import restrict, upper_bound
+from meal_bayes.planners.factored.grid import (
     expectation,
     make_axis,
     make_room,
@@ -29,6 +28,7 @@ from meal_bayes.planners.factored_grid import (
     telling,
     value_after,
 )
+from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random

@@ -9,8 +9,8 @@ from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.planners import Decision, History, OpenLoop, OpenLoopPolicy, Remembering
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.leaf import open_loop_values, remember, room_for
-from meal_bayes.planners.plan_library import plans_for
+from meal_bayes.planners.open_loop.library import plans_for
+from meal_bayes.planners.open_loop.values import open_loop_values, remember, room_for
 
 
 def with_bonus(momdp, pay):

@@ -21,7 +21,7 @@ from meal_bayes.momdp import (
 from meal_bayes.momdp.pomdp_reader import read_pomdp
 from meal_bayes.momdp.reference import load_reference
 from meal_bayes.planners import History
-from meal_bayes.planners.pbvi import PBVI
+from meal_bayes.planners.point_based.pbvi import PBVI
 from meal_bayes.planners.rollout import simulate
 
 TIGER = """discount: 0.95

@@ -7,8 +7,14 @@ import pytest
 
 from meal_bayes.domain import load_domain
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.leaf import Plans, open_loop_values, plan_values, remember, room_for
-from meal_bayes.planners.plan_library import moves_of, no_plans, plans_for
+from meal_bayes.planners.open_loop.library import moves_of, no_plans, plans_for
+from meal_bayes.planners.open_loop.values import (
+    Plans,
+    open_loop_values,
+    plan_values,
+    remember,
+    room_for,
+)
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 MOST = 15  # percepts of one behavior that are planned with

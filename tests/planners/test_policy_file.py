@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.planners.policy_file import read_policy
+from meal_bayes.planners.point_based.policy_file import read_policy
 
 POLICY = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <Policy version="0.1" type="value" model="own.pomdpx"

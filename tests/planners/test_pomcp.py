@@ -15,8 +15,8 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.leaf import room_for
-from meal_bayes.planners.plan_library import _arrays, _with_rules, moves_of
+from meal_bayes.planners.open_loop.library import _arrays, _with_rules, moves_of
+from meal_bayes.planners.open_loop.values import room_for
 from meal_bayes.planners.rollout import simulate
 
 PROBLEMS = {

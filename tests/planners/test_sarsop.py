@@ -14,8 +14,8 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import History
-from meal_bayes.planners.pbvi import PBVI
-from meal_bayes.planners.sarsop import Sarsop
+from meal_bayes.planners.point_based.pbvi import PBVI
+from meal_bayes.planners.point_based.sarsop import Sarsop
 
 HEADER = (
     '<?xml version="1.0" encoding="ISO-8859-1"?>\n<Policy version="0.1" type="value" model="m">'

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, FlatPOMDP
-from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy, AlphaVectors
-from meal_bayes.planners.point_problem import (
+from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+from meal_bayes.planners.point_based.problem import (
     Choice,
     Floats,
     Plans,

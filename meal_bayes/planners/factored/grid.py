@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.bayes_error import kernel
+from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows that differ by less, which is rounding, tell nothing
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
@@ -204,7 +204,7 @@ def make_room(table: Table, levels: int) -> Room:
     )
 
 
-@kernel
+@entry_kernel
 def expect(
     source: NDArray[np.float64],
     point: NDArray[np.int64],
@@ -248,7 +248,7 @@ def _locate(table: Table, i: int, chance: float) -> tuple[int, float]:
     return low, min(max((chance - below) / (above - below), 0.0), 1.0)
 
 
-@kernel
+@entry_kernel
 def value_after(
     table: Table,
     confusion: NDArray[np.float64],

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.bayes_error import kernel, truth
-from meal_bayes.planners.factored_grid import Room, Table, value_after
-from meal_bayes.planners.leaf import (
+from meal_bayes.planners.factored.grid import Room, Table, value_after
+from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.open_loop.errors import truth
+from meal_bayes.planners.open_loop.values import (
     DEPTH,
     Plans,
     open_loop_value,
@@ -231,7 +232,7 @@ def _select(problem, tree, node, exploration):
     return best
 
 
-@kernel
+@entry_kernel
 def search(problem, leaf, tree, work, x, seen, simulations, exploration, rng):
     """Grow the tree by simulations, from the belief in `work.weight` if empty; how many it had."""
     n, n_behaviors, k_levels = seen.shape

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.factored_grid import (
+from meal_bayes.planners.factored.grid import (
     Percepts,
     Table,
     even_axis,

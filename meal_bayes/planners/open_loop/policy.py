@@ -6,8 +6,8 @@ import numpy as np
 
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.leaf import Plans, open_loop_values, remember, room_for
-from meal_bayes.planners.plan_library import plans_for
+from meal_bayes.planners.open_loop.library import plans_for
+from meal_bayes.planners.open_loop.values import Plans, open_loop_values, remember, room_for
 from meal_bayes.planners.solver import Decision, History, choose
 
 

@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.bayes_error import (
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.open_loop.errors import (
     OUTCOMES,
     SPAN,
     Work,
     clear,
-    kernel,
     plan_error,
     truth,
 )
-from meal_bayes.planners.compiled import Compiled
 
 COMPUTED = 6  # plans of a first behavior that are computed exactly at one belief
 DEPTH = 60  # steps of one descent
@@ -178,7 +178,7 @@ def _top_guess(guess, size):
     return top
 
 
-@kernel
+@entry_kernel
 def open_loop_values(problem, plans, x, weight, row, work, out):
     """Best value of the plans from x by first behavior -> out[row] (E,), -inf where none.
 
@@ -212,7 +212,7 @@ def open_loop_values(problem, plans, x, weight, row, work, out):
             out[row, a] = max(out[row, a], value)
 
 
-@kernel
+@entry_kernel
 def plan_values(problem, plans, x, weight, work, out):
     """Value of each plan from x at beliefs (B,N,C) before any percept -> out (B,J)."""
     clear(work)
@@ -247,7 +247,7 @@ def _judge(problem, uses, which, weight, row):
     return mean if problem.additive else product
 
 
-@kernel
+@entry_kernel
 def grow_plans(problem, macros, x, weight, length, work, out):
     """Grow plans from x greedily, one for each belief (B,N,C) and first percept -> out (B*E,L).
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.bayes_error import Work, tabulate_rules
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.leaf import Macros, Plans, grow_plans, plan_values, room_for
+from meal_bayes.planners.open_loop.errors import Work, tabulate_rules
+from meal_bayes.planners.open_loop.values import Macros, Plans, grow_plans, plan_values, room_for
 
 _GROWN = 8  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED = 96  # beliefs at which plans compete to be kept

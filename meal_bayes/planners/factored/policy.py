@@ -43,8 +43,8 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored_grid import Table, make_room, value_after
-from meal_bayes.planners.factored_iteration import (
+from meal_bayes.planners.factored.grid import Table, make_room, value_after
+from meal_bayes.planners.factored.iteration import (
     smoothed,
     solve_again,
     solve_on_grid,

@@ -25,13 +25,12 @@ import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, build_momdp, initial_belief
-from meal_bayes.planners.bayes_error import lightly_optimized
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.factored_grid import Table, make_room
-from meal_bayes.planners.leaf import Plans, room_for
-from meal_bayes.planners.plan_library import no_plans, plans_for
-from meal_bayes.planners.search import ENUMERATE, Leaf, Tree, search
+from meal_bayes.planners.factored.grid import Table, make_room
+from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.open_loop.library import no_plans, plans_for
+from meal_bayes.planners.open_loop.values import Plans, room_for
+from meal_bayes.planners.pomcp.search import ENUMERATE, Leaf, Tree, search
 from meal_bayes.planners.solver import Decision, History, TreeEdge, choose
 
 _LOGGED = 40  # edges of the second level that a decision keeps
@@ -220,14 +219,9 @@ def _new_room(nodes: int, n_attributes: int, n_kinds: int, n_behaviors: int) -> 
 
 @lru_cache(maxsize=1)
 def compile_kernels() -> None:
-    """Compile the kernels, or load what an earlier process compiled; the first `solve` does it.
-
-    LLVM's full effort takes twice as long and makes nothing faster here, so less is asked for, and
-    for these kernels only.
-    """
-    with lightly_optimized():
-        domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
-        rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
-        momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
-        POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
-        plans_for(compile_momdp(momdp))
+    """Compile the kernels, or load what an earlier process compiled; the first `solve` does it."""
+    domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
+    rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
+    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
+    POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
+    plans_for(compile_momdp(momdp))

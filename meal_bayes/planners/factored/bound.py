@@ -7,8 +7,8 @@ import numpy as np
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.factored_grid import telling
+from meal_bayes.planners.factored.grid import telling
+from meal_bayes.planners.factored.policy import Factored
 
 _CANDIDATES = 3  # attributes tried as the next of a subset
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.planners.alpha_vectors import AlphaVectors
+from meal_bayes.planners.point_based.alpha_vectors import AlphaVectors
 
 _LARGEST = 2**28  # bytes of a file
 _NUMBERS = 2**25  # of all vectors, 256 MB

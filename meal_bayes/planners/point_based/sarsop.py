@@ -15,8 +15,8 @@ import numpy as np
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.pomdpx_file import write_pomdpx
-from meal_bayes.planners.alpha_vectors import AlphaVectorPolicy
-from meal_bayes.planners.policy_file import read_policy
+from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy
+from meal_bayes.planners.point_based.policy_file import read_policy
 
 _PROGRAM = "pomdpsol"
 _VARIABLE = "MEAL_BAYES_POMDPSOL"

@@ -3,56 +3,17 @@
 The leaf of the tree search (`leaf.py`) and the plan library (`plan_library.py`) stand on these.
 """
 
-import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import config, njit
 from numpy.typing import NDArray
+
+from meal_bayes.planners.kernels import entry_kernel, kernel
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute
 BINS = 64  # to which they are merged, by likelihood ratio, before there would be more
 WIDEST = 12.0  # log likelihood ratios beyond are merged
 SPAN = 16.0  # log-odds covered by the tables of decision rules
-
-
-@contextmanager
-def lightly_optimized() -> Iterator[None]:
-    """Compile with less of LLVM's effort: half the time, and nothing here runs slower for it."""
-    before = config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE
-    config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = 1, 0, 0
-    try:
-        yield
-    finally:
-        config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE = before
-
-
-def _sources() -> str:
-    """Digest of all kernels' sources and types."""
-    files = ("compiled.py", "bayes_error.py", "leaf.py", "search.py")
-    text = b"".join(Path(__file__).with_name(name).read_bytes() for name in files)
-    return hashlib.blake2b(text, digest_size=8).hexdigest()
-
-
-_SOURCES = _sources()
-
-
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel when it is called first; later processes load it.
-
-    Nothing here allocates, so there are no references to count, half of what there would be to
-    compile: callers bring the room (`Work`). numba's cache looks at the file of a kernel alone,
-    but kernels call kernels of other files, so their digest is made part of its version.
-    """
-    options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-    compiled: Callable[..., Any] = njit(**options)(function)
-    held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if held is not None:  # it is None where compilation is switched off
-        held._version = f"{held._version} {_SOURCES}"
-    return compiled
 
 
 class Work(NamedTuple):
@@ -186,7 +147,7 @@ def _enumerate(problem, share, uses, plan, i, work):
     return m
 
 
-@kernel
+@entry_kernel
 def plan_error(problem, uses, plan, i, weight, row, work):
     """Exact Bayes error of attribute i after a plan, percepts cut to yes/no.
 
@@ -202,7 +163,7 @@ def plan_error(problem, uses, plan, i, weight, row, work):
     return error
 
 
-@kernel
+@entry_kernel
 def tabulate_rules(problem, uses, attribute, work, errs):
     """Tabulate Pr(error | kind) of decision rules -> errs (G,T,C).
 

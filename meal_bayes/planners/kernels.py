@@ -1,0 +1,50 @@
+"""How planning kernels are compiled and cached: the one place of this room that knows numba.
+
+`entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
+wrappers that Python would need (a seventh of the compile time). Nothing in a kernel allocates, so
+no references are counted: callers bring scratch buffers.
+
+numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
+digest of every file that may hold one is part of the cache's version: after an edit to any of
+them, everything is compiled anew.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_ROOTS = (Path(__file__).parent, Path(__file__).parents[1] / "momdp" / "observation.py")
+
+
+def source_digest(roots: tuple[Path, ...] = _ROOTS) -> str:
+    """Compute a digest of the Python files under some folders (or of single files)."""
+    digest = hashlib.blake2b(digest_size=8)
+    for root in roots:
+        for path in [root] if root.is_file() else sorted(root.rglob("*.py")):
+            digest.update(path.relative_to(root.parent).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_DIGEST = source_digest()
+
+
+def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel that Python calls, when it is called first; later processes load it."""
+    return _versioned(njit(**_OPTIONS)(function))
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel that only kernels call."""
+    return _versioned(njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+
+
+def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
+    held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if held is not None:  # it is None where compilation is switched off
+        held._version = f"{held._version} {_DIGEST}"
+    return compiled
