@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import ImpossibleObservation
 from meal_bayes.momdp.model import MOMDP
+from meal_bayes.momdp.observation import predictive
 
 
 class Transition(NamedTuple):
@@ -122,11 +123,10 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     attributes = np.arange(len(momdp.query))
     seen = belief.seen[:, e]
     total = seen.sum(axis=1)
-    share = seen[attributes, levels] / np.maximum(total, 1)
-    mean = momdp.confusion[attributes, e, :, levels]  # (N,C)
-    trust = total[:, None] / (momdp.precision[:, e] + total[:, None])  # (N,C), 0 at inf
+    mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
+    counts = seen[attributes, levels][:, None]
     with np.errstate(divide="ignore"):
-        weight = belief.weight + np.log(mean + trust * (share[:, None] - mean))
+        weight = belief.weight + np.log(predictive(mean, precision, counts, total[:, None]))
         total_weight = _log_sum(weight)
     contradicted = np.isneginf(total_weight)
     if contradicted.any():

@@ -1,4 +1,9 @@
-"""A MOMDP as the arrays that the search kernels read, with failures folded into each behavior."""
+"""A MOMDP as the arrays that planners read, with geometric failures summed out.
+
+To repeat a behavior until something happens is optimal, as a failure changes nothing. With cost c,
+discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
+cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
+"""
 
 from typing import NamedTuple
 
@@ -7,131 +12,217 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
 
-_INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's kind are not planned with
-_USES = 15  # percepts of one behavior that the table of first counts goes to
+_INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's class are not planned with
+_ROUNDING = 1e-12
+_DIAGRAMS = 16  # whose dynamics are remembered
+
+Floats = NDArray[np.float64]
+
+STEP = np.dtype([
+    ("legal", np.bool_),
+    ("cost", np.float64),  # s, summed over failures
+    ("discount", np.float64),  # summed over failures
+    ("bonus_scale", np.float64),  # expected discounted executions until success
+], align=True)  # fmt: skip
+BRANCH = np.dtype([
+    ("p", np.float64),  # given that something happens; 0 beyond the last branch
+    ("x", np.int64),  # next x
+    ("senses", np.bool_),  # with a percept?
+], align=True)  # fmt: skip
+
+
+class Dynamics(NamedTuple):
+    """Where behaviors lead.
+
+    Attributes
+    ----------
+    step : (X,E) records of `STEP`.
+    branch : (X,E,B) records of `BRANCH`, the outcomes of a step.
+    exit_value : (X,) of the cheapest illegal behavior, -inf where none may end a trial.
+    """
+
+    step: NDArray[np.void]
+    branch: NDArray[np.void]
+    exit_value: Floats
+
+
+class Percepts(NamedTuple):
+    """What behaviors show.
+
+    Attributes
+    ----------
+    rows : (N,E,C,K) mean Pr(level | latent class).
+    precision : (N,E,C) Dirichlet weight of a row.
+    classes : (N,2,C) Pr(latent class | truth).
+    truth : (N,2,C) Pr(truth | latent class) under the prior.
+    informative : (N,E) does a percept tell of the latent class?
+    limit : (E,) percepts that a trial can have.
+    class_is_truth : are classes the two truths (Eq. 8)?
+    """
+
+    rows: Floats
+    precision: Floats
+    classes: Floats
+    truth: Floats
+    informative: NDArray[np.bool_]
+    limit: Floats
+    class_is_truth: bool
 
 
 class Compiled(NamedTuple):
-    """Failures are folded in: to repeat until success is optimal, as failure changes nothing.
+    """All that the kernels read of a MOMDP.
 
-    With cost c, discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
-    cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
+    Attributes
+    ----------
+    dynamics, percepts : see there.
+    bonus : (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11).
+    paid : (E,) percepts of a trial that shaping pays for.
+    shaped : is there any bonus?
+    incorrect, gap : r- and r+ - r-.
     """
 
-    start: int
-    legal: NDArray[np.bool_]  # (X,E)
-    cost: NDArray[np.float64]  # (X,E) s, folded
-    discount: NDArray[np.float64]  # (X,E) folded
-    bonus_scale: NDArray[np.float64]  # (X,E) expected discounted executions until success
-    branches: NDArray[np.int64]  # (X,E) how many outcomes
-    branch_p: NDArray[np.float64]  # (X,E,B) their probabilities given that something happens
-    branch_x: NDArray[np.int64]  # (X,E,B) next x
-    branch_sense: NDArray[np.bool_]  # (X,E,B) with a percept?
-    confusion: NDArray[np.float64]  # (N,E,C,K)
-    precision: NDArray[np.float64]  # (N,E,C)
-    informative: NDArray[np.bool_]  # (N,E) does a percept tell of the kind of object?
-    fresh: NDArray[np.float64]  # (N,E,C,U,U) Pr(j of the first k percepts say yes): [k, j]
-    affinity: NDArray[np.float64]  # (N,E,U) log sum_j sqrt(Pr(j | true) Pr(j | false)), k percepts
-    bonus: NDArray[np.float64]  # (N,E,2)
+    dynamics: Dynamics
+    percepts: Percepts
+    bonus: Floats
+    paid: Floats
     shaped: bool
-    limit: NDArray[np.float64]  # (E,)
-    paid: NDArray[np.float64]  # (E,) percepts of a trial that shaping pays for
-    exact: NDArray[np.bool_]  # (E,) are its rows known, so that percepts seen tell nothing of them?
-    plain: bool  # are all rows known, and percepts never used up?
-    prior: NDArray[np.float64]  # (N,C) of the kinds, none of them 0
-    share: NDArray[np.float64]  # (N,2,C) Pr(truth | kind)
-    kinds: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
-    kind_is_truth: bool
-    correct: float
     incorrect: float
-    additive: bool  # is a report paid by the share of attributes right?
-    exit_value: NDArray[np.float64]  # (X,) of the cheapest illegal behavior, -inf where none
+    gap: float
+
+    @property
+    def legal(self) -> NDArray[np.bool_]:
+        """(X,E)."""
+        return np.asarray(self.dynamics.step["legal"])
+
+    @property
+    def cost(self) -> Floats:
+        """(X,E) s, summed over failures."""
+        return np.asarray(self.dynamics.step["cost"])
+
+    @property
+    def discount(self) -> Floats:
+        """(X,E), summed over failures."""
+        return np.asarray(self.dynamics.step["discount"])
+
+    @property
+    def bonus_scale(self) -> Floats:
+        """(X,E) expected discounted executions until success."""
+        return np.asarray(self.dynamics.step["bonus_scale"])
+
+    @property
+    def branches(self) -> NDArray[np.int64]:
+        """(X,E) how many outcomes a step has."""
+        return np.asarray((self.dynamics.branch["p"] > 0).sum(axis=2))
+
+    @property
+    def branch_p(self) -> Floats:
+        """(X,E,B) probabilities of the outcomes, given that something happens."""
+        return np.asarray(self.dynamics.branch["p"])
+
+    @property
+    def branch_x(self) -> NDArray[np.int64]:
+        """(X,E,B) next x of the outcomes."""
+        return np.asarray(self.dynamics.branch["x"])
+
+    @property
+    def branch_sense(self) -> NDArray[np.bool_]:
+        """(X,E,B) do the outcomes come with a percept?"""
+        return np.asarray(self.dynamics.branch["senses"])
+
+    @property
+    def exit_value(self) -> Floats:
+        """(X,) of the cheapest illegal behavior, -inf where none may end a trial."""
+        return self.dynamics.exit_value
 
 
-def compile_momdp(momdp: MOMDP) -> Compiled:
-    """Compile a MOMDP for the kernels."""
-    size, n_behaviors = len(momdp.x_names), momdp.n_behaviors
-    states, behaviors = np.arange(size), np.arange(n_behaviors)
+_known: dict[bytes, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
+
+
+def compile_momdp(momdp: MOMDP, paid: float = np.inf) -> Compiled:
+    """Compile a MOMDP for the kernels.
+
+    Parameters
+    ----------
+    momdp : the decision problem.
+    paid : percepts of a behavior in a trial that shaping pays for, at most.
+    """
+    return Compiled(
+        dynamics=dynamics_of(momdp),
+        percepts=Percepts(
+            rows=momdp.confusion.copy(),
+            precision=momdp.precision.copy(),
+            classes=momdp.kinds.copy(),
+            truth=np.exp(momdp.log_share),
+            informative=_information(momdp) > _INFORMATIVE,
+            limit=momdp.limit.copy(),
+            class_is_truth=momdp.kind_is_truth,
+        ),
+        bonus=momdp.bonus.copy(),
+        paid=np.minimum(momdp.limit, paid),
+        shaped=bool(momdp.bonus.any()),
+        incorrect=float(momdp.incorrect),
+        gap=float(momdp.correct - momdp.incorrect),
+    )
+
+
+def class_prior(momdp: MOMDP) -> Floats:
+    """Compute Pr(latent class) (N,C) before a trial, none of them 0."""
+    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
+    prior = np.clip((chance[:, :, None] * momdp.kinds).sum(axis=1), 1e-21, 1.0)
+    return np.asarray(prior / prior.sum(axis=1, keepdims=True))
+
+
+def dynamics_of(momdp: MOMDP) -> Dynamics:
+    """Compile what diagram, costs and discount make, once for all MOMDPs that share them."""
+    parts = (momdp.transition, momdp.informative, momdp.legal, momdp.cost)
+    key = (
+        b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
+    )
+    if key not in _known:
+        if len(_known) >= _DIAGRAMS:
+            _known.clear()
+        _known[key] = _dynamics(momdp)
+    return _known[key]
+
+
+def _dynamics(momdp: MOMDP) -> Dynamics:
+    size = len(momdp.x_names)
+    states = np.arange(size)
     idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
     idle = np.where(momdp.legal, idle, 0.0)
     moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
     sensed = (momdp.transition * momdp.informative).transpose(1, 0, 2)
     moved[states, :, states] -= idle
     silent = np.clip(moved - sensed, 0.0, None)
-    folded = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
+    step = np.zeros(idle.shape, STEP)
+    step["legal"] = momdp.legal & (idle < 1)  # what never does anything cannot be chosen
+    remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
+    step["cost"] = momdp.cost / remaining
+    step["discount"] = momdp.discount * (1 - idle) / remaining
+    step["bonus_scale"] = 1 / remaining
     happens = np.where(1 - idle > 0, 1 - idle, 1.0)
-    branch_count = np.zeros((size, n_behaviors), dtype=np.int64)
-    width = max(1, int(((sensed > 0).sum(2) + (silent > 1e-12).sum(2)).max()))  # noqa: PLR2004
-    p = np.zeros((size, n_behaviors, width))
-    next_x = np.zeros((size, n_behaviors, width), dtype=np.int64)
-    sense = np.zeros((size, n_behaviors, width), dtype=bool)
-    legal = momdp.legal & (idle < 1)  # what never does anything is no choice
-    for x in states:
-        for e in behaviors[legal[x]]:
-            for target in states:
-                for mass, senses in ((sensed[x, e, target], True), (silent[x, e, target], False)):
-                    if mass > 1e-12:  # noqa: PLR2004  rounding
-                        k = branch_count[x, e]
-                        p[x, e, k], next_x[x, e, k], sense[x, e, k] = mass, target, senses
-                        branch_count[x, e] += 1
+    width = max(1, int(((sensed > _ROUNDING).sum(2) + (silent > _ROUNDING).sum(2)).max()))
+    branch = np.zeros((*idle.shape, width), BRANCH)
+    for x, e in np.argwhere(step["legal"]).tolist():
+        outcomes = [
+            (mass / happens[x, e], target, senses)
+            for target in range(size)
+            for mass, senses in ((sensed[x, e, target], True), (silent[x, e, target], False))
+            if mass > _ROUNDING
+        ]
+        branch[x, e, : len(outcomes)] = outcomes
     ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
     exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
-    fresh = _first_counts(momdp)
-    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((chance[:, :, None] * momdp.kinds).sum(axis=1), 1e-21, 1.0)
-    counted = np.einsum("nvc,neckl->nevkl", momdp.kinds, fresh)  # (N,E,2,U,U)
-    return Compiled(
-        start=momdp.start,
-        legal=legal,
-        cost=momdp.cost / folded,
-        discount=momdp.discount * (1 - idle) / folded,
-        bonus_scale=1 / folded,
-        branches=branch_count,
-        branch_p=p / happens[:, :, None],
-        branch_x=next_x,
-        branch_sense=sense,
-        confusion=momdp.confusion.copy(),
-        precision=momdp.precision.copy(),
-        informative=_information(momdp) > _INFORMATIVE,
-        fresh=fresh,
-        affinity=np.log(np.sqrt(counted[:, :, 0] * counted[:, :, 1]).sum(axis=-1) + 1e-300),
-        bonus=momdp.bonus.copy(),
-        shaped=bool(momdp.bonus.any()),
-        limit=momdp.limit.copy(),
-        paid=momdp.limit.copy(),
-        exact=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
-        plain=bool(np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()),
-        prior=prior / prior.sum(axis=1, keepdims=True),
-        share=np.exp(momdp.log_share),
-        kinds=momdp.kinds.copy(),
-        kind_is_truth=momdp.kind_is_truth,
-        correct=float(momdp.correct),
-        incorrect=float(momdp.incorrect),
-        additive=momdp.additive,
-        exit_value=-exits if momdp.abstain else np.full(size, -np.inf),
-    )
+    exit_value = -exits if momdp.abstain else np.full(size, -np.inf)
+    return Dynamics(step, branch, exit_value)
 
 
-def _information(momdp: MOMDP) -> NDArray[np.float64]:
-    """Mutual information of a percept and the kind of object at even odds of truth, bits, (N,E).
+def _information(momdp: MOMDP) -> Floats:
+    """Mutual information of a percept and the latent class at even odds of truth, bits, (N,E).
 
-    A percept that tells of the kind alone may make the next one worth more.
+    A percept that tells of the class alone may make the next one worth more.
     """
-    rows, share = momdp.confusion, momdp.kinds.mean(axis=1)[:, None, :, None]
-    mixed = (share * rows).sum(axis=2, keepdims=True)
+    rows, p = momdp.confusion, momdp.kinds.mean(axis=1)[:, None, :, None]
+    mixed = (p * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
-    return np.asarray((share * rows * ratio).sum(axis=(2, 3)))
-
-
-def _first_counts(momdp: MOMDP) -> NDArray[np.float64]:
-    """Beta-binomial (binomial, at infinite precision) counts of yes among the first percepts."""
-    yes = momdp.confusion[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,C)
-    out = np.zeros((*yes.shape, _USES + 1, _USES + 1))
-    out[..., 0, 0] = 1.0
-    s = np.minimum(momdp.precision, 1e12)  # far beyond any count
-    for k in range(_USES):
-        for j in range(k + 1):
-            p = (s * yes + j) / (s + k)
-            out[..., k + 1, j + 1] += out[..., k, j] * p
-            out[..., k + 1, j] += out[..., k, j] * (1 - p)
-    return out
+    return np.asarray((p * rows * ratio).sum(axis=(2, 3)))

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
-from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.open_loop.library import Moves, moves_of
+from meal_bayes.momdp.observation import predictive
+from meal_bayes.planners.compiled import dynamics_of
+from meal_bayes.planners.open_loop.growth import Ways
+from meal_bayes.planners.open_loop.library import diagram_of
 from meal_bayes.planners.solver import Decision, History
 
 
@@ -21,8 +23,7 @@ class Greedy:
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "GreedyPolicy":
         """Make the policy."""
-        problem = compile_momdp(momdp)
-        return GreedyPolicy(momdp, problem, moves_of(problem))
+        return GreedyPolicy(momdp, diagram_of(dynamics_of(momdp)).ways)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +31,8 @@ class GreedyPolicy:
     """Policy of `Greedy`."""
 
     momdp: MOMDP
-    problem: Compiled
-    moves: Moves
+    ways: Ways
+    deterministic: bool = True
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior on the way to the most bits per second."""
@@ -43,8 +44,8 @@ class GreedyPolicy:
         worth = (momdp.correct - stop) / entropy if entropy > 0 else 0.0  # per bit
         best_rate, action = 0.0, best_report(momdp, belief)
         for e, gained in enumerate(information_gain(momdp, belief)):
-            first = int(self.moves.macros.first[belief.x, e])
-            price = float(self.moves.macros.cost[belief.x, e])
+            first = int(self.ways.hop[belief.x, e])
+            price = float(self.ways.cost[belief.x, e])
             if first < 0 or gained <= 0:
                 continue
             net = gained * worth - price
@@ -52,16 +53,14 @@ class GreedyPolicy:
             rate = gained / max(price, 1e-9)
             if net > 0 and rate > best_rate:
                 best_rate, action = rate, first
-        exact = np.where(np.isnan(values), np.nan, 0.0)
-        return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))
+        return Decision.exact(action, values)
 
 
 def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Mutual information of the next percept of each behavior and the attributes, bits, (E,)."""
     total = belief.seen.sum(axis=2)  # (N,E)
-    trust = total[..., None] / (momdp.precision + total[..., None])  # (N,E,C)
-    share = belief.seen / np.maximum(total, 1)[..., None]
-    rows = momdp.confusion + trust[..., None] * (share[:, :, None] - momdp.confusion)  # (N,E,C,K)
+    seen, precision = belief.seen[:, :, None], momdp.precision[..., None]
+    rows = predictive(momdp.confusion, precision, seen, total[:, :, None, None])  # (N,E,C,K)
     weight = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, kind)
     joint = np.einsum("nvc,neck->nevk", weight, rows)  # Pr(truth, level)
     true = weight.sum(axis=2)[:, None]  # (N,1,2)

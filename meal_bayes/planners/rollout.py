@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_report, initial_belief, update_belief
+from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.planners.solver import History, Policy
 
 
@@ -141,14 +142,10 @@ def _object(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
-    rows = np.empty((len(true), world.n_behaviors, world.levels))
-    for i, truth in enumerate(true.astype(int)):
-        kind = _draw(world.kinds[i, truth], rng)
-        mean, precision = world.confusion[i, :, kind], world.precision[i, :, kind, None]
-        known = np.isinf(precision)
-        gamma = rng.standard_gamma(np.where(known, 1.0, precision) * mean) + 1e-300
-        rows[i] = np.where(known, mean, gamma / gamma.sum(axis=1, keepdims=True))
-    return true, rows
+    each = np.arange(len(true))
+    latent = [_draw(world.kinds[i, v], rng) for i, v in enumerate(true.astype(int))]
+    mean, precision = world.confusion[each, :, latent], world.precision[each, :, latent]
+    return true, sample_rows(mean, precision, 0.0, rng)
 
 
 def _execute(

@@ -40,6 +40,11 @@ class Decision:
             visits=freeze(self.visits, np.int64),
         )
 
+    @classmethod
+    def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
+        """Make the decision of a planner whose values (E+1,) have no error; nan = not valued."""
+        return cls(action, values, values * 0.0, np.zeros(len(values), np.int64))
+
 
 @dataclass(frozen=True, slots=True)
 class History:

@@ -1,6 +1,7 @@
-"""Kernels of the exact Bayes error of an open-loop plan: E min(b, 1 - b) after its percepts.
+"""Kernels of the exact Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-The leaf of the tree search (`leaf.py`) and the plan library (`plan_library.py`) stand on these.
+Percepts are cut to yes/no, and outcomes of like likelihood ratio merged once there is no room for
+more; both can only raise the error, so what a plan is said to be worth stays a lower bound.
 """
 
 from typing import NamedTuple
@@ -8,201 +9,202 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.momdp.observation import predictive as observation_predictive
+from meal_bayes.planners.compiled import Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
-OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute
-BINS = 64  # to which they are merged, by likelihood ratio, before there would be more
-WIDEST = 12.0  # log likelihood ratios beyond are merged
+OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
+FEW_OUTCOMES = 256  # and of everything that is computed often
+_MERGED = 16  # outcomes are merged to a share of 1/16 of what is held
+_WIDEST = 12.0  # log likelihood ratios beyond are merged
 SPAN = 16.0  # log-odds covered by the tables of decision rules
+RULES = 65  # thresholds of a table, even in log-odds
+
+predictive = kernel(observation_predictive)
 
 
-class Work(NamedTuple):
-    """Room for one caller's intermediate results."""
+class Scratch(NamedTuple):
+    """Buffers for one caller's intermediate results, and the percepts of the trial so far.
 
-    outcomes: NDArray[np.float64]  # (C,OUTCOMES) Pr(what a plan's percepts show, kind)
-    counts: NDArray[np.float64]  # (C,OUTCOMES)
-    truths: NDArray[np.float64]  # (2,OUTCOMES) Pr(what a plan's percepts show, truth)
-    yes: NDArray[np.float64]  # (N,E) yes-percepts seen
-    total: NDArray[np.float64]  # (E,) percepts seen
-    seen: NDArray[np.float64]  # (N,E,K)
-    weight: NDArray[np.float64]  # (N,C) Pr(kind)
-    chance: NDArray[np.float64]  # (N,) Pr(attribute is true)
-    cell: NDArray[np.int64]  # (N,) where in the tables the best rule was found last
-    levels: NDArray[np.int64]  # (N,)
-    uses: NDArray[np.int64]  # (2,E) percepts of a plan, and of the plan with one step more
-    useful: NDArray[np.bool_]  # (E,)
-    computed: NDArray[np.int64]  # (E,) how many of them were computed
-    guess: NDArray[np.float64]  # (J,) what the tables say of plans that they do not hold
-    path: NDArray[np.int64]  # (DEPTH,2) nodes and behaviors of a descent
+    Attributes
+    ----------
+    counts : (N,E,K) percepts so far, by level.
+    total : (E,) percepts so far.
+    outcomes : (C,M) Pr(what a plan's percepts show, latent class).
+    bins : (C,M) the same, while it is merged or counted.
+    truths : (2,M) Pr(what a plan's percepts show, truth).
+    chance : (N,) Pr(attribute is true).
+    rule : (N,) the decision threshold that was best last.
+    guess : (J,) what tables say of plans that must be computed.
+    tried : (E,) plans computed, by first behavior.
+    value : (E,) what it is worth; -inf where there is none.
+    best : (E,) the best plan, by first behavior.
+    """
+
+    counts: NDArray[np.float64]
+    total: NDArray[np.float64]
+    outcomes: NDArray[np.float64]
+    bins: NDArray[np.float64]
+    truths: NDArray[np.float64]
+    chance: NDArray[np.float64]
+    rule: NDArray[np.int64]
+    guess: NDArray[np.float64]
+    tried: NDArray[np.int64]
+    value: NDArray[np.float64]
+    best: NDArray[np.int64]
+
+
+def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Scratch:
+    """Make the buffers for a MOMDP and so many plans of one x; nothing perceived so far."""
+    n, e, c, k = percepts.rows.shape
+    return Scratch(
+        counts=np.zeros((n, e, k)),
+        total=np.zeros(e),
+        outcomes=np.empty((c, held)),
+        bins=np.empty((c, held)),
+        truths=np.empty((2, held)),
+        chance=np.zeros(n),
+        rule=np.zeros(n, np.int64),
+        guess=np.zeros(plans),
+        tried=np.zeros(e, np.int64),
+        value=np.zeros(e),
+        best=np.zeros(e, np.int64),
+    )
 
 
 @kernel
-def truth(problem, weight, row, i):
-    """Pr(attribute i is true): its share of every kind."""
-    total = 0.0
-    for c in range(weight.shape[2]):
-        total += weight[row, i, c] * problem.share[i, 1, c]
-    return total
-
-
-@kernel
-def _yes_counts(problem, i, c, e, k, yes, total, out):
-    """Pr(j of the next k percepts say yes | kind, percepts seen), j = 0..k: a Polya urn."""
-    levels = problem.confusion.shape[3]
-    p = 0.0
+def _count_yes(percepts, i, c, e, k, scratch):
+    """Pr(j of the next k percepts say yes | latent class), j = 0..k -> row c of `bins`."""
+    levels, out = percepts.rows.shape[3], scratch.bins
+    mean, yes = 0.0, 0.0
     for z in range(levels // 2, levels):
-        p += problem.confusion[i, e, c, z]
-    s = problem.precision[i, e, c]
-    out[0] = 1.0
+        mean += percepts.rows[i, e, c, z]
+        yes += scratch.counts[i, e, z]
+    s, total = percepts.precision[i, e, c], scratch.total[e]
+    out[c, 0] = 1.0
     for t in range(k):
-        out[t + 1] = 0.0
+        out[c, t + 1] = 0.0
         for j in range(t, -1, -1):
-            q = p if np.isinf(s) else (s * p + yes + j) / (s + total + t)
-            w = out[j]
-            out[j + 1] += w * q
-            out[j] = w * (1.0 - q)
+            q = predictive(mean, s, yes + j, total + t)
+            p = out[c, j]
+            out[c, j + 1] += p * q
+            out[c, j] = p * (1.0 - q)
 
 
 @kernel
-def _by_truth(share, i, m, work):
-    """Sum m outcomes over the kinds, of which each truth has a share (N,2,C) -> `work.truths`."""
-    outcomes, truths = work.outcomes, work.truths
-    for v in range(2):
-        for a in range(m):
-            truths[v, a] = 0.0
+def _sum_classes(weights, i, m, scratch):
+    """Sum m outcomes over the latent classes, weighted (N,2,C) -> `truths`."""
+    outcomes, truths = scratch.outcomes, scratch.truths
+    for a in range(m):
+        truths[0, a] = 0.0
+        truths[1, a] = 0.0
     for c in range(outcomes.shape[0]):
-        false, true = share[i, 0, c], share[i, 1, c]
+        false, true = weights[i, 0, c], weights[i, 1, c]
         for a in range(m):
             truths[0, a] += outcomes[c, a] * false
             truths[1, a] += outcomes[c, a] * true
 
 
 @kernel
-def _speaks(truths, a):
-    """Log ratio of truth and untruth of an outcome."""
+def _log_ratio(truths, a):
+    """Log likelihood ratio of an outcome."""
     return np.log((truths[1, a] + 1e-300) / (truths[0, a] + 1e-300))
 
 
 @kernel
-def _bins(outcomes):
-    """So many bins are merged to: fewer where there is room for fewer outcomes."""
-    return BINS if outcomes.shape[1] >= OUTCOMES else BINS // 2
-
-
-@kernel
-def _merge(share, i, m, work):
-    """Merge outcomes of like likelihood ratio, which can only raise an error; how many are left."""
-    outcomes, bins = work.outcomes, work.counts
-    kinds, most = outcomes.shape[0], _bins(outcomes)
-    _by_truth(share, i, m, work)
+def _merge(weights, i, m, scratch):
+    """Merge outcomes of like likelihood ratio; return how many are left."""
+    outcomes, bins = scratch.outcomes, scratch.bins
+    classes, most = outcomes.shape[0], outcomes.shape[1] // _MERGED
+    _sum_classes(weights, i, m, scratch)
     for b in range(most):
-        for c in range(kinds):
+        for c in range(classes):
             bins[c, b] = 0.0
     for a in range(m):
-        b = int((_speaks(work.truths, a) + WIDEST) * (most / (2.0 * WIDEST)))
+        b = int((_log_ratio(scratch.truths, a) + _WIDEST) * (most / (2.0 * _WIDEST)))
         b = max(0, min(most - 1, b))
-        for c in range(kinds):
+        for c in range(classes):
             bins[c, b] += outcomes[c, a]
-    m = 0
+    left = 0
     for b in range(most):
         filled = 0.0
-        for c in range(kinds):
-            outcomes[c, m] = bins[c, b]
+        for c in range(classes):
+            outcomes[c, left] = bins[c, b]
             filled += bins[c, b]
         if filled > 0.0:
-            m += 1
-    return m
+            left += 1
+    return left
 
 
 @kernel
-def _enumerate(problem, share, uses, plan, i, work):
-    """Multiply the first column of `work.outcomes` by all a plan may perceive; how many there are.
+def _enumerate(percepts, weights, uses, plan, i, scratch):
+    """Multiply column 0 of `outcomes` by all that a plan may perceive; return how many there are.
 
-    Percepts are cut to yes/no. `share` (N,2,C) is what the truths have of the kinds.
+    `weights` (N,2,C) is what the truths weigh in each latent class, or the classes in each truth.
     """
-    outcomes, counts, m = work.outcomes, work.counts, 1
-    kinds, held = outcomes.shape
-    most = held / _bins(outcomes) - 1.0
+    outcomes, bins = scratch.outcomes, scratch.bins
+    classes, held = outcomes.shape
+    m = min(1, held)
     for e in range(uses.shape[1]):
-        if uses[plan, e] == 0 or not problem.informative[i, e]:
+        if uses[plan, e] == 0 or not percepts.informative[i, e]:
             continue
-        seen = work.total[e]
-        k = int(min(float(uses[plan, e]), problem.limit[e] - seen, most))
+        left = percepts.limit[e] - scratch.total[e]
+        k = int(min(float(uses[plan, e]), left, _MERGED - 1.0))
         if k <= 0:
             continue
         if m * (k + 1) > held:
-            m = _merge(share, i, m, work)
-        fresh = seen == 0.0 and k < problem.fresh.shape[3]
-        for c in range(kinds):
-            if fresh:
-                for j in range(k + 1):
-                    counts[c, j] = problem.fresh[i, e, c, k, j]
-            else:
-                _yes_counts(problem, i, c, e, k, work.yes[i, e], seen, counts[c])
+            m = _merge(weights, i, m, scratch)
+        for c in range(classes):
+            _count_yes(percepts, i, c, e, k, scratch)
             for a in range(m - 1, -1, -1):
                 u = outcomes[c, a]
                 for j in range(k, -1, -1):
-                    outcomes[c, a * (k + 1) + j] = u * counts[c, j]
+                    outcomes[c, a * (k + 1) + j] = u * bins[c, j]
         m *= k + 1
     return m
 
 
-@entry_kernel
-def plan_error(problem, uses, plan, i, weight, row, work):
-    """Exact Bayes error of attribute i after a plan, percepts cut to yes/no.
-
-    Cutting levels, and merging outcomes once OUTCOMES are full, can only raise the error: the
-    plan's value stays a lower bound.
-    """
-    for c in range(weight.shape[2]):
-        work.outcomes[c, 0] = weight[row, i, c]
-    m, error = _enumerate(problem, problem.share, uses, plan, i, work), 0.0
-    _by_truth(problem.share, i, m, work)
+@kernel
+def plan_error(percepts, uses, plan, i, prob, scratch):
+    """Bayes error of attribute i after a plan, from a belief (N,C) and the percepts so far."""
+    for c in range(prob.shape[1]):
+        scratch.outcomes[c, 0] = prob[i, c]
+    m, error = _enumerate(percepts, percepts.truth, uses, plan, i, scratch), 0.0
+    _sum_classes(percepts.truth, i, m, scratch)
     for a in range(m):
-        error += min(work.truths[0, a], work.truths[1, a])
+        error += min(scratch.truths[0, a], scratch.truths[1, a])
     return error
 
 
 @entry_kernel
-def tabulate_rules(problem, uses, attribute, work, errs):
-    """Tabulate Pr(error | kind) of decision rules -> errs (G,T,C).
+def tabulate_errors(percepts, uses, attribute, scratch, table):
+    """Tabulate Pr(error | latent class) of decision rules -> table (T,G,C).
 
-    Column t: the percepts uses[t] (T,E) of attribute[t] (T,), none seen before. Rule g says
-    yes where the likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's
-    error is never below the Bayes error; where the kind is the truth, the rules next to the
-    log-odds of a belief are the best ones.
+    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Rule g says yes where the
+    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's error is never
+    below the Bayes error; where the class is the truth, the rules next to the log-odds of a belief
+    are the best ones.
     """
-    size, kinds, counts = errs.shape[0], errs.shape[2], work.counts
-    clear(work)
-    for t in range(errs.shape[1]):
+    rules, classes, bins = table.shape[1], table.shape[2], scratch.bins
+    for t in range(table.shape[0]):
         i = attribute[t]
-        for c in range(kinds):
-            work.outcomes[c, 0] = 1.0
-        m = _enumerate(problem, problem.kinds, uses, t, i, work)
-        _by_truth(problem.kinds, i, m, work)
-        for c in range(kinds):
-            for g in range(size + 1):
-                counts[c, g] = 0.0
-        for a in range(m):
-            # From this log-odds on an outcome speaks for yes.
-            g = int(np.ceil((SPAN - _speaks(work.truths, a)) * ((size - 1) / (2.0 * SPAN))))
-            g = min(max(g, 0), size)
-            for c in range(kinds):
-                counts[c, g] += work.outcomes[c, a]
-        for c in range(kinds):
+        for c in range(classes):
+            scratch.outcomes[c, 0] = 1.0
+        m = _enumerate(percepts, percepts.classes, uses, t, i, scratch)
+        _sum_classes(percepts.classes, i, m, scratch)
+        for c in range(classes):
+            for g in range(rules + 1):
+                bins[c, g] = 0.0
+        for a in range(m):  # from this threshold on an outcome speaks for yes
+            g = int(np.ceil((SPAN - _log_ratio(scratch.truths, a)) * ((rules - 1) / (2.0 * SPAN))))
+            g = min(max(g, 0), rules)
+            for c in range(classes):
+                bins[c, g] += scratch.outcomes[c, a]
+        for c in range(classes):
             yes, no = 0.0, 0.0
-            for g in range(size):
-                yes += counts[c, g]
-                errs[g, t, c] = problem.share[i, 0, c] * yes
-            for g in range(size - 1, -1, -1):
-                no += counts[c, g + 1]
-                errs[g, t, c] += problem.share[i, 1, c] * no
-
-
-@kernel
-def clear(work):
-    """Forget the percepts seen."""
-    for e in range(work.total.shape[0]):
-        work.total[e] = 0.0
-        for i in range(work.yes.shape[0]):
-            work.yes[i, e] = 0.0
+            for g in range(rules):
+                yes += bins[c, g]
+                table[t, g, c] = percepts.truth[i, 0, c] * yes
+            for g in range(rules - 1, -1, -1):
+                no += bins[c, g + 1]
+                table[t, g, c] += percepts.truth[i, 1, c] * no

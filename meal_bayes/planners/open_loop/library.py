@@ -1,295 +1,313 @@
-"""Open-loop plans of any transition diagram: the library behind `OpenLoop` and the search."""
+"""The library of open-loop plans of a MOMDP: grown, screened, judged, and tabulated."""
 
-import heapq
 import itertools
-from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.open_loop.errors import Work, tabulate_rules
-from meal_bayes.planners.open_loop.values import Macros, Plans, grow_plans, plan_values, room_for
+from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp.observation import predictive
+from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior
+from meal_bayes.planners.open_loop.errors import (
+    FEW_OUTCOMES,
+    OUTCOMES,
+    RULES,
+    make_scratch,
+    tabulate_errors,
+)
+from meal_bayes.planners.open_loop.growth import Ways, find_ways, follow, grow_plans
+from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans
 
-_GROWN = 8  # beliefs for which plans are grown from every x, to every first percept
-_JUDGED = 96  # beliefs at which plans compete to be kept
-_ROUNDS = 8  # of moving them apart
-_LENGTH = 16  # greedy steps of a plan, each one to three percepts
-_KEPT = 28  # plans an x, besides one for every first behavior and what is left of them on the way
-_GRID = 129  # log-odds of a table of decision rules
+_GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
+_JUDGED = 16  # times N: beliefs at which plans compete to be kept
+_ROUNDS = 6  # of moving them apart
+_LENGTH = 24  # behaviors of a plan
+_KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
+_SCREENED = 6  # times N: candidates an x and a belief that are looked at closely
+_BEGUN = 2  # and of each first behavior
+_COUNTED = 8  # percepts of one behavior that growing looks ahead to
+_DIAGRAMS = 16  # whose ways are remembered
 
-_DIAGRAMS = 16  # whose moves are remembered
-
-Path = tuple[int, ...]  # behaviors in order
-
-
-class Moves(NamedTuple):
-    """A diagram seen without chance: of several outcomes a plan follows the likeliest."""
-
-    target: NDArray[np.int64]  # (X,E)
-    senses: NDArray[np.bool_]  # (X,E)
-    paths: dict[tuple[int, int], Path]  # (x, behavior) -> cheapest way to its percept, executed
-    macros: Macros
-    walked: "dict[tuple[int, Path], Walked]"  # walks already taken
-    mixtures: dict[int, frozenset[Path]]  # by x, made when first asked for
-
-
-class Walked(NamedTuple):
-    """What a path from some x comes to."""
-
-    x: int  # afterwards
-    cost: float  # discounted folded cost, s
-    discount: float
-    uses: NDArray[np.int64]  # (E,) percepts gathered
-    weight: NDArray[np.float64]  # (E,) discounted expected executions
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
-_MADE: dict[bytes, Moves] = {}
+class Candidates(NamedTuple):
+    """Plans with the paths that they follow.
+
+    Attributes
+    ----------
+    x : (J,) where they start.
+    path : (J,L) behaviors, padded by -1.
+    plan, uses, executions : as in `Plans`.
+    """
+
+    x: Integers
+    path: Integers
+    plan: NDArray[np.void]
+    uses: Integers
+    executions: Floats
+
+    def take(self, rows: NDArray[np.intp]) -> "Candidates":
+        """Take some of them."""
+        return Candidates(*(part[rows] for part in self))
 
 
-def plans_for(problem: Compiled) -> Plans:
+@dataclass(frozen=True)
+class Diagram:
+    """What plans need of a diagram; made once for all MOMDPs that share it."""
+
+    dynamics: Dynamics
+    ways: Ways
+
+    @cached_property
+    def simple(self) -> Candidates:
+        """Every legal behavior; one or two percepts of one, then none, one or two of another."""
+        legal, paths = self.dynamics.step["legal"], set()
+        for x, a in np.argwhere(legal).tolist():
+            paths.add((x, (a,)))
+        size, n = legal.shape
+        for x in range(size):
+            goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
+            for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
+                path, here = (), x
+                for goal in [e] * k + [f] * more:
+                    way = self.ways.path(here, goal)
+                    path, here = (*path, *way), int(self.ways.end[here, goal])
+                paths.add((x, path[:_LENGTH]))
+        start, rows = zip(*sorted(paths), strict=True)
+        every = np.full((len(rows), _LENGTH), -1)
+        for row, path in zip(every, rows, strict=True):
+            row[: len(path)] = path
+        ends = np.array([len(path) for path in rows]) - 1
+        return _cheapest(_summed_up(self, np.array(start), every, ends[:, None]))
+
+
+_known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
+
+
+def diagram_of(dynamics: Dynamics) -> Diagram:
+    """Find the ways of a diagram, once."""
+    found = _known.get(id(dynamics.step))
+    if found is None:
+        if len(_known) >= _DIAGRAMS:
+            _known.clear()
+        found = _known[id(dynamics.step)] = Diagram(dynamics, find_ways(dynamics))
+    return found
+
+
+def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     """Make the plan library of a MOMDP.
 
-    For a fixed spread of beliefs, plans are grown from every x; they and their beginnings compete
-    at further beliefs, and the winners are kept. Every legal behavior keeps its best plan, so
-    that none is without a lower bound. What is left of a kept plan after each of its steps is kept
-    as well: who follows a plan and looks again can only gain, and never puts off its end.
+    For a spread of beliefs, plans are grown from every x; they and their beginnings compete at
+    further beliefs, and the winners are kept. Every legal behavior keeps its best plan, so that
+    none is without a lower bound. What is left of a kept plan after each of its steps is kept as
+    well: who follows a plan and looks again can only gain, and never puts off its end.
     """
-    n = problem.confusion.shape[0]
-    rng = np.random.Generator(np.random.PCG64(n))
-    spread = np.concatenate([np.zeros((1, n)), rng.uniform(-4.0, 4.0, (_JUDGED, n))])
-    beliefs = _tilted(problem, spread)
-    first = beliefs[:_GROWN]
-    moves, work = moves_of(problem), room_for(problem)
-    kept: list[set[Path]] = [set() for _ in problem.legal]
-    for x, legal in enumerate(problem.legal):
-        if legal.any():
-            grown = np.full((_GROWN * len(legal), 3 * _LENGTH), -1)
-            grow_plans(problem, moves.macros, x, first, _LENGTH, work, grown)
-            found = {path for row in grown for path in _prefixes(moves, x, row)}
-            found |= {(int(a),) for a in np.flatnonzero(legal)} | _mixtures(moves, x)
-            if problem.shaped:
-                found |= _tours(problem, moves, x)
-            for path in _winners(problem, moves, work, x, sorted(found), beliefs):
-                _add_with_rests(moves, x, path, kept)
-    plans = _arrays(problem, moves, [_cheapest(problem, moves, x, p) for x, p in enumerate(kept)])
-    return _with_rules(problem, plans, work)
+    diagram = diagram_of(problem.dynamics)
+    n = len(momdp.query)
+    spread = np.random.Generator(np.random.PCG64(n)).uniform(-4.0, 4.0, (_JUDGED * n, n))
+    beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
+    affinity = _affinity(problem)
+    parts = [_grown(problem, diagram, beliefs[:_GROWN], affinity), diagram.simple]
+    if problem.shaped:
+        parts.append(_tours(problem, diagram))
+    candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
+    candidates = candidates.take(_promising(problem, candidates, beliefs, affinity))
+    plans = _tabulated(problem, candidates, FEW_OUTCOMES)
+    wins = np.zeros((len(plans.plan), 2), np.int64)
+    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
+    winners = candidates.take(_kept(plans.first, wins))
+    return _tabulated(problem, _cheapest(_with_rests(diagram, winners)), OUTCOMES)
 
 
-def _tilted(problem: Compiled, spread: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move the prior's log-odds by a spread (B,N) -> Pr(kind) (B,N,C), as percepts would.
+def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
+    """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
-    Evidence weighs the kinds by exp(s Pr(true | kind)), which moves the log-odds by s at most, and
-    by s where the kind is the truth. Elsewhere more is added, but not for ever: of kinds that both
-    truths share none may be sure enough.
+    Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s at most,
+    and by s where the class is the truth. Elsewhere more is added, but not for ever: of classes
+    that both truths share none may be sure enough.
     """
-    false, true = problem.share.transpose(1, 0, 2)  # (N,C)
+    false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
-    def log_odds(beliefs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def log_odds(beliefs: Floats) -> Floats:
         yes, no = ((beliefs * share).sum(axis=-1).clip(1e-300) for share in (true, false))
         return np.asarray(np.log(yes / no))
 
-    wanted, beliefs = log_odds(problem.prior) + spread, problem.prior[None]
+    wanted, beliefs = log_odds(prior) + spread, prior[None]
     evidence = np.zeros_like(spread)
-    for _ in range(_ROUNDS):
+    for _ in range(1 if problem.percepts.class_is_truth else _ROUNDS):
         evidence = evidence + wanted - log_odds(beliefs)
-        beliefs = problem.prior * np.exp(evidence[:, :, None] * true)
-    return np.asarray(beliefs / beliefs.sum(axis=2, keepdims=True))
+        beliefs = prior * np.exp(evidence[:, :, None] * true)
+    return np.ascontiguousarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
-def no_plans(problem: Compiled) -> Plans:
-    """Make an empty library."""
-    return _arrays(problem, moves_of(problem), [[] for _ in problem.legal])
+def _affinity(problem: Compiled) -> Floats:
+    """Log sum_j sqrt(Pr(j yes of k | true) Pr(j | false)) (N,E,U); 0 where percepts tell nothing."""
+    percepts = problem.percepts
+    yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
+    s, j = percepts.precision[..., None], np.arange(_COUNTED)
+    counts = np.zeros((*yes.shape[:3], _COUNTED))
+    counts[..., 0] = 1.0
+    out = np.zeros((*yes.shape[:2], _COUNTED))
+    for k in range(_COUNTED - 1):
+        more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
+        counts[..., :-1] -= more
+        counts[..., 1:] += more
+        by_truth = percepts.classes[:, None] @ counts  # (N,E,2,U)
+        both = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
+        out[..., k + 1] = np.log(both + 1e-300)
+    return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _with_rules(problem: Compiled, plans: Plans, work: Work) -> Plans:
-    """Tabulate the decision rules; plans that tell the same of an attribute share a row."""
-    n, tables, rule = problem.confusion.shape[0], 0, np.zeros((len(plans.action), 0), np.int64)
-    uses, attribute = [], []
-    for i in range(n):
-        told, row = np.unique(plans.uses * problem.informative[i], axis=0, return_inverse=True)
-        rule = np.concatenate([rule, row.reshape(-1, 1) + tables], axis=1)
-        uses.append(told)
-        attribute += [i] * len(told)
-        tables += len(told)
-    errs = np.empty((_GRID, tables, problem.prior.shape[1]))
-    tabulate_rules(problem, np.concatenate(uses), np.array(attribute), work, errs)
-    return plans._replace(rule=rule, errs=errs)
+def _grown(
+    problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Floats
+) -> Candidates:
+    """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
+    size, n = problem.dynamics.step.shape
+    path = np.full((size, len(beliefs), n, _LENGTH), -1)
+    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)
+    buffer = np.zeros((2, n), np.int64)
+    limit, gap = problem.percepts.limit, problem.gap
+    grow_plans(diagram.ways, affinity, limit, chance, gap, buffer, path)
+    start = np.repeat(np.arange(size), len(beliefs) * n)
+    row = _distinct(np.column_stack([start, path.reshape(-1, _LENGTH)]) + 1)
+    ends = np.arange(_LENGTH)[None]
+    return _summed_up(diagram, start[row], path.reshape(-1, _LENGTH)[row], ends)
 
 
-def moves_of(problem: Compiled) -> Moves:
-    """Find the cheapest way from every x to a percept of every behavior (Dijkstra).
+def _promising(
+    problem: Compiled, candidates: Candidates, beliefs: Floats, affinity: Floats
+) -> NDArray[np.intp]:
+    """Screen candidates by an estimate of their values at beliefs (B,N,C).
 
-    It depends on diagram, costs and discount alone, which a run's MOMDPs share: made once.
+    An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best few from each x at each belief stay, and the
+    best two of each first behavior.
     """
-    moving = (problem.legal, problem.cost, problem.discount, problem.branch_p, problem.branch_x)
-    key = b"".join(array.tobytes() for array in (*moving, problem.branch_sense))
-    if key not in _MADE:
-        if len(_MADE) >= _DIAGRAMS:
-            _MADE.clear()
-        _MADE[key] = _find_moves(problem)
-    return _MADE[key]
+    uses = np.minimum(candidates.uses, _COUNTED - 1)
+    every = np.arange(uses.shape[1])
+    affine = np.exp(affinity[:, every, uses].sum(axis=2))  # (N,J)
+    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)[..., None]  # (B,N,1)
+    right = (1.0 - np.sqrt(chance * (1.0 - chance)) * affine).prod(axis=1)
+    cost, discount = candidates.plan["cost"], candidates.plan["discount"]
+    value = discount * (problem.incorrect + problem.gap * right) - cost  # (B,J)
+    if problem.shaped:
+        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.uses, 1))
+        pay = problem.bonus.mean(axis=2).sum(axis=0)
+        value += (paid * (candidates.uses > 0) * candidates.executions) @ pay
+    peak, action = value.max(axis=0), candidates.plan["action"]
+    order = np.lexsort((-peak, action, candidates.x))
+    group = candidates.x[order] * uses.shape[1] + action[order]
+    kept = np.zeros(len(peak), np.bool_)
+    kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
+    screened = _SCREENED * len(affinity)
+    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
+    for start, end in itertools.pairwise(first.tolist()):
+        if end - start > screened:
+            best = np.argpartition(-value[:, start:end], screened, axis=1)[:, :screened]
+            kept[start + best] = True
+        else:
+            kept[start:end] = True
+    return np.flatnonzero(kept)
 
 
-def _find_moves(problem: Compiled) -> Moves:
-    size, n_behaviors = problem.legal.shape
-    likely = problem.branch_p.argmax(axis=2)[:, :, None]
-    target = np.take_along_axis(problem.branch_x, likely, axis=2)[:, :, 0]
-    senses = np.take_along_axis(problem.branch_sense, likely, axis=2)[:, :, 0]
-    paths: dict[tuple[int, int], Path] = {}
-    for start in range(size):
-        queue: list[tuple[float, int, Path]] = [(0.0, start, ())]
-        reached: set[int] = set()
-        while queue:
-            cost, x, path = heapq.heappop(queue)
-            if x in reached:
-                continue
-            reached.add(x)
-            for a in map(int, np.flatnonzero(problem.legal[x])):
-                if senses[x, a]:
-                    paths.setdefault((start, a), (*path, a))
-                step = cost + float(problem.cost[x, a])
-                heapq.heappush(queue, (step, int(target[x, a]), (*path, a)))
-    macros = Macros(
-        first=np.full((size, n_behaviors), -1),
-        end=np.zeros((size, n_behaviors), dtype=np.int64),
-        cost=np.zeros((size, n_behaviors)),
-        uses=np.zeros((size, n_behaviors, n_behaviors), dtype=np.int64),
+def _distinct(rows: Integers) -> NDArray[np.intp]:
+    """Find one of each distinct row of small integers >= 0, in order of the rows."""
+    keys = rows.astype(">u2")
+    return np.unique(keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True)[1]
+
+
+def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers) -> Candidates:
+    """Sum up paths (R,L) from start (R,), cut behind the steps `ends` (R or 1,T) that they have."""
+    (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
+    plan, reached = np.zeros((rows, length), PLAN), np.zeros((rows, length), np.int64)
+    uses, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
+    follow(diagram.dynamics.step, diagram.ways, start, path, plan, uses, executions, reached)
+    r, t = np.nonzero(
+        np.take_along_axis(path, np.broadcast_to(ends, (rows, ends.shape[1])), 1) >= 0
     )
-    nothing, unweighted = np.zeros(n_behaviors, dtype=np.int64), np.zeros(n_behaviors)
-    walked: dict[tuple[int, Path], Walked] = {
-        (x, ()): Walked(x, 0.0, 1.0, nothing, unweighted) for x in range(size)
-    }
-    moves = Moves(target, senses, paths, macros, walked, {})
-    for row, path in paths.items():
-        macros.first[row] = path[0]
-        end = _walk(problem, moves, row[0], path)
-        macros.end[row], macros.cost[row], macros.uses[row] = end.x, end.cost, end.uses
-    return moves
+    t = np.broadcast_to(ends, (rows, ends.shape[1]))[r, t]
+    cut = np.where(np.arange(length) <= t[:, None], path[r], -1)
+    return Candidates(start[r], cut, plan[r, t], uses[r, t], executions[r, t])
 
 
-def _walk(problem: Compiled, moves: Moves, x: int, path: Path) -> Walked:
-    """Walk a path; its first part is looked up, as plans share beginnings."""
-    known = moves.walked.get((x, path))
-    if known is None:
-        before = _walk(problem, moves, x, path[:-1])
-        a, here = path[-1], before.x
-        uses, weight = before.uses.copy(), before.weight.copy()
-        uses[a] += moves.senses[here, a]
-        weight[a] += before.discount * problem.bonus_scale[here, a]
-        known = Walked(
-            int(moves.target[here, a]),
-            before.cost + before.discount * float(problem.cost[here, a]),
-            before.discount * float(problem.discount[here, a]),
-            uses,
-            weight,
-        )
-        moves.walked[x, path] = known
-    return known
-
-
-def _prefixes(moves: Moves, x: int, row: NDArray[np.int64]) -> list[Path]:
-    path: Path = ()
-    prefixes = []
-    for e in map(int, row[row >= 0]):
-        step = moves.paths.get((x, e))
-        if step is None:  # no way back to it
-            break
-        for a in step:
-            x = int(moves.target[x, a])
-        path = (*path, *step)
-        prefixes.append(path)
-    return prefixes
-
-
-def _mixtures(moves: Moves, x: int) -> frozenset[Path]:
-    """One or two percepts of one behavior, then none, one or two of another, as far as one gets."""
-    if x not in moves.mixtures:
-        reached = [e for start, e in moves.paths if start == x]
-        rows = itertools.product(reached, (1, 2), reached, (0, 1, 2))
-        walks = (np.array([e] * k + [f] * more) for e, k, f, more in rows)
-        moves.mixtures[x] = frozenset(_prefixes(moves, x, walk)[-1] for walk in walks)
-    return moves.mixtures[x]
-
-
-def _tours(problem: Compiled, moves: Moves, x: int) -> set[Path]:
+def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
     """From every first behavior on, go to what pays best for a first percept, while it pays."""
-    pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0).tolist()
-    tours: set[Path] = set()
-    for start, first in moves.paths:
-        if start != x:
-            continue
-        path: Path = ()
-        left, e, here = set(range(len(pay))), first, x
-        while e >= 0:
-            path = (*path, *moves.paths[here, e])
-            here = moves.macros.end[here, e]
-            left -= set(path)
-            tours.add(path)
-            gain, e = max(
-                (
-                    (sum(pay[a] for a in left.intersection(moves.paths[here, other]))
-                     - moves.macros.cost[here, other], other)
-                    for other in left
-                    if (here, other) in moves.paths
-                ),
-                default=(0.0, -1),
-            )  # fmt: skip
-            e = e if gain > 0 else -1
-    return tours
+    ways = diagram.ways
+    pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0)
+    start, paths = [], []
+    for x, first in np.argwhere(ways.hop >= 0).tolist():
+        path: tuple[int, ...] = ()
+        here, goal, left = x, first, np.ones(len(pay), np.bool_)
+        while goal >= 0 and len(path) < _LENGTH:
+            path = (*path, *ways.path(here, goal))
+            here = int(ways.end[here, goal])
+            left[list(path)] = False
+            gain = (ways.uses[here] > 0) @ (pay * left) - ways.cost[here]
+            gain = np.where(left & (ways.hop[here] >= 0), gain, -np.inf)
+            goal = int(gain.argmax()) if gain.max() > 0 else -1
+        start.append(x)
+        paths.append((*path, *(-1,) * _LENGTH)[:_LENGTH])
+    return _summed_up(diagram, np.array(start), np.array(paths), np.arange(_LENGTH)[None])
 
 
-def _add_with_rests(moves: Moves, x: int, path: Path, kept: list[set[Path]]) -> None:
-    for k in range(len(path)):
-        kept[x].add(path[k:])
-        x = int(moves.target[x, path[k]])
+def _cheapest(candidates: Candidates) -> Candidates:
+    """Of plans with the same x, first behavior and percepts keep the cheapest, in order of x."""
+    cost = np.argsort(candidates.plan["cost"], kind="stable")
+    x, action = candidates.x[cost], candidates.plan["action"][cost]
+    return candidates.take(cost[_distinct(np.column_stack([x, action, candidates.uses[cost]]))])
 
 
-def _cheapest(problem: Compiled, moves: Moves, x: int, paths: set[Path]) -> list[Path]:
-    """Of plans with the same beginning and the same percepts keep the cheapest."""
-    best: dict[tuple[int, bytes], tuple[float, Path]] = {}
-    for path in sorted(paths):
-        walk = _walk(problem, moves, x, path)
-        key = path[0], walk.uses.tobytes()
-        best[key] = min(best.get(key, (np.inf, path)), (walk.cost, path))
-    return [path for _, path in best.values()]
+def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
+    """Choose the plans that win most often from each x, and the best of each first behavior."""
+    kept = wins[:, 1] > 0
+    for start, end in itertools.pairwise(first.tolist()):
+        best = start + np.argsort(-wins[start:end, 0], kind="stable")[:_KEPT]
+        kept[best[wins[best, 0] > 0]] = True
+    return np.flatnonzero(kept)
 
 
-def _winners(
-    problem: Compiled,
-    moves: Moves,
-    work: Work,
-    x: int,
-    paths: list[Path],
-    beliefs: NDArray[np.float64],
-) -> list[Path]:
-    """Keep the paths from x that are best at one of the beliefs, and the best of each start."""
-    if not paths:
-        return []
-    groups = [paths if state == x else [] for state in range(len(moves.target))]
-    plans = _with_rules(problem, _arrays(problem, moves, groups), work)
-    values = np.full((len(beliefs), len(paths)), -np.inf)
-    plan_values(problem, plans, x, beliefs, work, values)
-    wins = np.bincount(values.argmax(axis=1), minlength=len(paths))
-    kept = {int(j) for j in np.argsort(-wins, kind="stable")[:_KEPT] if wins[j]}
-    for a in np.unique(plans.action):
-        mine = np.flatnonzero(plans.action == a)
-        kept.add(int(mine[values[:, mine].max(axis=0).argmax()]))
-    return [paths[j] for j in sorted(kept)]
+def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
+    """Add what is left of plans after each of their steps."""
+    start, paths, ways = [], [], diagram.ways
+    for x, path in zip(plans.x.tolist(), plans.path.tolist(), strict=True):
+        here = x
+        for k, a in enumerate(path):
+            if a < 0:
+                break
+            start.append(here)
+            paths.append(path[k:] + [-1] * k)
+            here = int(ways.target[here, a])
+    path = np.array(paths)
+    return _summed_up(diagram, np.array(start), path, (path >= 0).sum(axis=1)[:, None] - 1)
 
 
-def _arrays(problem: Compiled, moves: Moves, groups: Sequence[Sequence[Path]]) -> Plans:
-    n_behaviors = problem.legal.shape[1]
-    walked = [_walk(problem, moves, x, path) for x, paths in enumerate(groups) for path in paths]
-    counts = [len(paths) for paths in groups]
+def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
+    """Tabulate the errors; plans that tell the same of an attribute share a row."""
+    percepts, tables = problem.percepts, 0
+    rows, uses, attribute = [], [], []
+    for i, informative in enumerate(percepts.informative):
+        keys = (candidates.uses * informative).astype(">u2")
+        _, first, row = np.unique(
+            keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True, return_inverse=True
+        )
+        rows.append(row + tables)
+        uses.append(candidates.uses[first] * informative)
+        attribute += [i] * len(first)
+        tables += len(first)
+    table = np.empty((tables, RULES, percepts.rows.shape[2]))
+    scratch = make_scratch(percepts, 0, held)
+    tabulate_errors(percepts, np.concatenate(uses), np.array(attribute), scratch, table)
+    size = problem.dynamics.step.shape[0]
     return Plans(
-        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        action=np.array([path[0] for paths in groups for path in paths], dtype=np.int64),
-        cost=np.array([walk.cost for walk in walked]),
-        discount=np.array([walk.discount for walk in walked]),
-        uses=np.array([walk.uses for walk in walked], dtype=np.int64).reshape(-1, n_behaviors),
-        weight=np.array([walk.weight for walk in walked]).reshape(-1, n_behaviors),
-        rule=np.zeros((0, 0), np.int64),
-        errs=np.zeros((_GRID, 0, problem.prior.shape[1])),
+        first=np.searchsorted(candidates.x, np.arange(size + 1)),
+        plan=candidates.plan,
+        uses=candidates.uses,
+        executions=candidates.executions,
+        row=np.column_stack(rows),
+        table=table,
     )

@@ -1,137 +1,161 @@
-"""POMCP: online tree search from the exact belief (after [Silver2010]; Bayes-adaptive [Katt2017]).
+"""POMCP: online tree search in sampled MOMDPs, from the exact belief [Silver2010, Katt2017].
 
-What departs from textbook POMCP, each because the textbook fails here:
+Each simulation draws a MOMDP from the posterior and walks the tree in it (`sampled.py`); its
+rewards are those of the MOMDP it is given, so ITRS-shaped ones where the MOMDP is shaped. What
+departs from textbook POMCP, each because the textbook fails here:
 
 - All 2^N reports are one action whose value is computed, never sampled.
-- Nodes carry the exact factored belief (N log-odds; percept counts along the path), no particles.
-- New nodes are not valued by random roll-outs. Where the marginals are the state (Eq. 8) and few
-  enough, the estimates of factored value iteration value them; everywhere else open-loop plans do,
-  with exact error rates: a lower bound that the search raises.
-  (Nearly, on a diagram whose behaviors branch: there a plan follows the likeliest outcome.)
-- Percepts are sampled to decide where the tree grows; values are backed up as exact expectations
-  over an edge's outcomes (sampled ones beyond 64). Under finite precision the outcome
-  probabilities are the Dirichlet-multinomial predictive: the average over object rows sampled from
-  their Dirichlet, without its variance.
+- Nodes carry the exact factored belief, no particles.
+- New nodes are not valued by random roll-outs but by open-loop plans and tables (`leaf.py`).
+- `backup="expected"`: sampled MOMDPs decide where the tree grows; values are backed up as exact
+  expectations over an edge's outcomes (drawn ones beyond 64), which is what the returns of sampled
+  MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
 """
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, build_momdp, initial_belief
+from meal_bayes.momdp import MOMDP, Belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored.grid import Table, make_room
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.open_loop.library import no_plans, plans_for
-from meal_bayes.planners.open_loop.values import Plans, room_for
-from meal_bayes.planners.pomcp.search import ENUMERATE, Leaf, Tree, search
-from meal_bayes.planners.solver import Decision, History, TreeEdge, choose
+from meal_bayes.planners.open_loop.errors import make_scratch
+from meal_bayes.planners.open_loop.library import plan_library
+from meal_bayes.planners.open_loop.values import Plans
+from meal_bayes.planners.pomcp.leaf import Leaf
+from meal_bayes.planners.pomcp.sampled import Sampled, make_sampled
+from meal_bayes.planners.pomcp.search import ENUMERATE, search
+from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
+from meal_bayes.planners.solver import Decision, History, choose
 
-_LOGGED = 40  # edges of the second level that a decision keeps
 _CHUNK = 8  # simulations between two looks at the clock, at first
+_BACKUPS = ("expected", "sampled")
 
 
 @dataclass(frozen=True, slots=True)
 class POMCP:
     """Settings of the search.
 
+    Attributes
+    ----------
+    simulations : a decision, at most.
+    milliseconds : of CPU a decision; then as many simulations as it takes.
+    exploration : UCB1's c, as a share of r+ - r-; with a table at the leaf 0.
+    capacity : nodes of a tree; the search ends when they are used up.
+    points : of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
+    backup : "expected" or "sampled", see the module.
+    paid : percepts of a behavior in a trial that shaping pays for, at most.
+
     Raises
     ------
-    SettingsError : a negative budget or exploration constant, or no room.
+    SettingsError : a negative budget or exploration constant, no capacity, an unknown backup.
     """
 
-    simulations: int = 300  # a decision, at most
-    milliseconds: float | None = None  # of CPU a decision; then as many simulations as it takes
-    exploration: float = 0.03  # UCB1's c, as a share of r+ - r-; with a table at the leaf 0
-    room: int = 4_000  # nodes; the search ends when they are used up
-    points: int = 50_000  # of a table at the leaf, at most; 0 = open-loop plans for every MOMDP
+    simulations: int = 300
+    milliseconds: float | None = None
+    exploration: float = 0.03
+    capacity: int = 4_000
+    points: int = 50_000
+    backup: str = "expected"
+    paid: float = np.inf
 
     def __post_init__(self) -> None:
         budget = self.simulations if self.milliseconds is None else self.milliseconds
-        if budget < 0 or self.exploration < 0 or self.room < 1 or self.points < 0:
+        if budget < 0 or self.exploration < 0 or self.capacity < 1 or self.points < 0:
             raise SettingsError(
-                f"POMCP needs a budget, exploration and points >= 0, and room >= 1; found {self}."
+                "POMCP needs a budget, exploration and points >= 0, and capacity >= 1; "
+                f"found {self}."
             )
+        if self.backup not in _BACKUPS:
+            raise SettingsError(f"POMCP has backups {_BACKUPS}; found {self.backup!r}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
-        """Prepare the leaf: a table over beliefs where one is near exact, or the plan library."""
-        compile_kernels()
-        return self._prepare(momdp)
-
-    def _prepare(self, momdp: MOMDP) -> "POMCPPolicy":
-        problem = compile_momdp(momdp)
-        table = self._table(momdp)
-        if table is not None:
-            return POMCPPolicy(momdp, self, problem, no_plans(problem), table)
-        return POMCPPolicy(momdp, self, problem, plans_for(problem), _no_table(momdp))
-
-    def _table(self, momdp: MOMDP) -> Table | None:
-        known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if not self.points or not known or not momdp.kind_is_truth:
-            return None
-        try:
-            return Factored(self.points).solve(momdp, np.random.default_rng(0)).near
-        except SettingsError:  # too many attributes, or shaping that promises without end
-            return None
+        """Make the policy; plans and tables are made when a decision first needs them."""
+        return POMCPPolicy(momdp, self)
 
 
-@dataclass(frozen=True, slots=True)
 class POMCPPolicy:
-    """Policy of `POMCP`; every decision grows a fresh tree."""
+    """Policy of `POMCP`; every decision that leaves a choice grows a fresh tree."""
 
-    momdp: MOMDP
-    settings: POMCP
-    problem: Compiled
-    plans: Plans
-    table: Table
+    deterministic = True  # enough so that a decision may be remembered
+
+    def __init__(self, momdp: MOMDP, settings: POMCP, plans: Plans | None = None) -> None:
+        self.momdp, self.settings, self._plans = momdp, settings, plans
+
+    def repaid(self, momdp: MOMDP) -> "POMCPPolicy":
+        """Search with the same plans where exploring pays otherwise; the prior may be another."""
+        return POMCPPolicy(momdp, self.settings, self.plans)
+
+    @cached_property
+    def problem(self) -> Compiled:
+        """The compiled MOMDP."""
+        return compile_momdp(self.momdp, self.settings.paid)
+
+    @cached_property
+    def plans(self) -> Plans:
+        """The open-loop plans of the leaf."""
+        return plan_library(self.momdp, self.problem) if self._plans is None else self._plans
+
+    @cached_property
+    def table(self) -> Table:
+        """The estimates of the leaf; empty where the marginals are not the state or too many."""
+        momdp, points = self.momdp, self.settings.points
+        known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
+        if points and known and momdp.kind_is_truth:
+            try:
+                return Factored(points).solve(momdp, np.random.default_rng(0)).near
+            except SettingsError:  # too many attributes, or shaping that promises without end
+                pass
+        value = np.zeros((0, 0), np.float32)
+        value.setflags(write=False)
+        n, e = len(momdp.query), momdp.n_behaviors
+        return Table(np.ones(n, np.int64), np.ones((n, 1)), np.zeros((n, e), np.bool_), value)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Search from the present belief and take the best value."""
-        begin = time.thread_time()
-        momdp, belief, settings = self.momdp, history.belief, self.settings
-        outcomes = float(momdp.levels) ** len(momdp.query)
-        width = self.problem.branch_x.shape[2] * int(min(outcomes, ENUMERATE)) + 2
-        nodes = settings.room
-        if settings.milliseconds is None:
-            nodes = min(nodes, (settings.simulations + 1) * width + 1)
-        tree = _room((nodes + width, *belief.weight.shape, momdp.n_behaviors))
-        work = room_for(self.problem, self.plans)
-        work.weight[:] = np.exp(belief.weight)
-        tree.size[0] = 0
-        tabled = len(self.table.value) > 0
-        exploration = 0.0 if tabled else settings.exploration
-        leaf = Leaf(self.plans, self.table, make_room(self.table, momdp.levels))
+        """Search from the present belief and choose the best value."""
+        begin, momdp, settings = time.thread_time(), self.momdp, self.settings
+        belief = history.belief
+        tree, leaf, sampled = self._prepare(belief)
+        exploration = 0.0 if len(self.table.value) else settings.exploration * self.problem.gap
+        options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
         def grow(simulations: int) -> int:
-            made = search(
-                self.problem,
-                leaf,
-                tree,
-                work,
-                belief.x,
-                belief.seen.astype(np.float64),
-                simulations,
-                exploration * float(momdp.correct - momdp.incorrect),
-                rng,
-            )
-            return int(made)
+            return int(search(self.problem, leaf, tree, sampled, simulations, options, rng))
 
         if settings.milliseconds is None:
             done = grow(settings.simulations)
         else:
             done = _within(begin + 1e-3 * settings.milliseconds, grow)
         exit_value = float(self.problem.exit_value[belief.x])
-        action, values = choose(momdp, belief, tree.edge_value[0], exit_value)
-        visits = np.append(tree.edge_visits[0], tree.visits[0] - tree.edge_visits[0].sum())
-        exact = np.where(np.isnan(values), np.nan, 0.0)
-        exact[:-1][tree.edge_visits[0] > 0] = _spread(tree)[tree.edge_visits[0] > 0]
-        return Decision(action, values, exact, visits, _top(tree), done)
+        action, values = choose(momdp, belief, tree.edge["value"][0], exit_value)
+        visits = tree.edge["visits"][0]
+        errors = np.where(np.isnan(values), np.nan, 0.0)
+        errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
+        visits = np.append(visits, tree.node["visits"][0] - visits.sum())
+        return Decision(action, values, errors, visits, top_edges(tree), done)
+
+    def _prepare(self, belief: Belief) -> tuple[Tree, Leaf, Sampled]:
+        """Make the buffers of one decision, and the root."""
+        momdp, settings, plans = self.momdp, self.settings, self.plans
+        outcomes = min(float(momdp.levels) ** len(momdp.query), ENUMERATE)
+        width = self.problem.dynamics.branch.shape[2] * ENUMERATE
+        nodes = settings.capacity
+        if settings.milliseconds is None:
+            nodes = min(nodes, (settings.simulations + 1) * int(outcomes) + 1)
+        tree = make_tree(nodes + width, momdp.n_behaviors, *belief.weight.shape)
+        prob = np.exp(belief.weight)
+        sampled = make_sampled(self.problem.percepts, prob, belief.seen.astype(np.float64))
+        scratch = make_scratch(self.problem.percepts, int(np.diff(plans.first).max()))
+        tree.size[0] = 1
+        tree.prob[0], tree.level[0] = prob, -1
+        stop = max(report_value(momdp, belief), float(self.problem.exit_value[belief.x]))
+        tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
+        return tree, Leaf(plans, self.table, scratch, make_room(self.table, momdp.levels)), sampled
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:
@@ -147,81 +171,5 @@ def _within(end: float, grow: Callable[[int], int]) -> int:
         chunk = min(left, 4 * chunk)
 
 
-def _no_table(momdp: MOMDP) -> Table:
-    value = np.zeros((0, 0), np.float32)
-    value.setflags(write=False)
-    n, e = len(momdp.query), momdp.n_behaviors
-    return Table(np.ones(n, np.int64), np.ones((n, 1)), np.zeros((n, e), np.bool_), value)
-
-
-def _spread(tree: Tree) -> np.ndarray:
-    """Give the standard error that sampling an edge's children as often as visited would have."""
-    errors = np.zeros(tree.edge_value.shape[1])
-    for a in np.flatnonzero(tree.children[0] >= 0):
-        first = tree.children[0, a]
-        rows = slice(first, first + tree.child_count[0, a])
-        p, value = tree.child_p[rows], tree.value[rows]
-        variance = (p * (value - (p * value).sum()) ** 2).sum()
-        errors[a] = np.sqrt(variance / tree.edge_visits[0, a])
-    return errors
-
-
-def _top(tree: Tree) -> tuple[TreeEdge, ...]:
-    """Take the first two levels of the tree, of the second the most visited."""
-    edges = [
-        TreeEdge(1, -1, int(a), (), int(tree.edge_visits[0, a]), float(tree.edge_value[0, a]))
-        for a in np.flatnonzero(tree.edge_visits[0])
-    ]
-    below = []
-    for parent, edge in enumerate(edges):
-        first = int(tree.children[0, edge.action])
-        for child in range(first, first + int(tree.child_count[0, edge.action])):
-            if not tree.visits[child]:  # never opened, so without edges
-                continue
-            levels = tuple(int(z) for z in tree.levels[child] if z >= 0)
-            for a in np.flatnonzero(tree.edge_visits[child]):
-                visits, value = int(tree.edge_visits[child, a]), float(tree.edge_value[child, a])
-                below.append(TreeEdge(2, parent, int(a), levels, visits, value))
-    below.sort(key=lambda edge: -edge.visits)
-    return (*edges, *below[:_LOGGED])
-
-
-_rooms = threading.local()  # each thread searches in its own
-
-
-def _room(size: tuple[int, ...]) -> Tree:
-    """Give room for one search; reused, as allocating it costs more than a short search."""
-    held, tree = getattr(_rooms, "last", (None, None))
-    if tree is None or held != size:
-        tree = _new_room(*size)
-        _rooms.last = size, tree
-    return tree
-
-
-def _new_room(nodes: int, n_attributes: int, n_kinds: int, n_behaviors: int) -> Tree:
-    edges = (nodes, n_behaviors)
-    return Tree(
-        size=np.zeros(1, np.int64),
-        x=np.empty(nodes, np.int64),
-        weight=np.empty((nodes, n_attributes, n_kinds)),
-        value=np.empty(nodes),
-        stop=np.empty(nodes),
-        visits=np.empty(nodes, np.int64),
-        edge_value=np.empty(edges),
-        edge_visits=np.empty(edges, np.int64),
-        reward=np.empty(edges),
-        children=np.empty(edges, np.int64),
-        child_count=np.empty(edges, np.int64),
-        child_p=np.empty(nodes),
-        levels=np.empty((nodes, n_attributes), np.int64),
-    )
-
-
-@lru_cache(maxsize=1)
 def compile_kernels() -> None:
-    """Compile the kernels, or load what an earlier process compiled; the first `solve` does it."""
-    domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
-    rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
-    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
-    POMCP(simulations=1)._prepare(momdp).decide(History(initial_belief(momdp)), rng)
-    plans_for(compile_momdp(momdp))
+    """Placeholder"""

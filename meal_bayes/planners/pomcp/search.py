@@ -1,285 +1,224 @@
-"""The tree search: select, expand, back up. Numba kernels over the leaf's (`leaf.py`).
+"""POMCP's tree search, read from the top: simulate, select, expand, execute, back up.
 
-Order of reading: `search` (one decision) at the end, `_select`, `_expand`, `_back_up` above it.
+Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf (`leaf.py`).
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from meal_bayes.planners.factored.grid import Room, Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.errors import truth
-from meal_bayes.planners.open_loop.values import (
-    DEPTH,
-    Plans,
-    open_loop_value,
-    open_loop_values,
-    stop_value,
-)
+from meal_bayes.planners.open_loop.values import stop_value, true_chance
+from meal_bayes.planners.pomcp.leaf import edge_values, leaf_value, step_reward
+from meal_bayes.planners.pomcp.sampled import DEPTH, condition, draw_object, draw_percept, note_rows
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
-SAMPLED = 24  # children of an edge with more
+DRAWN = 24  # children of an edge with more
 
 
-class Leaf(NamedTuple):
-    """What values a new node: a table over beliefs where there is one, else open-loop plans."""
+@entry_kernel
+def search(model, leaf, tree, sampled, simulations, options, rng):
+    """Grow a tree by simulations, from its root; return how many there was room for.
 
-    plans: Plans
-    table: Table
-    reading: Room
-
-
-class Tree(NamedTuple):
-    """Search tree: struct of arrays; row 0 is the root, outcomes of an edge stand in a row."""
-
-    size: NDArray[np.int64]  # (1,) nodes in use
-    x: NDArray[np.int64]  # (S,)
-    weight: NDArray[np.float64]  # (S,N,C) Pr(kind)
-    value: NDArray[np.float64]  # (S,) best of report, exit and edges
-    stop: NDArray[np.float64]  # (S,) value of the best report or exit, exact
-    visits: NDArray[np.int64]  # (S,)
-    edge_value: NDArray[np.float64]  # (S,E) lower bound on the value of each behavior
-    edge_visits: NDArray[np.int64]  # (S,E)
-    reward: NDArray[np.float64]  # (S,E) cost and bonus of an expanded edge
-    children: NDArray[np.int64]  # (S,E) first child of an expanded edge, -1 before
-    child_count: NDArray[np.int64]  # (S,E)
-    child_p: NDArray[np.float64]  # (S,) Pr(this node | parent, behavior)
-    levels: NDArray[np.int64]  # (S,N) percept that led here, -1 for "none"
-
-
-@kernel
-def _leaf_value(problem, leaf, weight, node, x, work):
-    """Value of a new node: of the table of factored value iteration, else of open-loop plans."""
-    floor = stop_value(problem, x, weight, node)
-    if leaf.table.value.shape[0] == 0:
-        return open_loop_value(problem, leaf.plans, x, weight, node, work, floor)
-    for i in range(weight.shape[1]):
-        work.chance[i] = truth(problem, weight, node, i)
-    return max(floor, value_after(leaf.table, problem.confusion, x, -1, work.chance, leaf.reading))
-
-
-@kernel
-def _edge_values(problem, leaf, tree, node, work):
-    """Value of every behavior of a visited node: one step ahead of the table, or plans."""
-    x, weight, out = tree.x[node], tree.weight, tree.edge_value
-    if leaf.table.value.shape[0] == 0:
-        open_loop_values(problem, leaf.plans, x, weight, node, work, out)
-        return
-    for i in range(weight.shape[1]):
-        work.chance[i] = truth(problem, weight, node, i)
-    for a in range(out.shape[1]):
-        if not problem.legal[x, a]:
-            out[node, a] = -np.inf
-            continue
-        mean = 0.0
-        for k in range(problem.branches[x, a]):
-            perceives = problem.branch_sense[x, a, k] and work.total[a] < problem.limit[a]
-            behavior, target = a if perceives else -1, problem.branch_x[x, a, k]
-            mean += problem.branch_p[x, a, k] * value_after(
-                leaf.table, problem.confusion, target, behavior, work.chance, leaf.reading
-            )
-        out[node, a] = _step_reward(problem, tree, node, a, work.total)
-        out[node, a] += problem.discount[x, a] * mean
-
-
-@kernel
-def _factor(problem, i, e, c, z, seen, total):
-    p, s = problem.confusion[i, e, c, z], problem.precision[i, e, c]
-    return p if np.isinf(s) else (s * p + seen[i, e, z]) / (s + total)
-
-
-@kernel
-def _new_node(problem, leaf, tree, x, p, work):
-    """Append a node of belief `work.weight`, valued by the leaf."""
-    node, weight = tree.size[0], tree.weight
-    tree.size[0] += 1
-    tree.x[node], tree.child_p[node], tree.visits[node] = x, p, 0
-    for i in range(weight.shape[1]):
-        tree.levels[node, i] = -1
-        for c in range(weight.shape[2]):
-            weight[node, i, c] = work.weight[i, c]
-    tree.stop[node] = stop_value(problem, x, weight, node)
-    tree.value[node] = _leaf_value(problem, leaf, weight, node, x, work)
-    return node
-
-
-@kernel
-def _open(problem, leaf, tree, node, work):
-    """Give a node that is visited its edges."""
-    _edge_values(problem, leaf, tree, node, work)
-    tree.value[node] = tree.stop[node]
-    for a in range(tree.edge_value.shape[1]):
-        tree.edge_visits[node, a] = 0
-        tree.children[node, a] = -1
-        tree.child_count[node, a] = 0
-        tree.value[node] = max(tree.value[node], tree.edge_value[node, a])
-
-
-@kernel
-def _condition(problem, tree, node, i, a, z, work):
-    """Condition attribute i on level z -> work.weight[i]; return Pr(z)."""
-    total = 0.0
-    for c in range(tree.weight.shape[2]):
-        w = tree.weight[node, i, c] * _factor(problem, i, a, c, z, work.seen, work.total[a])
-        work.weight[i, c] = w
-        total += w
-    if total > 0.0:
-        for c in range(tree.weight.shape[2]):
-            work.weight[i, c] /= total
-    return total
-
-
-@kernel
-def _expand(problem, leaf, tree, node, a, work, rng):
-    """Make the children of an edge: every outcome, or a sample where there are too many.
-
-    Percepts that tell nothing of an attribute are not told apart.
+    A simulation walks down the tree in a MOMDP sampled from the posterior, until it ends or leaves
+    the tree, and backs up what that came to. `options` (2,): the exploration constant, and whether
+    edges average returns (1) or take the expectation over their outcomes (0).
     """
-    n, k_levels, x = work.seen.shape[0], work.seen.shape[2], tree.x[node]
-    levels, joint = work.levels, 1.0
-    for i in range(n):
-        joint *= k_levels if problem.informative[i, a] else 1
-    perceives = work.total[a] < problem.limit[a]
-    tree.children[node, a] = tree.size[0]
-    tree.reward[node, a] = _step_reward(problem, tree, node, a, work.total)
-    for k in range(problem.branches[x, a]):
-        mass, next_x = problem.branch_p[x, a, k], problem.branch_x[x, a, k]
-        for i in range(n):
-            levels[i] = 0
-            for c in range(tree.weight.shape[2]):
-                work.weight[i, c] = tree.weight[node, i, c]
-        if not (problem.branch_sense[x, a, k] and perceives):
-            _new_node(problem, leaf, tree, next_x, mass, work)
-            continue
-        sampled = joint > ENUMERATE
-        for outcome in range(SAMPLED if sampled else int(joint)):
-            p, rest = mass / SAMPLED if sampled else mass, outcome
-            for i in range(n):
-                if not problem.informative[i, a]:
-                    continue
-                if sampled:
-                    levels[i] = _draw_level(problem, tree, node, i, a, work, rng)
-                    _condition(problem, tree, node, i, a, levels[i], work)
-                else:
-                    levels[i], rest = rest % k_levels, rest // k_levels
-                    p *= _condition(problem, tree, node, i, a, levels[i], work)
-            if p <= 0.0:
-                continue
-            for i in range(n):
-                work.yes[i, a] += levels[i] >= k_levels // 2
-            work.total[a] += 1.0
-            child = _new_node(problem, leaf, tree, next_x, p, work)
-            for i in range(n):
-                tree.levels[child, i] = levels[i]
-            work.total[a] -= 1.0
-            for i in range(n):
-                work.yes[i, a] -= levels[i] >= k_levels // 2
-    tree.child_count[node, a] = tree.size[0] - tree.children[node, a]
+    width = model.dynamics.branch.shape[2] * ENUMERATE
+    for done in range(simulations):
+        if tree.size[0] + width > tree.node.shape[0]:
+            return done
+        draw_object(model.percepts, sampled, rng)
+        _restart(leaf.scratch, sampled.counts)
+        node, depth, value = done * 0, 0, 0.0
+        while depth < DEPTH:
+            if tree.node[node].visits == 0:
+                _open(model, leaf, tree, node)
+            tree.node[node].visits += 1
+            a, value = _select(model, tree, node, options[0]), tree.node[node].stop
+            if a < 0:
+                break
+            new = tree.edge[node, a].first < 0
+            if new:
+                _expand(model, leaf, tree, node, a, rng)
+            tree.edge[node, a].visits += 1
+            sampled.path[depth, 0], sampled.path[depth, 1] = node, a
+            x, total = tree.node[node].x, leaf.scratch.total
+            sampled.reward[depth] = step_reward(model, x, a, sampled.truth, total)
+            node = _execute(model, leaf, tree, sampled, node, a, rng)
+            depth, value = depth + 1, tree.node[node].value
+            if new:
+                break
+        for t in range(depth - 1, -1, -1):
+            node, a = sampled.path[t, 0], sampled.path[t, 1]
+            step = model.dynamics.step[tree.node[node].x, a]
+            value = sampled.reward[t] + step.discount * value
+            _back_up(model, tree, node, a, value, options[1])
+        if depth > 0:
+            note_rows(sampled, sampled.path[0, 1], done)
+    return simulations
 
 
 @kernel
-def _draw_level(problem, tree, node, i, a, work, rng):
-    u, levels = rng.random(), work.seen.shape[2]
-    for z in range(levels):
-        for c in range(tree.weight.shape[2]):
-            factor = _factor(problem, i, a, c, z, work.seen, work.total[a])
-            u -= tree.weight[node, i, c] * factor
-        if u < 0.0:
-            return z
-    return levels - 1
+def _restart(scratch, counts):
+    """Go back to the percepts (N,E,K) of the trial."""
+    for e in range(counts.shape[1]):
+        scratch.total[e] = 0.0
+        for z in range(counts.shape[2]):
+            scratch.total[e] += counts[0, e, z]
+            for i in range(counts.shape[0]):
+                scratch.counts[i, e, z] = counts[i, e, z]
 
 
 @kernel
-def _back_up(problem, tree, node, a):
-    """Edge value = cost, bonus and the exact expectation over its children; node value = best."""
-    x, value = tree.x[node], 0.0
-    first = tree.children[node, a]
-    for child in range(first, first + tree.child_count[node, a]):
-        value += tree.child_p[child] * tree.value[child]
-    tree.edge_value[node, a] = tree.reward[node, a] + problem.discount[x, a] * value
-    best = tree.stop[node]
-    for other in range(tree.edge_value.shape[1]):
-        best = max(best, tree.edge_value[node, other])
-    tree.value[node] = best
+def _open(model, leaf, tree, node):
+    """Value the edges of a node that is visited."""
+    edge_values(model, leaf, tree.node[node].x, tree.prob[node])
+    for a in range(tree.edge.shape[1]):
+        edge = tree.edge[node, a]
+        edge.visits, edge.first, edge.count = 0, -1, 0
+        edge.value = leaf.scratch.value[a]
+        tree.node[node].value = max(tree.node[node].value, edge.value)
 
 
 @kernel
-def _step_reward(problem, tree, node, a, total):
-    x = tree.x[node]
-    reward = -problem.cost[x, a]
-    if problem.shaped and total[a] < problem.limit[a]:
-        for i in range(tree.weight.shape[1]):
-            b = truth(problem, tree.weight, node, i)
-            mean = b * problem.bonus[i, a, 1] + (1.0 - b) * problem.bonus[i, a, 0]
-            reward += problem.bonus_scale[x, a] * mean
-    return reward
-
-
-@kernel
-def _select(problem, tree, node, exploration):
+def _select(model, tree, node, exploration):
     """UCB1 over the behaviors; ending has no variance and so gets no bonus. -1 = end."""
-    x, best, best_score = tree.x[node], -1, tree.stop[node]
-    spread = np.log(tree.visits[node] + 1.0)
-    for a in range(tree.edge_value.shape[1]):
-        if problem.legal[x, a]:
-            score = tree.edge_value[node, a] + exploration * np.sqrt(
-                spread / (tree.edge_visits[node, a] + 1.0)
-            )
+    best, best_score = -1, tree.node[node].stop
+    spread = np.log(tree.node[node].visits + 1.0)
+    for a in range(tree.edge.shape[1]):
+        edge = tree.edge[node, a]
+        if model.dynamics.step[tree.node[node].x, a].legal:
+            score = edge.value + exploration * np.sqrt(spread / (edge.visits + 1.0))
             if score > best_score:
                 best, best_score = a, score
     return best
 
 
-@entry_kernel
-def search(problem, leaf, tree, work, x, seen, simulations, exploration, rng):
-    """Grow the tree by simulations, from the belief in `work.weight` if empty; how many it had."""
-    n, n_behaviors, k_levels = seen.shape
-    here, yes, count, path = work.seen, work.yes, work.total, work.path
-    width = problem.branch_x.shape[2] * min(float(k_levels) ** n, ENUMERATE) + 2  # of an expansion
-    begin = -1 if tree.size[0] == 0 else 0
-    for done in range(begin, simulations):
-        if tree.size[0] + width > tree.x.shape[0]:
-            return max(0, done)
-        for e in range(n_behaviors):
-            count[e] = 0.0
-            for z in range(k_levels):
-                count[e] += seen[0, e, z]
-            for i in range(n):
-                yes[i, e] = 0.0
-                for z in range(k_levels):
-                    here[i, e, z] = seen[i, e, z]
-                    yes[i, e] += seen[i, e, z] if z >= k_levels // 2 else 0.0
-        if done < 0:
-            _open(problem, leaf, tree, _new_node(problem, leaf, tree, x, 1.0, work), work)
+@kernel
+def _expand(model, leaf, tree, node, a, rng):
+    """Make the children of an edge: every outcome, or a sample where there are too many.
+
+    Percepts that tell nothing of an attribute are not told apart.
+    """
+    scratch, x = leaf.scratch, tree.node[node].x
+    outcomes = 1.0
+    for i in range(tree.level.shape[1]):
+        scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
+        outcomes *= scratch.counts.shape[2] if model.percepts.informative[i, a] else 1
+    tree.edge[node, a].reward = step_reward(model, x, a, scratch.chance, scratch.total)
+    tree.edge[node, a].first = tree.size[0]
+    perceives = scratch.total[a] < model.percepts.limit[a]
+    for k in range(model.dynamics.branch.shape[2]):
+        branch = model.dynamics.branch[x, a, k]
+        if branch.p <= 0.0:
+            break
+        listed = outcomes <= ENUMERATE
+        count = int(outcomes) if listed else DRAWN
+        p = branch.p if listed else branch.p / DRAWN
+        for outcome in range(count):
+            child = tree.size[0]
+            tree.node[child].branch, tree.node[child].p = k, p
+            for i in range(tree.level.shape[1]):
+                tree.level[child, i] = -1
+                for c in range(tree.prob.shape[2]):
+                    tree.prob[child, i, c] = tree.prob[node, i, c]
+            if branch.senses and perceives:
+                _perceive(model, leaf, tree, node, a, outcome if listed else -1, rng)
+            else:
+                tree.node[child].p = branch.p if outcome == 0 else 0.0
+            if tree.node[child].p > 0.0:
+                _add(model, leaf, tree, child, branch.x, a)
+    tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
+
+
+@kernel
+def _perceive(model, leaf, tree, node, a, outcome, rng):
+    """Make the belief of the next free node: by percept `outcome` of all, or by one drawn (-1)."""
+    child, scratch, percepts = tree.size[0], leaf.scratch, model.percepts
+    levels, rest = scratch.counts.shape[2], outcome
+    for i in range(tree.level.shape[1]):
+        tree.level[child, i] = 0
+        if not percepts.informative[i, a]:
             continue
-        node, depth = 0, 0
-        while depth < DEPTH:
-            if tree.visits[node] == 0 and node > 0:
-                _open(problem, leaf, tree, node, work)
-            tree.visits[node] += 1
-            a = _select(problem, tree, node, exploration)
-            if a < 0:
-                break
-            tree.edge_visits[node, a] += 1
-            path[depth, 0], path[depth, 1] = node, a
-            depth += 1
-            if tree.children[node, a] < 0:
-                _expand(problem, leaf, tree, node, a, work, rng)
-                break
-            child, u = tree.children[node, a], rng.random()
-            last = child + tree.child_count[node, a] - 1
-            while child < last and u >= tree.child_p[child]:
-                u -= tree.child_p[child]
-                child += 1
-            if tree.levels[child, 0] >= 0:
-                for i in range(n):
-                    z = tree.levels[child, i]
-                    here[i, a, z] += 1.0
-                    yes[i, a] += 1.0 if z >= k_levels // 2 else 0.0
-                count[a] += 1.0
-            node = child
-        for t in range(depth - 1, -1, -1):
-            _back_up(problem, tree, path[t, 0], path[t, 1])
-    return simulations
+        z = rest % levels if outcome >= 0 else i * 0
+        p = condition(percepts, scratch, tree.prob[node], i, a, z, tree.prob[child])
+        if outcome >= 0:
+            tree.node[child].p *= p
+            rest //= levels
+        else:
+            u = rng.random() - p
+            while u >= 0.0 and z < levels - 1:
+                z += 1
+                u -= condition(percepts, scratch, tree.prob[node], i, a, z, tree.prob[child])
+        tree.level[child, i] = z
+
+
+@kernel
+def _add(model, leaf, tree, child, x, a):
+    """Add the next free node to the tree, valued by the leaf."""
+    tree.size[0] += 1
+    node = tree.node[child]
+    node.x, node.visits = x, 0
+    _count(leaf.scratch, tree.level[child], a, 1.0)
+    node.stop = stop_value(model, x, tree.prob[child])
+    node.value = leaf_value(model, leaf, x, tree.prob[child])
+    _count(leaf.scratch, tree.level[child], a, -1.0)
+
+
+@kernel
+def _count(scratch, level, a, sign):
+    """Count a percept (N,) of a behavior, or take it back; -1 is none."""
+    if level[0] >= 0:
+        scratch.total[a] += sign
+        for i in range(level.shape[0]):
+            scratch.counts[i, a, level[i]] += sign
+
+
+@kernel
+def _execute(model, leaf, tree, sampled, node, a, rng):
+    """Execute a behavior in the sampled MOMDP; return the child that it leads to.
+
+    Where not all outcomes have a child, the percept may have none: then one of them is drawn.
+    """
+    edge, percepts = tree.edge[node, a], model.percepts
+    u, k = rng.random(), 0
+    while k < model.dynamics.branch.shape[2] - 1:
+        branch = model.dynamics.branch[tree.node[node].x, a, k]
+        if u < branch.p or model.dynamics.branch[tree.node[node].x, a, k + 1].p <= 0.0:
+            break
+        u, k = u - branch.p, k + 1
+    level = tree.level[tree.size[0]]  # of a node that is free
+    draw_percept(percepts, sampled, a, level, rng)
+    found, here = edge.first, 0
+    for child in range(edge.first, edge.first + edge.count):
+        if tree.node[child].branch != k:
+            continue
+        here += 1
+        same = True
+        for i in range(level.shape[0]):
+            apart = percepts.informative[i, a] and tree.level[child, i] >= 0
+            same = same and not (apart and tree.level[child, i] != level[i])
+        if same:
+            found = child
+            break
+        if rng.random() * here < 1.0:
+            found = child
+    _count(leaf.scratch, tree.level[found], a, 1.0)
+    return found
+
+
+@kernel
+def _back_up(model, tree, node, a, returned, averaged):
+    """Update an edge by a return, or by the expectation over its children; node value = best."""
+    edge = tree.edge[node, a]
+    if averaged > 0.0:
+        edge.value += (returned - edge.value) / edge.visits
+    else:
+        mean = 0.0
+        for child in range(edge.first, edge.first + edge.count):
+            mean += tree.node[child].p * tree.node[child].value
+        step = model.dynamics.step[tree.node[node].x, a]
+        edge.value = edge.reward + step.discount * mean
+    best = tree.node[node].stop
+    for other in range(tree.edge.shape[1]):
+        best = max(best, tree.edge[node, other].value)
+    tree.node[node].value = best

@@ -1,0 +1,57 @@
+"""The observation model: percepts of one object, given its latent class.
+
+An object of latent class c has a row of its own for every behavior and attribute, drawn from
+Dirichlet(precision * mean). Percepts follow the row, so that in a trial their levels are
+Dirichlet-multinomial: a percept makes its own level likelier next time. Infinite precision gives
+percepts independent given the class, which is Eq. 8 where the class is the truth.
+
+`predictive` is the one definition of this, for arrays and, compiled, for the planning kernels:
+belief, search tree, error tables and everything else that asks what comes next call it.
+`sample_rows` draws what `predictive` averages over.
+
+Another observation model is a function that makes latent classes, mean rows and precisions from a
+confusion posterior (`posterior.degree` is one), named in an agent.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def predictive(mean: Any, precision: Any, count: Any, total: Any) -> Any:
+    """Return Pr(level | latent class, percepts so far) = (s c + n_z) / (s + n).
+
+    Written as c + (n_z - n c) / (s + n), which at infinite s is c.
+
+    Parameters
+    ----------
+    mean : c, the class's mean probability of the level.
+    precision : s > 0, inf where rows are known exactly.
+    count : n_z, percepts of this level that the behavior has shown.
+    total : n, all percepts that the behavior has shown.
+
+    >>> predictive(0.6, 5.0, 6, 6)
+    0.8181818181818182
+    >>> predictive(0.6, float("inf"), 6, 6)
+    0.6
+    """
+    return mean + (count - total * mean) / (precision + total)
+
+
+def sample_rows(
+    mean: ArrayLike, precision: ArrayLike, counts: ArrayLike, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Sample an object's rows (...,K) from Dirichlet(precision * mean + counts).
+
+    Parameters
+    ----------
+    mean : (...,K) mean rows of the object's latent class.
+    precision : (...) Dirichlet weight of a row, inf = the mean itself.
+    counts : (...,K) percepts that the object has shown.
+    rng : source of randomness.
+    """
+    rows, weight = np.asarray(mean, dtype=float), np.asarray(precision, dtype=float)[..., None]
+    known = np.isinf(weight)
+    gamma = rng.standard_gamma(np.where(known, 1.0, weight) * rows + counts) + 1e-300
+    return np.where(known, rows, gamma / gamma.sum(axis=-1, keepdims=True))

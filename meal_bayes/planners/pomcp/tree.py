@@ -1,0 +1,90 @@
+"""The search tree: a struct of arrays that the kernels grow, and what is read off it afterwards."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.planners.solver import TreeEdge
+
+_LOGGED = 40  # edges of the second level that a decision keeps
+
+NODE = np.dtype([
+    ("x", np.int64),
+    ("branch", np.int64),  # outcome of the behavior that led here
+    ("visits", np.int64),
+    ("p", np.float64),  # Pr(this node | parent, behavior)
+    ("stop", np.float64),  # value of the best report or exit, exact
+    ("value", np.float64),  # best of report, exit and edges
+], align=True)  # fmt: skip
+EDGE = np.dtype([
+    ("visits", np.int64),
+    ("first", np.int64),  # first child, -1 before any
+    ("count", np.int64),  # children, which stand in a row
+    ("reward", np.float64),  # cost and bonus
+    ("value", np.float64),
+], align=True)  # fmt: skip
+
+
+class Tree(NamedTuple):
+    """Nodes in the order in which they were made; the first is the root.
+
+    Attributes
+    ----------
+    size : (1,) nodes in use.
+    node : (S,) records of `NODE`.
+    edge : (S,E) records of `EDGE`.
+    prob : (S,N,C) Pr(latent class).
+    level : (S,N) percept that led here, -1 for none.
+    """
+
+    size: NDArray[np.int64]
+    node: NDArray[np.void]
+    edge: NDArray[np.void]
+    prob: NDArray[np.float64]
+    level: NDArray[np.int64]
+
+
+def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int) -> Tree:
+    """Make an empty tree for so many nodes."""
+    return Tree(
+        size=np.zeros(1, np.int64),
+        node=np.empty(capacity, NODE),
+        edge=np.empty((capacity, n_behaviors), EDGE),
+        prob=np.empty((capacity, n_attributes, n_classes)),
+        level=np.empty((capacity, n_attributes), np.int64),
+    )
+
+
+def standard_errors(tree: Tree) -> NDArray[np.float64]:
+    """Compute the standard error (E,) that as many sampled returns of the root's edges would have."""
+    errors = np.zeros(tree.edge.shape[1])
+    for a in np.flatnonzero(tree.edge["first"][0] >= 0):
+        edge = tree.edge[0, a]
+        children = tree.node[edge["first"] : edge["first"] + edge["count"]]
+        p, value = children["p"], children["value"]
+        variance = (p * (value - (p * value).sum()) ** 2).sum()
+        errors[a] = np.sqrt(variance / max(edge["visits"], 1))
+    return errors
+
+
+def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
+    """Read off the first two levels of the tree, of the second the most visited edges."""
+    root = tree.edge[0]
+    edges = [
+        TreeEdge(1, -1, int(a), (), int(root[a]["visits"]), float(root[a]["value"]))
+        for a in np.flatnonzero(root["visits"])
+    ]
+    below = []
+    for parent, edge in enumerate(edges):
+        first, count = int(root[edge.action]["first"]), int(root[edge.action]["count"])
+        for child in range(first, first + count):
+            if not tree.node[child]["visits"]:  # never opened, so without edges
+                continue
+            levels = tuple(int(z) for z in tree.level[child] if z >= 0)
+            for a in np.flatnonzero(tree.edge[child]["visits"]):
+                taken = tree.edge[child, a]
+                value = float(taken["value"])
+                below.append(TreeEdge(2, parent, int(a), levels, int(taken["visits"]), value))
+    below.sort(key=lambda edge: -edge.visits)
+    return (*edges, *below[:_LOGGED])
