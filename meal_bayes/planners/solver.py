@@ -40,6 +40,12 @@ class Decision:
             visits=freeze(self.visits, np.int64),
         )
 
+    @classmethod
+    def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
+        """Make a decision whose values (E+1,), nan where not valued, have no standard errors."""
+        no_error = np.where(np.isnan(values), np.nan, 0.0)
+        return cls(action, values, no_error, np.zeros(len(values), dtype=np.int64))
+
 
 @dataclass(frozen=True, slots=True)
 class History:

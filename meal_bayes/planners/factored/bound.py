@@ -7,7 +7,7 @@ import numpy as np
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.factored.grid import telling
+from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
 
 _CANDIDATES = 3  # attributes tried as the next of a subset
@@ -51,7 +51,7 @@ def upper_bound(
     if size < 1:
         raise SettingsError(f"size is {size}; a subset has one attribute or more.")
     solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
-    told = telling(momdp).any(axis=1)
+    told = informative_pairs(momdp).any(axis=1)
     idle, moving = np.flatnonzero(~told).tolist(), np.flatnonzero(told).tolist()
     if momdp.additive:
         blocks = [moving[i : i + size] for i in range(0, len(moving), size)] or [[]]

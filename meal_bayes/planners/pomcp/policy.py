@@ -26,7 +26,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, build_momdp, initial_belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import Table, make_room
+from meal_bayes.planners.factored.grid import Table, make_scratch
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.library import no_plans, plans_for
 from meal_bayes.planners.open_loop.values import Plans, room_for
@@ -76,7 +76,7 @@ class POMCP:
         if not self.points or not known or not momdp.kind_is_truth:
             return None
         try:
-            return Factored(self.points).solve(momdp, np.random.default_rng(0)).near
+            return Factored(self.points).solve(momdp, np.random.default_rng(0)).estimate
         except SettingsError:  # too many attributes, or shaping that promises without end
             return None
 
@@ -106,7 +106,7 @@ class POMCPPolicy:
         tree.size[0] = 0
         tabled = len(self.table.value) > 0
         exploration = 0.0 if tabled else settings.exploration
-        leaf = Leaf(self.plans, self.table, make_room(self.table, momdp.levels))
+        leaf = Leaf(self.plans, self.table, make_scratch(self.table, momdp.levels))
 
         def grow(simulations: int) -> int:
             made = search(
@@ -148,10 +148,8 @@ def _within(end: float, grow: Callable[[int], int]) -> int:
 
 
 def _no_table(momdp: MOMDP) -> Table:
-    value = np.zeros((0, 0), np.float32)
-    value.setflags(write=False)
-    n, e = len(momdp.query), momdp.n_behaviors
-    return Table(np.ones(n, np.int64), np.ones((n, 1)), np.zeros((n, e), np.bool_), value)
+    n = len(momdp.query)
+    return Table(np.ones((n, 1)), np.ones(n, np.int64), np.zeros((0, 0), np.float32))
 
 
 def _spread(tree: Tree) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.factored.grid import Room, Table, value_after
+from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import truth
 from meal_bayes.planners.open_loop.values import (
@@ -28,7 +28,7 @@ class Leaf(NamedTuple):
 
     plans: Plans
     table: Table
-    reading: Room
+    reading: NDArray[np.float64]
 
 
 class Tree(NamedTuple):
