@@ -15,6 +15,7 @@ from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Floats, Table, between, informative_pairs
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
+_BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
 
 Integers = NDArray[np.int64]
@@ -211,23 +212,32 @@ def _back_up(backups, value, m, work, row):
 def _expect(backups, i, e, left, work, source):
     """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
 
-    Rows of J entries, a multiple of four, are added up four at once.
+    Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
+    for the last one, over a block of the earlier ones.
     """
     point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
     right = work.shape[1] // (left * size)
-    for k in range(left):
-        begin = k * size
+    rows, step, many = (1, 1, right) if right > 1 else (_BLOCK, size, 0)
+    for first in range(0, left, rows):
+        count = many if many else min(rows, left - first)
         for g in range(size):
-            to = (begin + g) * right
+            to = (first * size + g) * right
             for j in range(0, point.shape[3], 4):
-                a = (begin + point[i, e, g, j]) * right
-                b = (begin + point[i, e, g, j + 1]) * right
-                c = (begin + point[i, e, g, j + 2]) * right
-                d = (begin + point[i, e, g, j + 3]) * right
+                a = (first * size + point[i, e, g, j]) * right
+                b = (first * size + point[i, e, g, j + 1]) * right
+                c = (first * size + point[i, e, g, j + 2]) * right
+                d = (first * size + point[i, e, g, j + 3]) * right
                 s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
                 u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
-                for r in range(right):
-                    sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                    sum_ += u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
-                    here = np.uintp(to + r)
-                    work[target, here] = sum_ if j == 0 else work[target, here] + sum_
+                if right > 1:
+                    for r in range(right):
+                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                        sum_ += u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        here = np.uintp(to + r)
+                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_
+                else:
+                    for r in range(0, count * step, step):
+                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                        sum_ += u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        here = np.uintp(to + r)
+                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_
