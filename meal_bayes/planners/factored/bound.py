@@ -45,7 +45,7 @@ def upper_bound(
 
     Raises
     ------
-    SettingsError : precision that differs between the truths, several kinds of objects a truth,
+    SettingsError : precision that differs between the truths, several latent classes a truth,
         more attributes than the grid can hold, or rewards without a bound.
     """
     if size < 1:

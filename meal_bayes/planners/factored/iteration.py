@@ -1,23 +1,31 @@
 """Value iteration from above on a grid of marginal beliefs, and the grid's refinement."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from meal_bayes.arrays import set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import (
+    Floats,
     Table,
     even_axis,
-    informative_pairs,
     make_axis,
     make_table,
     refine,
 )
-from meal_bayes.planners.factored.operators import Percepts, make_backups, percepts_on, sweep
+from meal_bayes.planners.factored.operators import (
+    Edges,
+    Percepts,
+    make_backups,
+    make_edges,
+    percepts_on,
+    sweep,
+)
 
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
@@ -58,6 +66,13 @@ class ValueIteration:
     momdp: MOMDP
     problem: Compiled
     tolerance: float
+    edges: Edges = field(init=False, repr=False, compare=False)
+    _made: dict[tuple[int, int], tuple[Floats, Percepts]] = field(
+        default_factory=dict, repr=False, compare=False
+    )  # axes of every attribute and level
+
+    def __post_init__(self) -> None:
+        set_frozen(self, edges=make_edges(self.momdp, self.problem))
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of some points at most.
@@ -102,8 +117,10 @@ class ValueIteration:
         own, of some points at most.
         """
         moving = np.flatnonzero(bounds.size > 1).tolist()
-        inner = min(_INNER[min(len(moving), len(_INNER) - 1)], int(points ** (1 / max(1, len(moving)))))
-        if inner < _LEAST or not moving:
+        if not moving:
+            return bounds
+        inner = min(_INNER[min(len(moving), len(_INNER) - 1)], int(points ** (1 / len(moving))))
+        if inner < _LEAST:
             return bounds
         for i in moving:
             bounds = refine(bounds, i, even_axis(self.momdp, i, inner))
@@ -123,7 +140,7 @@ class ValueIteration:
     ) -> Table:
         """Iterate until a sweep changes no value by more than a share of the tolerance."""
         value = table.value.astype(np.float64)
-        backups = make_backups(self.momdp, self.problem, table, percepts)
+        backups = make_backups(self.momdp, self.edges, table, percepts)
         work = np.empty((4, value.shape[1]))
         sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
         return table._replace(value=value)
@@ -134,32 +151,38 @@ class ValueIteration:
         return grid._replace(table=table, bound=float(bound))
 
     def _coarsest(self, points: int) -> _Grid:
-        momdp, moves = self.momdp, informative_pairs(self.momdp).any(axis=1)
-        axes = [
-            make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
-            for i, moved in enumerate(moves)
-        ]
+        moves = self.edges.moves.any(axis=1)
+        axes, percepts = zip(*(self._axis(i, 0) for i in range(len(moves))), strict=True)
         size, top = math.prod(len(axis) for axis in axes), self.worth_at_most()
         if size > points:
             raise SettingsError(
                 f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
                 f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
             )
-        percepts = tuple(percepts_on(momdp, i, axis) for i, axis in enumerate(axes))
-        table = make_table(axes, np.full((momdp.terminal, size), top))
+        table = make_table(axes, np.full((self.momdp.terminal, size), top))
         return _Grid(table, percepts, (0,) * len(axes), top)
 
     def _finer(self, grid: _Grid, attributes: list[int], points: int) -> _Grid | None:
         """Halve the steps of some axes, unless the grid would have too many points."""
-        finer = {i: make_axis(self.momdp, i, grid.levels[i] + 1) for i in attributes}
-        size = [len(finer[i]) if i in finer else n for i, n in enumerate(grid.table.size.tolist())]
+        finer = {i: self._axis(i, grid.levels[i] + 1) for i in attributes}
+        size = grid.table.size.tolist()
+        for i, (axis, _) in finer.items():
+            size[i] = len(axis)
         if not attributes or math.prod(size) > points:
             return None
         table, percepts, levels = grid.table, list(grid.percepts), list(grid.levels)
-        for i, axis in finer.items():
-            table, percepts[i] = refine(table, i, axis), percepts_on(self.momdp, i, axis)
+        for i, (axis, own) in finer.items():
+            table, percepts[i] = refine(table, i, axis), own
             levels[i] += 1
         return _Grid(table, tuple(percepts), tuple(levels), grid.bound)
+
+    def _axis(self, i: int, level: int) -> tuple[Floats, Percepts]:
+        """Build an axis, a single point where no percept moves the belief, and the percepts."""
+        if (i, level) not in self._made:
+            momdp, moves = self.momdp, self.edges.moves[i].any()
+            axis = make_axis(momdp, i, level) if moves else momdp.prior[i : i + 1]
+            self._made[i, level] = axis, percepts_on(momdp, i, axis)
+        return self._made[i, level]
 
     def worth_at_most(self) -> float:
         """Bound every value by a constant: the best ending, or the best pay for ever.
@@ -175,8 +198,8 @@ class ValueIteration:
         lasting = kept > 0
         if (pay[~lasting] > 0).any():
             raise SettingsError(
-                "Undiscounted, behaviors that are shaped to pay more than they cost promise without "
-                "end; plan with a discount below 1, or with POMCP."
+                "Undiscounted, behaviors that are shaped to pay more than they cost promise "
+                "without end; plan with a discount below 1, or with POMCP."
             )
         return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
 

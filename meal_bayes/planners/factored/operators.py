@@ -60,6 +60,47 @@ class Backups(NamedTuple):
     weight: Floats
 
 
+class Edges(NamedTuple):
+    """The legal pairs of x and behavior, whatever the grid.
+
+    Attributes
+    ----------
+    edge, outcome : as in `Backups`.
+    reward : (M,1+N) of carrying it out, a constant and slopes in the marginals.
+    exit_value : (X-1,1) of abstaining.
+    moves : (N,E) do percepts of the behavior move the belief?
+    """
+
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    exit_value: Floats
+    moves: NDArray[np.bool_]
+
+
+def make_edges(momdp: MOMDP, problem: Compiled) -> Edges:
+    """List the legal pairs of a problem."""
+    legal = np.argwhere(problem.legal[: momdp.terminal])  # (M,2)
+    outcome = np.zeros((len(legal), 2, momdp.terminal))
+    for row, (x, e) in zip(outcome, legal.tolist(), strict=True):
+        for k in range(problem.branches[x, e]):
+            p = problem.discount[x, e] * problem.branch_p[x, e, k]
+            row[int(problem.branch_sense[x, e, k]), problem.branch_x[x, e, k]] += p
+    x, e = legal.T
+    keeps = outcome[np.arange(len(legal)), :, x].any(axis=1)
+    slope = momdp.bonus[..., 1] - momdp.bonus[..., 0]  # (N,E)
+    bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), slope])  # (1+N,E)
+    reward = (problem.bonus_scale[x, e] * bonus[:, e]).T
+    reward[:, 0] -= problem.cost[x, e]
+    return Edges(
+        np.ascontiguousarray(np.column_stack([legal, keeps])),
+        outcome,
+        reward,
+        problem.exit_value[: momdp.terminal, None],
+        informative_pairs(momdp),
+    )
+
+
 def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Percepts:
     """Build the sparse matrices of an attribute's percepts.
 
@@ -101,33 +142,22 @@ def _cubic(
 
 
 def make_backups(
-    momdp: MOMDP, problem: Compiled, table: Table, percepts: tuple[Percepts, ...]
+    momdp: MOMDP, edges: Edges, table: Table, percepts: tuple[Percepts, ...]
 ) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
-    beliefs, moves = table.beliefs, informative_pairs(momdp)
+    beliefs = table.beliefs
     report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
-    floor = np.maximum(report, problem.exit_value[: momdp.terminal, None])
-    legal = np.argwhere(problem.legal[: momdp.terminal])  # (M,2)
-    outcome = np.zeros((len(legal), 2, momdp.terminal))
-    for row, (x, e) in zip(outcome, legal.tolist(), strict=True):
-        for k in range(problem.branches[x, e]):
-            p = problem.discount[x, e] * problem.branch_p[x, e, k]
-            row[int(problem.branch_sense[x, e, k]), problem.branch_x[x, e, k]] += p
-    keeps = outcome[np.arange(len(legal)), :, legal[:, 0]].any(axis=1)
-    xs, es = legal.T
-    reward = -problem.cost[xs, es][:, None]
-    if problem.shaped:
-        slope = momdp.bonus[..., 1] - momdp.bonus[..., 0]  # (N,E)
-        bonus = momdp.bonus[..., 0].sum(axis=0)[:, None] + (beliefs @ slope).T  # (E,B)
-        reward = reward + problem.bonus_scale[xs, es][:, None] * bonus[es]
+    reward = edges.reward[:, :1]
+    if edges.reward[:, 1:].any():
+        reward = reward + edges.reward[:, 1:] @ beliefs.T
     width = max(part.point.shape[2] for part in percepts)
-    shape = (*moves.shape, table.points.shape[1], width)
+    shape = (*edges.moves.shape, table.points.shape[1], width)
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
-    for i, (size, part) in enumerate(zip(table.size, percepts, strict=True)):
+    for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size], weight[i, :, :size] = part
-    point[~moves, 0, 0] = -1
-    edge = np.ascontiguousarray(np.column_stack([legal, keeps]))
-    return Backups(floor, edge, outcome, reward, table.size, point, weight)
+    point[~edges.moves, 0, 0] = -1
+    floor = np.maximum(report, edges.exit_value)
+    return Backups(floor, edges.edge, edges.outcome, reward, table.size, point, weight)
 
 
 @entry_kernel
@@ -232,12 +262,16 @@ def _expect(backups, i, e, left, work, source):
                 if right > 1:
                     for r in range(right):
                         sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                        sum_ += u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        sum_ += (
+                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        )
                         here = np.uintp(to + r)
                         work[target, here] = sum_ if j == 0 else work[target, here] + sum_
                 else:
                     for r in range(0, count * step, step):
                         sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                        sum_ += u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        sum_ += (
+                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        )
                         here = np.uintp(to + r)
                         work[target, here] = sum_ if j == 0 else work[target, here] + sum_

@@ -43,13 +43,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import (
-    Floats,
-    Table,
-    informative_pairs,
-    make_scratch,
-    value_after,
-)
+from meal_bayes.planners.factored.grid import Floats, Table, make_scratch, value_after
 from meal_bayes.planners.factored.iteration import ValueIteration
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -155,7 +149,9 @@ class FactoredPolicy:
         iteration, table = self._left(belief)
         momdp, problem = iteration.momdp, iteration.problem
         ahead = _values_ahead(momdp, problem, table, belief.x, belief.positive)
-        if iteration is self.iteration:  # where percepts tell little the estimate may pass the bound
+        if (
+            iteration is self.iteration
+        ):  # where percepts tell little the estimate may pass the bound
             ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
         exit_value = float(problem.exit_value[belief.x])
         return Decision.exact(*choose(momdp, belief, ahead, exit_value))
@@ -164,7 +160,7 @@ class FactoredPolicy:
         """Return iteration and table without the behaviors whose percepts have run out."""
         momdp = self.iteration.momdp
         gone = (belief.seen[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
-        gone &= informative_pairs(momdp).any(axis=0) | momdp.bonus.any(axis=(0, 2))
+        gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
         if not gone.any():
             return self.iteration, self.estimate
         key = tuple(np.flatnonzero(gone).tolist())
