@@ -140,6 +140,15 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     return Belief(transition.next_x, weight - total_weight[:, None], counted, belief.log_share)
 
 
+def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
+    """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K)."""
+    counts = belief.seen[:, :, None]  # (N,E,1,K)
+    total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
+    rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
+    prob = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, class)
+    return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
+
+
 def best_report(momdp: MOMDP, belief: Belief) -> int:
     """Give the action index E + y of the most probable report."""
     return momdp.n_behaviors + momdp.query.index_of(belief.best_report)

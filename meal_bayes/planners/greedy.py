@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
-from meal_bayes.momdp.observation import predictive
+from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import dynamics_of
 from meal_bayes.planners.open_loop.growth import Ways
 from meal_bayes.planners.open_loop.library import diagram_of
@@ -58,14 +58,10 @@ class GreedyPolicy:
 
 def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Mutual information of the next percept of each behavior and the attributes, bits, (E,)."""
-    total = belief.seen.sum(axis=2)  # (N,E)
-    seen, precision = belief.seen[:, :, None], momdp.precision[..., None]
-    rows = predictive(momdp.confusion, precision, seen, total[:, :, None, None])  # (N,E,C,K)
-    weight = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, kind)
-    joint = np.einsum("nvc,neck->nevk", weight, rows)  # Pr(truth, level)
-    true = weight.sum(axis=2)[:, None]  # (N,1,2)
-    gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(*total.shape, -1))
-    left = momdp.limit - total[0] > 0
+    joint = next_percept(momdp, belief)  # (N,E,2,K)
+    true, (n, e) = joint.sum(axis=3), joint.shape[:2]
+    gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
+    left = belief.seen[0].sum(axis=1) < momdp.limit
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
 
 

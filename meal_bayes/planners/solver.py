@@ -1,5 +1,6 @@
 """The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s."""
 
+import hashlib
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
+from meal_bayes.seeds import stream
 
 
 class TreeEdge(NamedTuple):
@@ -31,6 +33,7 @@ class Decision:
     visits: NDArray[np.int64]  # (E+1,)
     tree: tuple[TreeEdge, ...] = ()
     simulations: int = 0
+    sampled_rows: NDArray[np.float64] | None = None  # (M,N,K) of the chosen behavior, in M MOMDPs
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -39,11 +42,14 @@ class Decision:
             value_se=freeze(self.value_se),
             visits=freeze(self.visits, np.int64),
         )
+        if self.sampled_rows is not None:
+            set_frozen(self, sampled_rows=freeze(self.sampled_rows))
 
     @classmethod
     def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
-        """Make the decision of a planner whose values (E+1,) have no error; nan = not valued."""
-        return cls(action, values, values * 0.0, np.zeros(len(values), np.int64))
+        """Make a decision whose values (E+1,), nan where not valued, have no standard errors."""
+        no_error = np.where(np.isnan(values), np.nan, 0.0)
+        return cls(action, values, no_error, np.zeros(len(values), dtype=np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,11 @@ class History:
 
 
 class Policy(Protocol):
-    """A plan of action for one MOMDP; online search happens in `decide`."""
+    """A plan of action for one MOMDP; online search happens in `decide`.
+
+    A policy may have an attribute `deterministic`: true where a decision depends on the belief
+    alone (and on the generator), so that it may be remembered; a policy without one is asked again.
+    """
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action."""
@@ -75,9 +85,9 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class Remembering:
-    """A policy whose decisions are kept by what they depend on: x and the percepts seen.
+    """A deterministic policy whose decisions are kept by what they depend on: x and percepts seen.
 
-    For policies that neither draw nor look at the rest of the history.
+    Searches draw from a stream of that place, so that it does not matter which trial comes first.
     """
 
     policy: Policy
@@ -85,10 +95,13 @@ class Remembering:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action, as the last time in the same place."""
-        key = history.belief.x, history.belief.seen.tobytes()
+        belief = history.belief
+        key = belief.x, belief.seen.tobytes()
         decision = self._made.get(key)
         if decision is None:
-            decision = self._made[key] = self.policy.decide(history, rng)
+            place = hashlib.blake2b(key[1], digest_size=8).hexdigest()
+            own = stream(0, "remembered decisions", belief.x, place)
+            decision = self._made[key] = self.policy.decide(history, own)
         return decision
 
 

@@ -172,7 +172,7 @@ def test_offline_solvers(name: str, n: int, levels: int) -> None:
 def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]) -> None:
     momdp = momdp_of(load_domain("toy"), 2, 2, 0, **options)
     for solver in offline_solvers():
-        with pytest.raises(SettingsError, match=r"kind.* POMCP"):
+        with pytest.raises(SettingsError, match=r"latent class.* POMCP"):
             solver.solve(momdp, np.random.default_rng(0))
 
 

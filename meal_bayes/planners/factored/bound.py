@@ -7,7 +7,7 @@ import numpy as np
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.factored.grid import telling
+from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
 
 _CANDIDATES = 3  # attributes tried as the next of a subset
@@ -45,13 +45,13 @@ def upper_bound(
 
     Raises
     ------
-    SettingsError : precision that differs between the truths, several kinds of objects a truth,
+    SettingsError : precision that differs between the truths, several latent classes a truth,
         more attributes than the grid can hold, or rewards without a bound.
     """
     if size < 1:
         raise SettingsError(f"size is {size}; a subset has one attribute or more.")
     solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
-    told = telling(momdp).any(axis=1)
+    told = informative_pairs(momdp).any(axis=1)
     idle, moving = np.flatnonzero(~told).tolist(), np.flatnonzero(told).tolist()
     if momdp.additive:
         blocks = [moving[i : i + size] for i in range(0, len(moving), size)] or [[]]

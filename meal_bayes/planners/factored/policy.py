@@ -19,15 +19,15 @@ is a constant. As the grid grows the interpolation error vanishes and the bound 
 
 *The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid
 that is too coarse the bound promises information that is not there, and its policy puts the report
-off; so the second table is iterated with cubic interpolation in log-odds, which is no bound but
-much nearer the optimum on the same grid.
+off; so the second table, the estimate, is iterated with cubic interpolation in log-odds, which is
+no bound but much nearer the optimum on the same grid.
 
 What is left out of the state, and what then holds:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
   (unless shaping takes pay away). In a trial, behaviors that have run out are planned without; the
   table for what is left is made when first needed, starting from the table at hand.
-- finite precision and several kinds of objects a truth: the marginals are no longer the state.
+- finite precision and several latent classes a truth: the marginals are no longer the state.
   `Factored` refuses; plan with `POMCP`.
 - behaviors that never do anything where they are legal: as for the other planners they are no
   choice, not even to pass discounted time with.
@@ -43,13 +43,8 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import Table, make_room, value_after
-from meal_bayes.planners.factored.iteration import (
-    smoothed,
-    solve_again,
-    solve_on_grid,
-    worth_at_most,
-)
+from meal_bayes.planners.factored.grid import Floats, Table, make_scratch, value_after
+from meal_bayes.planners.factored.iteration import ValueIteration
 from meal_bayes.planners.solver import Decision, History, choose
 
 _FINER = 8  # times the points of a bound may be those of the estimate, whose steps are even
@@ -62,43 +57,60 @@ class Factored:
     Solves up to three attributes in tenths of a second at the default; `points` of a million reach
     five attributes in some ten seconds.
 
+    Attributes
+    ----------
+    points : of the grid, at most.
+    tolerance : share of r+ - r-: an axis whose refinement gains less is fine enough.
+
     Raises
     ------
     SettingsError : a tolerance of 0 or less, or no points.
     """
 
-    points: int = 50_000  # of the grid, at most
-    tolerance: float = 2e-4  # share of r+ - r-: an axis whose refinement gains less is fine enough
+    points: int = 50_000
+    tolerance: float = 2e-4
 
     def __post_init__(self) -> None:
         if self.points < 1 or not self.tolerance > 0:
             raise SettingsError(f"Factored needs points >= 1 and tolerance > 0; found {self}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "FactoredPolicy":
-        """Solve; nothing in it is random.
+        """Solve a MOMDP; nothing in it is random.
 
         Raises
         ------
-        SettingsError : finite precision, several kinds of objects a truth, more attributes than
+        SettingsError : finite precision, several latent classes a truth, more attributes than
             `points` allow, or rewards without a bound.
         """
-        problem = compile_momdp(_bereft(_checked(momdp), momdp.limit <= 0))
+        if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+            raise SettingsError(
+                "Factored value iteration needs percepts that are independent given the truth, "
+                "with known rates (Eq. 8: infinite precision, one latent class a truth); plan with "
+                "POMCP."
+            )
+        momdp = _without_percepts(momdp, momdp.limit <= 0)
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
-        table = solve_on_grid(momdp, problem, points=self.points, tolerance=tolerance)
-        near = smoothed(momdp, problem, table, _FINER * self.points, tolerance)
-        return FactoredPolicy(momdp, problem, _rounded_up(table), _rounded_up(near), tolerance)
+        iteration = ValueIteration(momdp, compile_momdp(momdp), tolerance)
+        bound = iteration.bounds(self.points)
+        estimate = iteration.estimate(bound, _FINER * self.points)
+        return FactoredPolicy(iteration, _rounded_up(bound), _rounded_up(estimate))
 
 
 @dataclass(frozen=True, slots=True)
 class FactoredPolicy:
-    """Policy of `Factored`; its values are estimates next to the optimum."""
+    """Policy of `Factored`; its values are estimates next to the optimum.
 
-    momdp: MOMDP
-    problem: Compiled
-    table: Table  # upper bounds
-    near: Table  # estimates
-    tolerance: float
-    _rest: dict[tuple[int, ...], tuple[Compiled, Table]] = field(
+    Attributes
+    ----------
+    iteration : that made the tables.
+    bound : upper bounds.
+    estimate : estimates of the optimum.
+    """
+
+    iteration: ValueIteration
+    bound: Table
+    estimate: Table
+    _rest: dict[tuple[int, ...], tuple[ValueIteration, Table]] = field(
         default_factory=dict, repr=False, compare=False
     )  # what is left when behaviors have run out
 
@@ -108,69 +120,62 @@ class FactoredPolicy:
 
         Certified, unless percepts run out and shaping takes pay away for them.
         """
-        momdp, x = self.momdp, self.momdp.start
+        momdp, x = self.iteration.momdp, self.iteration.momdp.start
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
-        ahead = _values(self.problem, self.table, x, momdp.prior).max()
-        return min(
-            max(report, float(self.problem.exit_value[x]), float(ahead)),
-            self._read_off(x, momdp.prior),
-        )
+        ending = max(report, float(self.iteration.problem.exit_value[x]))
+        ahead = float(self.upper_bounds(x, momdp.prior).max())
+        return min(max(ending, ahead), self._read(x, momdp.prior))
+
+    def upper_bounds(self, x: int, prob: Floats) -> Floats:
+        """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
+        return _values_ahead(self.iteration.momdp, self.iteration.problem, self.bound, x, prob)
 
     def value_at(self, x: int, log_odds: ArrayLike) -> float:
-        """Bound on the value from x, believing with log-odds (N,).
+        """Bound the value from x, believing with log-odds (N,).
 
-        Attributes that no percept tells of are taken at their prior.
+        Attributes that no percept moves are taken at their prior.
         """
         with np.errstate(over="ignore"):
-            positive = 1 / (1 + np.exp(-np.asarray(log_odds, dtype=float)))
-        return self._read_off(x, positive)
+            return self._read(x, 1 / (1 + np.exp(-np.asarray(log_odds, dtype=float))))
 
-    def _read_off(self, x: int, chance: NDArray[np.float64]) -> float:
-        room = make_room(self.table, self.momdp.levels)
-        return float(value_after(self.table, self.momdp.confusion, x, -1, chance, room))
+    def _read(self, x: int, prob: Floats) -> float:
+        confusion = self.iteration.momdp.confusion
+        scratch = make_scratch(self.bound, confusion.shape[3])
+        return float(value_after(self.bound, confusion, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Take the best by one step ahead of the table."""
-        momdp, belief = self.momdp, history.belief
-        problem, table = self._left(belief)
-        ahead = _values(problem, table, belief.x, belief.positive)
-        if problem is self.problem:  # where percepts tell little the estimate may pass the bound
-            bound = _values(problem, self.table, belief.x, belief.positive)
-            ahead = np.minimum(ahead, bound)
-        action, values = choose(momdp, belief, ahead, float(problem.exit_value[belief.x]))
-        exact = np.where(np.isnan(values), np.nan, 0.0)
-        return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))
+        """Choose the best action by one step ahead of the estimate."""
+        belief = history.belief
+        iteration, table = self._left(belief)
+        momdp, problem = iteration.momdp, iteration.problem
+        ahead = _values_ahead(momdp, problem, table, belief.x, belief.positive)
+        if (
+            iteration is self.iteration
+        ):  # where percepts tell little the estimate may pass the bound
+            ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
+        exit_value = float(problem.exit_value[belief.x])
+        return Decision.exact(*choose(momdp, belief, ahead, exit_value))
 
-    def _left(self, belief: Belief) -> tuple[Compiled, Table]:
-        """Give problem and table without the behaviors whose percepts have run out."""
-        momdp = self.momdp
+    def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
+        """Return iteration and table without the behaviors whose percepts have run out."""
+        momdp = self.iteration.momdp
         gone = (belief.seen[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
-        gone &= self.table.tells.any(axis=0) | momdp.bonus.any(axis=(0, 2))
+        gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
         if not gone.any():
-            return self.problem, self.near
+            return self.iteration, self.estimate
         key = tuple(np.flatnonzero(gone).tolist())
         if key not in self._rest:
-            rest = _bereft(momdp, gone | (momdp.limit <= 0))
-            problem = compile_momdp(rest)
-            above = self.table.value
-            if self.problem.shaped:  # what is gone may have taken pay away
-                above = np.full_like(above, worth_at_most(rest, problem))
-            start = self.table._replace(value=above)
-            table = solve_again(rest, problem, start, self.tolerance)
-            self._rest[key] = problem, _rounded_up(table)
+            rest = _without_percepts(momdp, gone)
+            iteration = replace(self.iteration, momdp=rest, problem=compile_momdp(rest))
+            start = self.bound
+            if self.iteration.problem.shaped:  # what is gone may have taken pay away
+                top = np.full_like(start.value, iteration.worth_at_most())
+                start = start._replace(value=top)
+            self._rest[key] = iteration, _rounded_up(iteration.lowered(start))
         return self._rest[key]
 
 
-def _checked(momdp: MOMDP) -> MOMDP:
-    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
-        raise SettingsError(
-            "Factored value iteration needs percepts that are independent given the truth, with "
-            "known rates (Eq. 8: infinite precision, one kind of object a truth); plan with POMCP."
-        )
-    return momdp
-
-
-def _bereft(momdp: MOMDP, gone: NDArray[np.bool_]) -> MOMDP:
+def _without_percepts(momdp: MOMDP, gone: NDArray[np.bool_]) -> MOMDP:
     """Take percepts and bonus from some behaviors (E,)."""
     limit, bonus = np.where(gone, 0.0, momdp.limit), np.where(gone[:, None], 0.0, momdp.bonus)
     return replace(momdp, limit=limit, bonus=bonus)
@@ -178,24 +183,20 @@ def _bereft(momdp: MOMDP, gone: NDArray[np.bool_]) -> MOMDP:
 
 def _rounded_up(table: Table) -> Table:
     """Halve a table's memory; it stays an upper bound."""
-    value = np.nextafter(table.value.astype(np.float32), np.float32(np.inf))
-    value.setflags(write=False)
-    return table._replace(value=value)
+    return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 
-def _values(
-    problem: Compiled, table: Table, x: int, chance: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
     """Value of each behavior (E,), one step ahead of a table; -inf where not legal."""
     out = -problem.cost[x]
     if problem.shaped:
-        mean = np.moveaxis(problem.bonus, 2, 0)  # (2,N,E)
-        out += problem.bonus_scale[x] * ((1 - chance) @ mean[0] + chance @ mean[1])
-    room = make_room(table, problem.confusion.shape[3])
-    for e in range(len(out)):
+        bonus = (1 - prob) @ momdp.bonus[..., 0] + prob @ momdp.bonus[..., 1]
+        out += problem.bonus_scale[x] * bonus
+    scratch, prob = make_scratch(table, momdp.levels), np.array(prob)
+    for e in np.flatnonzero(problem.legal[x]).tolist():
         for k in range(problem.branches[x, e]):
-            behavior = e if problem.branch_sense[x, e, k] else -1
-            target = problem.branch_x[x, e, k]
-            mean = value_after(table, problem.confusion, target, behavior, chance, room)
+            behavior = e if problem.branch_sense[x, e, k] and momdp.limit[e] > 0 else -1
+            to = problem.branch_x[x, e, k]
+            mean = value_after(table, momdp.confusion, to, behavior, prob, scratch)
             out[e] += problem.discount[x, e] * problem.branch_p[x, e, k] * mean
     return np.where(problem.legal[x], out, -np.inf)

@@ -24,6 +24,7 @@ class Ways(NamedTuple):
     hop : (X,E) first behavior of the way, -1 where there is none.
     end : (X,E) x afterwards.
     cost : (X,E) s, discounted.
+    discount : (X,E) factor on what comes afterwards.
     uses : (X,E,E) percepts gathered on the way, the last included.
     """
 
@@ -32,6 +33,7 @@ class Ways(NamedTuple):
     hop: NDArray[np.int64]
     end: NDArray[np.int64]
     cost: NDArray[np.float64]
+    discount: NDArray[np.float64]
     uses: NDArray[np.int64]
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
@@ -51,12 +53,12 @@ def find_ways(dynamics: Dynamics) -> Ways:
     step, likely = dynamics.step, dynamics.branch["p"].argmax(axis=2)[:, :, None]
     target = np.take_along_axis(dynamics.branch["x"], likely, axis=2)[:, :, 0]
     senses = np.take_along_axis(dynamics.branch["senses"], likely, axis=2)[:, :, 0]
-    size, n = step.shape
+    shape = step.shape
     ways = Ways(
-        target, senses, np.full((size, n), -1), np.zeros((size, n), np.int64),
-        np.zeros((size, n)), np.zeros((size, n, n), np.int64),
+        target, senses, np.full(shape, -1), np.zeros(shape, np.int64), np.zeros(shape),
+        np.ones(shape), np.zeros((*shape, shape[1]), np.int64),
     )  # fmt: skip
-    for start in range(size):
+    for start in range(shape[0]):
         queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
         reached: set[int] = set()
         while queue:
@@ -80,7 +82,7 @@ def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...])
         ways.cost[start, goal] += scale * step["cost"][x, a]
         scale *= step["discount"][x, a]
         x = int(ways.target[x, a])
-    ways.hop[start, goal], ways.end[start, goal] = path[0], x
+    ways.hop[start, goal], ways.end[start, goal], ways.discount[start, goal] = path[0], x, scale
 
 
 @kernel

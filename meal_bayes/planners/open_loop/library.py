@@ -164,9 +164,7 @@ def _affinity(problem: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grown(
-    problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Floats
-) -> Candidates:
+def _grown(problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Floats) -> Candidates:
     """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
     size, n = problem.dynamics.step.shape
     path = np.full((size, len(beliefs), n, _LENGTH), -1)

@@ -48,7 +48,7 @@ def problem_of(momdp: MOMDP) -> Problem:
     """
     if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
         raise SettingsError(
-            "Alpha vectors cannot hold rows of finite precision, or several kinds of object a "
+            "Alpha vectors cannot hold rows of finite precision, or several latent classes a "
             "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8), or use POMCP."
         )
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)

@@ -7,7 +7,10 @@ sharp beliefs it falls short of the plans, so the greater of the two counts.
 
 from typing import NamedTuple
 
-from meal_bayes.planners.factored.grid import Room, Table, value_after
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
@@ -26,7 +29,7 @@ class Leaf(NamedTuple):
     plans: Plans
     table: Table
     scratch: Scratch
-    reading: Room
+    reading: NDArray[np.float64]
 
 
 @kernel
@@ -36,18 +39,16 @@ def leaf_value(model, leaf, x, prob):
     value = evaluate_plans(model, leaf.plans, x, prob, leaf.scratch, stop)
     if leaf.table.value.shape[0] == 0:
         return value
-    nothing = -leaf.table.size[0]  # no behavior
-    return max(
-        value,
-        value_after(leaf.table, model.percepts.rows, x, nothing, leaf.scratch.chance, leaf.reading),
-    )
+    table, chance, nothing = leaf.table, leaf.scratch.chance, -leaf.table.size[0]
+    estimate = value_after(table, model.percepts.rows, x, nothing, chance, leaf.reading)
+    return max(value, estimate)
 
 
 @kernel
 def edge_values(model, leaf, x, prob):
     """Value of every behavior of a visited node -> `leaf.scratch.value` (E,), -inf if illegal."""
     scratch = leaf.scratch
-    evaluate_plans(model, leaf.plans, x, prob, scratch, -prob.shape[0] / 0.0)
+    evaluate_plans(model, leaf.plans, x, prob, scratch, -np.inf)
     if leaf.table.value.shape[0] == 0:
         return
     for a in range(scratch.value.shape[0]):

@@ -15,20 +15,23 @@ departs from textbook POMCP, each because the textbook fails here:
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, report_value
+from meal_bayes.momdp import MOMDP, Belief, build_momdp, initial_belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import Table, make_room
-from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.factored import grid
+from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans
+from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
+from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.leaf import Leaf
-from meal_bayes.planners.pomcp.sampled import Sampled, make_sampled
+from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose
@@ -82,12 +85,12 @@ class POMCP:
 class POMCPPolicy:
     """Policy of `POMCP`; every decision that leaves a choice grows a fresh tree."""
 
-    deterministic = True  # enough so that a decision may be remembered
+    deterministic = True  # given its generator; a decision may be remembered
 
     def __init__(self, momdp: MOMDP, settings: POMCP, plans: Plans | None = None) -> None:
         self.momdp, self.settings, self._plans = momdp, settings, plans
 
-    def repaid(self, momdp: MOMDP) -> "POMCPPolicy":
+    def with_rewards_of(self, momdp: MOMDP) -> "POMCPPolicy":
         """Search with the same plans where exploring pays otherwise; the prior may be another."""
         return POMCPPolicy(momdp, self.settings, self.plans)
 
@@ -102,26 +105,68 @@ class POMCPPolicy:
         return plan_library(self.momdp, self.problem) if self._plans is None else self._plans
 
     @cached_property
-    def table(self) -> Table:
-        """The estimates of the leaf; empty where the marginals are not the state or too many."""
+    def tables(self) -> FactoredPolicy | None:
+        """The tables of the leaf; None where the marginals are not the state, or too many."""
         momdp, points = self.momdp, self.settings.points
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if points and known and momdp.kind_is_truth:
-            try:
-                return Factored(points).solve(momdp, np.random.default_rng(0)).near
-            except SettingsError:  # too many attributes, or shaping that promises without end
-                pass
-        value = np.zeros((0, 0), np.float32)
-        value.setflags(write=False)
-        n, e = len(momdp.query), momdp.n_behaviors
-        return Table(np.ones(n, np.int64), np.ones((n, 1)), np.zeros((n, e), np.bool_), value)
+        if not points or not known or not momdp.kind_is_truth:
+            return None
+        try:
+            return Factored(points).solve(momdp, np.random.default_rng(0))
+        except SettingsError:  # too many attributes, or shaping that promises without end
+            return None
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Search from the present belief and choose the best value."""
-        begin, momdp, settings = time.thread_time(), self.momdp, self.settings
-        belief = history.belief
+        """Choose the best value, by search where anything is left to decide."""
+        begin, belief = time.thread_time(), history.belief
+        certain = certain_behavior(self.momdp, belief)
+        if certain is not None:
+            return certain
         tree, leaf, sampled = self._prepare(belief)
-        exploration = 0.0 if len(self.table.value) else settings.exploration * self.problem.gap
+        decision = self._settled(belief, leaf)
+        return (
+            self._search(begin, belief, tree, leaf, sampled, rng) if decision is None else decision
+        )
+
+    def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
+        """Decide by bounds alone: one action is worth at least what any other is at most."""
+        x, problem = belief.x, self.problem
+        few = problem.legal[x].sum() <= 1
+        if not few and self.tables is None:
+            return None
+        lower = self._lower_bounds(belief, leaf)
+        exit_value = float(problem.exit_value[x])
+        action, values = choose(self.momdp, belief, lower, exit_value)
+        others = (
+            np.full(len(lower) + 1, -np.inf)
+            if few
+            else np.append(self.tables.upper_bounds(x, belief.positive), values[-1])
+        )
+        chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
+        if few and chosen < 0 and problem.legal[x].any():
+            return None  # the search may yet raise the behavior
+        others[chosen] = -np.inf
+        return Decision.exact(action, values) if values[chosen] >= others.max() else None
+
+    def _lower_bounds(self, belief: Belief, leaf: Leaf) -> NDArray[np.float64]:
+        """Value of the best plan by first behavior, (E,)."""
+        leaf.scratch.counts[:] = belief.seen
+        leaf.scratch.total[:] = belief.seen[0].sum(axis=1)
+        prob = np.exp(belief.weight)
+        evaluate_plans(self.problem, leaf.plans, belief.x, prob, leaf.scratch, -np.inf)
+        return leaf.scratch.value.copy()
+
+    def _search(
+        self,
+        begin: float,
+        belief: Belief,
+        tree: Tree,
+        leaf: Leaf,
+        sampled: Sampled,
+        rng: np.random.Generator,
+    ) -> Decision:
+        settings = self.settings
+        exploration = 0.0 if leaf.table.value.size else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
         def grow(simulations: int) -> int:
@@ -131,31 +176,42 @@ class POMCPPolicy:
             done = grow(settings.simulations)
         else:
             done = _within(begin + 1e-3 * settings.milliseconds, grow)
+        if not done:
+            tree.edge["value"][0], tree.edge["visits"][0] = self._lower_bounds(belief, leaf), 0
+            tree.edge["first"][0] = -1
         exit_value = float(self.problem.exit_value[belief.x])
-        action, values = choose(momdp, belief, tree.edge["value"][0], exit_value)
+        action, values = choose(self.momdp, belief, tree.edge["value"][0], exit_value)
         visits = tree.edge["visits"][0]
         errors = np.where(np.isnan(values), np.nan, 0.0)
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
+        rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
-        return Decision(action, values, errors, visits, top_edges(tree), done)
+        return Decision(action, values, errors, visits, top_edges(tree), done, rows)
 
     def _prepare(self, belief: Belief) -> tuple[Tree, Leaf, Sampled]:
         """Make the buffers of one decision, and the root."""
-        momdp, settings, plans = self.momdp, self.settings, self.plans
-        outcomes = min(float(momdp.levels) ** len(momdp.query), ENUMERATE)
-        width = self.problem.dynamics.branch.shape[2] * ENUMERATE
+        momdp, settings, plans, tables = self.momdp, self.settings, self.plans, self.tables
+        percepts = self.problem.percepts
+        outcomes = int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
+        width = self.problem.dynamics.branch.shape[2] * outcomes
         nodes = settings.capacity
         if settings.milliseconds is None:
-            nodes = min(nodes, (settings.simulations + 1) * int(outcomes) + 1)
-        tree = make_tree(nodes + width, momdp.n_behaviors, *belief.weight.shape)
+            nodes = min(nodes, (settings.simulations + 1) * width + 1)
+        tree = make_tree(nodes + width + 1, momdp.n_behaviors, *belief.weight.shape)
         prob = np.exp(belief.weight)
-        sampled = make_sampled(self.problem.percepts, prob, belief.seen.astype(np.float64))
-        scratch = make_scratch(self.problem.percepts, int(np.diff(plans.first).max()))
+        sampled = make_sampled(percepts, prob, belief.seen.astype(np.float64))
+        scratch = make_scratch(percepts, int(np.diff(plans.first).max()))
         tree.size[0] = 1
         tree.prob[0], tree.level[0] = prob, -1
         stop = max(report_value(momdp, belief), float(self.problem.exit_value[belief.x]))
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
-        return tree, Leaf(plans, self.table, scratch, make_room(self.table, momdp.levels)), sampled
+        table = _EMPTY if tables is None else tables.estimate
+        return tree, Leaf(plans, table, scratch, grid.make_scratch(table, momdp.levels)), sampled
+
+
+_EMPTY = grid.make_table([np.ones(1)], np.zeros((0, 1)))._replace(
+    value=np.zeros((0, 1), np.float32)
+)
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:
@@ -171,5 +227,11 @@ def _within(end: float, grow: Callable[[int], int]) -> int:
         chunk = min(left, 4 * chunk)
 
 
+@lru_cache(maxsize=1)
 def compile_kernels() -> None:
-    """Placeholder"""
+    """Compile the kernels of the search, or load what an earlier process compiled."""
+    domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
+    rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
+    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, limit=3)
+    policy, belief = POMCP(simulations=1).solve(momdp, rng), initial_belief(momdp)
+    policy._search(0.0, belief, *policy._prepare(belief), rng)

@@ -53,7 +53,8 @@ def search(model, leaf, tree, sampled, simulations, options, rng):
             value = sampled.reward[t] + step.discount * value
             _back_up(model, tree, node, a, value, options[1])
         if depth > 0:
-            note_rows(sampled, sampled.path[0, 1], done)
+            a = sampled.path[0, 1]
+            note_rows(sampled, a, tree.edge[0, a].visits - 1)
     return simulations
 
 

@@ -1,0 +1,277 @@
+"""Bellman backups on the grid: the expectation over percepts, and sweeps over all x.
+
+As percepts of the attributes are independent and interpolation is multilinear, the expectation over
+all K^N percept vectors is a Kronecker product of N sparse matrices, applied one axis after the
+other: 2 K N multiplications a point instead of (2 K)^N.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.factored.grid import Floats, Table, between, informative_pairs
+from meal_bayes.planners.kernels import entry_kernel, kernel
+
+_BLOCK = 32  # rows that fit the cache together
+_LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
+
+Integers = NDArray[np.int64]
+
+
+class Percepts(NamedTuple):
+    """The next percept of one attribute, as a sparse matrix over its axis for each behavior.
+
+    Row g holds the points beside each belief that may follow point g, weighted by the percept's
+    probability and by interpolation.
+
+    Attributes
+    ----------
+    point : (E,G,J) columns; J = 2K of linear interpolation, 4K of smooth.
+    weight : (E,G,J) their entries.
+    """
+
+    point: Integers
+    weight: Floats
+
+
+class Backups(NamedTuple):
+    """All that value iteration reads besides the values.
+
+    Attributes
+    ----------
+    floor : (X-1,B) value of ending.
+    edge : (M,3) x, behavior and 1 if it may keep x, of every legal pair.
+    outcome : (M,2,X-1) discounted probability of each next x, without and with a percept.
+    reward : (M,B) of carrying it out, or (M,1) where that is the same for every belief.
+    size : (N,) points of each axis.
+    point : (N,E,G,J) as in `Percepts`; the first is -1 where percepts do not move the belief.
+    weight : (N,E,G,J).
+    """
+
+    floor: Floats
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    size: Integers
+    point: Integers
+    weight: Floats
+
+
+class Edges(NamedTuple):
+    """The legal pairs of x and behavior, whatever the grid.
+
+    Attributes
+    ----------
+    edge, outcome : as in `Backups`.
+    reward : (M,1+N) of carrying it out, a constant and slopes in the marginals.
+    exit_value : (X-1,1) of abstaining.
+    moves : (N,E) do percepts of the behavior move the belief?
+    """
+
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    exit_value: Floats
+    moves: NDArray[np.bool_]
+
+
+def make_edges(momdp: MOMDP, problem: Compiled) -> Edges:
+    """List the legal pairs of a problem."""
+    legal = np.argwhere(problem.legal[: momdp.terminal])  # (M,2)
+    outcome = np.zeros((len(legal), 2, momdp.terminal))
+    for row, (x, e) in zip(outcome, legal.tolist(), strict=True):
+        for k in range(problem.branches[x, e]):
+            p = problem.discount[x, e] * problem.branch_p[x, e, k]
+            row[int(problem.branch_sense[x, e, k]), problem.branch_x[x, e, k]] += p
+    x, e = legal.T
+    keeps = outcome[np.arange(len(legal)), :, x].any(axis=1)
+    slope = momdp.bonus[..., 1] - momdp.bonus[..., 0]  # (N,E)
+    bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), slope])  # (1+N,E)
+    reward = (problem.bonus_scale[x, e] * bonus[:, e]).T
+    reward[:, 0] -= problem.cost[x, e]
+    return Edges(
+        np.ascontiguousarray(np.column_stack([legal, keeps])),
+        outcome,
+        reward,
+        problem.exit_value[: momdp.terminal, None],
+        informative_pairs(momdp),
+    )
+
+
+def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Percepts:
+    """Build the sparse matrices of an attribute's percepts.
+
+    Linear interpolation is in the belief and never below a convex function; smooth interpolation
+    is cubic in log-odds, no bound but much nearer.
+    """
+    false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
+    joint = true * axis
+    p = joint + false * (1 - axis)  # (E,K,G)
+    after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
+    low, share = between(axis, after)
+    point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
+    weight = np.stack([1 - share, share], axis=-1)
+    if smooth:
+        point, weight = _cubic(axis, after, low, point, weight)
+    shape = (len(p), len(axis), -1)
+    point, weight = (part.transpose(0, 2, 1, 3) for part in (point, p[..., None] * weight))
+    return Percepts(point.reshape(shape), weight.reshape(shape))
+
+
+def _cubic(
+    axis: Floats, at: Floats, low: Integers, point: Integers, weight: Floats
+) -> tuple[Integers, Floats]:
+    """Interpolate by the cubic through four points in log-odds; linearly next to certainty."""
+    last = len(axis) - 1
+    point = np.concatenate([point, point], axis=-1)
+    weight = np.concatenate([weight, np.zeros_like(weight)], axis=-1)
+    inner = (low > 0) & (low < last - 1)
+    if last < 5 or not inner.any():  # noqa: PLR2004  four points and certainty on both sides
+        return point, weight
+    log_odds = np.log(axis[1:-1]) - np.log1p(-axis[1:-1])
+    four = np.clip(low[inner] - 1, 1, last - 4)[:, None] + np.arange(4)
+    x, node = np.log(at[inner]) - np.log1p(-at[inner]), log_odds[four - 1]  # (B,), (B,4)
+    factor = np.ones_like(node)
+    for i, j in np.argwhere(~np.eye(4, dtype=np.bool_)).tolist():
+        factor[:, i] *= (x - node[:, j]) / (node[:, i] - node[:, j])
+    point[inner], weight[inner] = four, factor
+    return point, weight
+
+
+def make_backups(
+    momdp: MOMDP, edges: Edges, table: Table, percepts: tuple[Percepts, ...]
+) -> Backups:
+    """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
+    beliefs = table.beliefs
+    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
+    reward = edges.reward[:, :1]
+    if edges.reward[:, 1:].any():
+        reward = reward + edges.reward[:, 1:] @ beliefs.T
+    width = max(part.point.shape[2] for part in percepts)
+    shape = (*edges.moves.shape, table.points.shape[1], width)
+    point, weight = np.zeros(shape, np.int64), np.zeros(shape)
+    for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
+        point[i, :, :size], weight[i, :, :size] = part
+    point[~edges.moves, 0, 0] = -1
+    floor = np.maximum(report, edges.exit_value)
+    return Backups(floor, edges.edge, edges.outcome, reward, table.size, point, weight)
+
+
+@entry_kernel
+def sweep(
+    backups: Backups, value: Floats, work: Floats, settled: float, sweeps: int, smooth: bool
+) -> None:
+    """Back up the values of every x, latest first, until a sweep changes none by `settled`.
+
+    Within a sweep, an x is backed up again while behaviors that keep it lower its values. Values
+    only fall, unless interpolation is smooth.
+
+    Parameters
+    ----------
+    backups : of the grid.
+    value : (X-1,B) changed in place.
+    work : (4,B) scratch buffer.
+    settled : change of a value that ends the sweeps.
+    sweeps : at most.
+    smooth : one backup of each x a sweep; values may rise.
+    """
+    edge = backups.edge
+    for _ in range(sweeps):
+        largest = 0.0
+        for x in range(value.shape[0] - 1, -1, -1):
+            fallen, loops = 0.0, False
+            for b in range(value.shape[1]):
+                work[0, b] = backups.floor[x, b]
+            for m in range(edge.shape[0]):
+                if edge[m, 0] == x and not edge[m, 2]:
+                    _back_up(backups, value, m, work, 0)
+            while True:
+                for b in range(value.shape[1]):
+                    work[1, b] = work[0, b]
+                for m in range(edge.shape[0]):
+                    if edge[m, 0] == x and edge[m, 2]:
+                        loops = True
+                        _back_up(backups, value, m, work, 1)
+                fall = 0.0
+                for b in range(value.shape[1]):
+                    new = work[1, b] if smooth else min(work[1, b], value[x, b])
+                    fall = max(fall, abs(value[x, b] - new))
+                    value[x, b] = new
+                fallen = max(fallen, fall)
+                if smooth or not loops or fall <= max(settled, _LOOPED * fallen):
+                    break
+            largest = max(largest, fallen)
+        if largest <= settled:
+            return
+
+
+@kernel
+def _back_up(backups, value, m, work, row):
+    """Raise work[row] to the value of edge m, one step ahead of the values."""
+    outcome, reward, source = backups.outcome, backups.reward, 2
+    senses, width = False, value.shape[1]
+    for b in range(width):
+        work[2, b] = 0.0
+    for x in range(value.shape[0]):
+        p = outcome[m, 1, x]
+        if p > 0.0:
+            senses = True
+            for b in range(width):
+                work[2, b] += p * value[x, b]
+    if senses:
+        left, e = 1, backups.edge[m, 1]
+        for i in range(backups.size.shape[0]):
+            if backups.point[i, e, 0, 0] >= 0:
+                _expect(backups, i, e, left, work, source)
+                source = 5 - source
+            left *= backups.size[i]
+    for x in range(value.shape[0]):
+        p = outcome[m, 0, x]
+        if p > 0.0:
+            for b in range(width):
+                work[source, b] += p * value[x, b]
+    for b in range(width):
+        pay = reward[m, b if reward.shape[1] > 1 else 0]
+        work[row, b] = max(work[row, b], work[source, b] + pay)
+
+
+@kernel
+def _expect(backups, i, e, left, work, source):
+    """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
+
+    Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
+    for the last one, over a block of the earlier ones.
+    """
+    point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
+    right = work.shape[1] // (left * size)
+    rows, step, many = (1, 1, right) if right > 1 else (_BLOCK, size, 0)
+    for first in range(0, left, rows):
+        count = many if many else min(rows, left - first)
+        for g in range(size):
+            to = (first * size + g) * right
+            for j in range(0, point.shape[3], 4):
+                a = (first * size + point[i, e, g, j]) * right
+                b = (first * size + point[i, e, g, j + 1]) * right
+                c = (first * size + point[i, e, g, j + 2]) * right
+                d = (first * size + point[i, e, g, j + 3]) * right
+                s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
+                u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
+                if right > 1:
+                    for r in range(right):
+                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                        sum_ += (
+                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        )
+                        here = np.uintp(to + r)
+                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_
+                else:
+                    for r in range(0, count * step, step):
+                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                        sum_ += (
+                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                        )
+                        here = np.uintp(to + r)
+                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_

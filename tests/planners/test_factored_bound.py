@@ -1,0 +1,311 @@
+"""Bounds must hold for every policy, and be tight where the optimum is known."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, initial_belief
+from meal_bayes.planners import POMCP, Greedy, History
+from meal_bayes.planners.factored.bound import restrict, upper_bound
+from meal_bayes.planners.factored.grid import informative_pairs
+from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.rollout import simulate
+
+RNG = np.random.default_rng(0)  # nothing in the solver is random
+
+
+def solve(momdp, points=3_000, **settings):
+    return Factored(points, **settings).solve(momdp, RNG)
+
+
+def log_odds(chance):
+    with np.errstate(divide="ignore"):
+        return np.log(chance) - np.log1p(-np.asarray(chance))
+
+
+def any_momdp(seed):
+    """Draw a problem: diagram, failures, forks, rows, shaping, how reports are paid, and exits."""
+    rng = np.random.default_rng(seed)
+    n, e, x = int(rng.integers(1, 4)), int(rng.integers(1, 4)), int(rng.integers(2, 5))
+    levels = int(rng.choice([2, 4])) if n < 3 else 2
+    legal = rng.random((x, e)) < 0.7
+    legal[-1] = False
+    transition, informative = np.zeros((e, x, x)), np.zeros((e, x, x))
+    for b, here in product(range(e), range(x)):
+        transition[b, here, -1] = 1.0
+        if legal[here, b]:
+            fails = 0.5 * rng.random() * (rng.random() < 0.6)
+            transition[b, here] = [*(1 - fails) * rng.dirichlet(np.full(x - 1, 0.4)), 0.0]
+            informative[b, here, :-1] = rng.random(x - 1) < 0.8
+            moved = transition[b, here, here]
+            transition[b, here, here] += fails
+            informative[b, here, here] *= moved / max(transition[b, here, here], 1e-300)
+    confusion = rng.dirichlet(np.full(levels, rng.choice([0.3, 1.0, 3.0])), (n, e, 2))
+    dull = rng.random((n, e)) < 0.25
+    confusion[dull, 1] = confusion[dull, 0]
+    prior = rng.uniform(0.1, 0.9, n)
+    prior[0] = rng.choice([prior[0], 0.5, 1.0], p=[0.6, 0.3, 0.1])
+    discount = float(rng.choice([0.5, 0.8, 0.95, 0.99, 1.0]))
+    return MOMDP(
+        query=Query(tuple("abc"[:n])),
+        x_names=(*(f"x{i}" for i in range(x - 1)), "term"),
+        behavior_names=tuple(f"b{i}" for i in range(e)),
+        start=int(rng.integers(x - 1)),
+        transition=transition,
+        informative=informative,
+        legal=legal,
+        confusion=confusion,
+        precision=np.full((n, e, 2), np.inf),
+        prior=prior,
+        kinds=np.tile(np.eye(2), (n, 1, 1)),
+        cost=rng.uniform(0.2, 5.0, e),
+        correct=float(rng.choice([10, 100, 500])),
+        incorrect=float(rng.choice([-500, -100, -10, 0])),
+        bonus=rng.uniform(-3, 3, (n, e, 2)) * (rng.random() < 0.35) * (discount < 1),
+        limit=np.full(e, np.inf),
+        discount=discount,
+        abstain=bool(rng.random() < 0.5),
+        additive=bool(rng.random() < 0.4),
+    )
+
+
+def attainable(momdp, x, b, depth):
+    """Value of the best plan of so many executions, by the definition: never above the optimum."""
+    best = float(momdp.report_reward(np.maximum(b, 1 - b)))
+    if momdp.abstain and not momdp.legal[x].all():
+        best = max(best, -float(momdp.cost[~momdp.legal[x]].min()))
+    attributes = np.arange(len(b))
+    for e in np.flatnonzero(momdp.legal[x]) if depth else ():
+        rows = momdp.confusion[:, e]
+        idle = momdp.transition[e, x, x] * (1 - momdp.informative[e, x, x])
+        if idle >= 1:  # to wait is no choice
+            continue
+        pay = (1 - b) * momdp.bonus[:, e, 0] + b * momdp.bonus[:, e, 1]
+        value = float(pay.sum() - momdp.cost[e])
+        for target in np.flatnonzero(momdp.transition[e, x]):
+            p = momdp.transition[e, x, target]
+            senses = momdp.informative[e, x, target]
+            if senses < 1:
+                after = attainable(momdp, target, b, depth - 1)
+                value += momdp.discount * p * (1 - senses) * after
+            for z in product(range(momdp.levels), repeat=len(b) if senses else 0):
+                if not z:
+                    continue
+                joint = b * rows[attributes, 1, z]
+                each = joint + (1 - b) * rows[attributes, 0, z]
+                if each.prod() > 1e-12:
+                    after = attainable(momdp, target, joint / each, depth - 1)
+                    value += momdp.discount * p * senses * each.prod() * after
+        best = max(best, value)
+    return best
+
+
+def depth_for(momdp, work=2_000):
+    targets = (momdp.transition[:, :, :-1] > 0).sum(axis=(0, 2)).max()
+    outcomes = max(2, targets * (momdp.levels ** len(momdp.query) + 1))
+    return max(1, int(np.log(work) / np.log(outcomes)))
+
+
+class TestTheBound:
+    @pytest.mark.parametrize("seed", range(50))
+    def test_no_plan_is_worth_more(self, seed):
+        """At the start and at other beliefs, however coarse the grid."""
+        momdp, rng = any_momdp(seed), np.random.default_rng(seed)
+        policy = solve(momdp, points=int(rng.choice([600, 1_500])))
+        room, depth = 1e-6 * (momdp.correct - momdp.incorrect) + 1e-9, depth_for(momdp)
+        start = attainable(momdp, momdp.start, momdp.prior, depth)
+        assert policy.upper_bound >= start - room
+        assert upper_bound(momdp, size=1 + seed % 3, points=600) >= start - room
+        moves = informative_pairs(momdp).any(axis=1)
+        for _ in range(2):
+            x = int(rng.integers(momdp.terminal))
+            b = np.where(moves, 1 / (1 + np.exp(-rng.normal(0, 3, len(moves)))), momdp.prior)
+            value = attainable(momdp, x, b, depth)
+            assert policy.value_at(x, log_odds(b)) >= value - room
+
+    @pytest.mark.parametrize("additive", [False, True])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_it_is_tight(self, small, seed, additive):
+        """With half of everything lost at each step, nine steps ahead are the optimum."""
+        n = 1 + seed % 2
+        momdp = small.toy(seed, n, 2, finite=False, discount=0.5, additive=additive, abstain=True)
+        momdp = replace(momdp, transition=without_failures(momdp), cost=[0.3, 0.7, 0.1])
+        best = attainable(momdp, momdp.start, momdp.prior, 9 if n == 1 else 4)
+        lost = 0.5 ** (9 if n == 1 else 4) * (momdp.correct - best)
+        bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
+        assert best - 1e-6 <= bound <= best + lost + 0.02
+
+    def test_it_is_tight_where_percepts_may_fail_to_come(self):
+        """One behavior to and fro, half of the time without a percept."""
+        momdp = replace(to_and_fro(1), prior=[0.5], discount=0.5)
+        momdp = replace(momdp, informative=0.4 * momdp.informative)
+        best = attainable(momdp, 0, momdp.prior, 8)
+        bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
+        assert best - 1e-6 <= bound <= best + 0.5**8 * (momdp.correct - best) + 0.02
+
+    @pytest.mark.parametrize("additive", [False, True])
+    def test_what_pays_is_done_for_ever(self, additive):
+        """Failures cost and pay as well; percepts tell nothing, so that the pay is expected."""
+        momdp = to_and_fro(2)
+        transition = momdp.transition.copy()
+        transition[0, 0, :2] = transition[0, 1, 1::-1] = [0.3, 0.7]
+        momdp = replace(
+            momdp,
+            transition=transition,
+            confusion=np.full((2, 1, 2, 2), 0.5),
+            bonus=[[[3.0, -1.0]], [[-2.0, 5.0]]],
+            additive=additive,
+        )
+        pay = 0.8 * 3 - 0.2 - 0.1 * 2 + 0.9 * 5 - momdp.cost[0]
+        worth = pay / (1 - momdp.discount)
+        policy = solve(momdp)
+        decision = policy.decide(History(initial_belief(momdp)), RNG)
+        assert policy.upper_bound == pytest.approx(worth, abs=0.2)
+        assert decision.values[0] == pytest.approx(worth, abs=0.2)
+        assert decision.action == 0
+        telling_too = replace(momdp, confusion=to_and_fro(2).confusion)
+        for size in (1, 2):
+            assert upper_bound(telling_too, size=size) >= worth - 1e-6
+
+    @pytest.mark.parametrize(
+        ("n", "points", "floor", "roof"),
+        [
+            (1, 50, 441.298, 443.0),
+            (1, 10_000, 441.298, 441.35),
+            (2, 500, 387.0, 395.0),
+            (2, 20_000, 387.0, 387.7),
+            (3, 5_000, 238.0, 265.0),
+            (3, 50_000, 238.0, 243.0),
+        ],
+    )
+    def test_known_models(self, small, n, points, floor, roof):
+        """Floors: SARSOP's lower bound of A1 (it closes at 441.30), values of policies for others.
+
+        SARSOP's own upper bounds after 60 s are 441.30, 433 and 457.
+        """
+        assert floor <= solve(small.noisy_roc36(n), points).upper_bound <= roof
+
+    @pytest.mark.parametrize("n", [1, 2])
+    def test_no_policy_is_worth_more(self, small, n):
+        momdp = small.noisy_roc36(n)
+        bound = solve(momdp).upper_bound
+        for solver in (Greedy(), POMCP(0)):
+            done = simulate(momdp, solver.solve(momdp, RNG), 60, np.random.default_rng(n))
+            assert done.value <= bound + 5 * done.value_se
+
+    def test_percepts_that_run_out_only_lower_the_value(self, small):
+        for seed in range(3):
+            momdp = small.toy(seed, 2, 2, finite=False, limit=2, abstain=bool(seed % 2))
+            optimum = small.expectimax(momdp)
+            best = optimum.value(momdp.start, optimum.nothing_seen())
+            assert solve(momdp).upper_bound >= best - 1e-6
+
+    def test_undiscounted(self, small):
+        momdp = small.toy(4, 1, 2, finite=False, discount=1.0)
+        found = solve(momdp, tolerance=1e-5).upper_bound
+        assert attainable(momdp, momdp.start, momdp.prior, 5) <= found < momdp.correct
+        nearly = solve(replace(momdp, discount=1 - 1e-6), tolerance=1e-5).upper_bound
+        assert found == pytest.approx(nearly, abs=0.02)
+
+
+def to_and_fro(n):
+    """Make a problem of two x and one behavior between them."""
+    transition = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+    return MOMDP(
+        query=Query(tuple("ab"[:n])),
+        x_names=("left", "right", "term"),
+        behavior_names=("cross",),
+        start=0,
+        transition=transition,
+        informative=(transition > 0).astype(float),
+        legal=np.array([[True], [True], [False]]),
+        confusion=np.array([[[[0.8, 0.2], [0.3, 0.7]]]] * n),
+        precision=np.full((n, 1, 2), np.inf),
+        prior=np.array([0.2, 0.9])[:n],
+        kinds=np.tile(np.eye(2), (n, 1, 1)),
+        cost=np.array([0.5]),
+        correct=20.0,
+        incorrect=-20.0,
+        bonus=np.zeros((n, 1, 2)),
+        limit=np.full(1, np.inf),
+        discount=0.9,
+    )
+
+
+def without_failures(momdp):
+    """Make every behavior succeed."""
+    transition, states = momdp.transition.copy(), np.arange(len(momdp.x_names))
+    for e in range(momdp.n_behaviors):
+        for x in states[momdp.legal[:, e]]:
+            fails = transition[e, x, x] * (1 - momdp.informative[e, x, x])
+            if 0 < fails < 1:
+                transition[e, x, x] -= fails
+                transition[e, x] /= transition[e, x].sum()
+    return transition
+
+
+class TestPartsOfAQuery:
+    def test_of_all_or_nothing(self, small):
+        """Fewer attributes are easier; two of the three bound A3 better than a coarse grid."""
+        momdp = small.noisy_roc36(3)
+        bounds = [upper_bound(momdp, size=size, points=8_000) for size in (1, 2, 3)]
+        assert bounds[0] > bounds[1] + 20
+        assert bounds[1] >= bounds[2] > 238
+        assert bounds[1] < 243
+
+    def test_of_an_additive_query(self, small):
+        """Two attributes by one behavior each: blocks of one bound both, both at once are less."""
+        momdp = small.momdp("toy", small.rates, additive=True, correct=40.0, incorrect=-40.0)
+        parts, whole = upper_bound(momdp, size=1), upper_bound(momdp, size=2)
+        alone = [solve(restrict(momdp, [i]), 50_000).upper_bound for i in range(2)]
+        assert parts == pytest.approx(np.mean(alone), abs=1e-3)
+        assert parts >= whole >= attainable(momdp, momdp.start, momdp.prior, 3)
+
+    def test_attributes_that_nothing_tells_of_need_no_axis(self, small):
+        """All they do is to be guessed: r+ shrinks by the chance of that."""
+        rates = {"red": {"look": (0.8, 0.25)}, "heavy": {}}
+        momdp = small.momdp("toy", rates, prior=[0.5, 0.3])
+        policy = solve(momdp)
+        assert policy.bound.size.tolist()[1] == 1
+        gap = momdp.correct - momdp.incorrect
+        reduced = small.momdp("toy", {"red": rates["red"]}, correct=momdp.incorrect + 0.7 * gap)
+        assert policy.upper_bound == pytest.approx(solve(reduced).upper_bound, abs=0.05)
+        assert upper_bound(momdp, size=1) == pytest.approx(policy.upper_bound, abs=0.05)
+
+    def test_twenty_attributes(self, small):
+        """Mixed in one query: told of and not, more than any grid could hold."""
+        momdp = small.ispy32(20, (0.95, 0.05))
+        hopeless = replace(
+            momdp, confusion=np.where(np.arange(20)[:, None, None, None] < 5, 0.5, momdp.confusion)
+        )
+        assert upper_bound(hopeless, size=2) < upper_bound(momdp, size=2) <= momdp.correct
+        additive = upper_bound(replace(momdp, additive=True), size=2, points=3_000)
+        assert momdp.incorrect < additive <= momdp.correct
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_of_finite_precision(self, small, seed):
+        """Percepts that repeat themselves tell less than fresh ones."""
+        momdp = small.toy(seed, 1 + seed % 2, 2, finite=False, limit=3, discount=0.95)
+        momdp = replace(momdp, precision=np.full_like(momdp.precision, 0.5 + seed))
+        optimum = small.expectimax(momdp)
+        best = optimum.value(momdp.start, optimum.nothing_seen())
+        bound = upper_bound(momdp)
+        assert best <= bound + 1e-6
+        assert bound == upper_bound(replace(momdp, precision=np.full_like(momdp.precision, np.inf)))
+
+    def test_shaping_of_the_other_attributes_counts(self, small):
+        momdp = small.toy(3, 2, 2, finite=False, discount=0.8)
+        bonus = np.random.default_rng(3).uniform(-2, 2, (2, 3, 2))
+        for additive in (False, True):
+            shaped = replace(momdp, bonus=bonus, additive=additive)
+            best = attainable(shaped, shaped.start, shaped.prior, 3)
+            assert best <= upper_bound(shaped, size=1) + 1e-6
+            assert best <= upper_bound(shaped, size=2) + 1e-6
+
+    def test_of_an_empty_part(self, toy):
+        with pytest.raises(SettingsError, match="one attribute or more"):
+            upper_bound(toy, size=0)
