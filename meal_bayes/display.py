@@ -42,8 +42,8 @@ def short(value: object) -> str:
         first = ", ".join(map(short, value[: _NAMED // 2]))
         return f"({_cut(first)}, ... {len(value)} in all)"
     if dataclasses.is_dataclass(value):
-        name = getattr(value, "name", "")
-        return f"{type(value).__name__}({_cut(repr(name)) if isinstance(name, str) and name else '...'})"
+        name = getattr(value, "name", None)
+        return f"{type(value).__name__}({_cut(repr(name)) if isinstance(name, str) else '...'})"
     return _cut(repr(value))
 
 

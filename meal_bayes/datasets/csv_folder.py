@@ -49,9 +49,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return Dataset(domain, objects, padded, labels)
 
 
-def _by_object(
-    objects: tuple[str, ...], keys: list[tuple[str, str]]
-) -> dict[str, tuple[str, ...]]:
+def _by_object(objects: tuple[str, ...], keys: list[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
     """Return each object's recordings, 2 before 10."""
     found: dict[str, set[str]] = {name: set() for name in objects}
     for name, recording in keys:

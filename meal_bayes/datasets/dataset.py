@@ -164,7 +164,7 @@ class Dataset:
             name: int((self.labels == v).sum())
             for name, v in (("true", 1), ("false", 0), ("unknown", -1))
         }
-        least = "" if counts.min(initial=self.recordings) == self.recordings else f"{counts.min()} to "
+        least = f"{counts.min()} to " if (counts < self.recordings).any() else ""
         return f"Dataset {self.domain.name}", {
             "objects": f"{len(self.objects)}: {listed(self.objects, 3)}",
             "behaviors": f"{sum(senses)} that sense, {least}{self.recordings} recordings of each",
@@ -223,9 +223,7 @@ def object_index(objects: tuple[str, ...], name: str) -> int:
     return objects.index(name)
 
 
-def _recordings_of(
-    values: NDArray[np.float32], context: tuple[str, str]
-) -> NDArray[np.int64]:
+def _recordings_of(values: NDArray[np.float32], context: tuple[str, str]) -> NDArray[np.int64]:
     """Count the recordings of each object (O,): rows (O,R,D) before those that are all NaN."""
     absent = np.isnan(values).all(axis=2) & (values.shape[2] > 0)
     present = ~absent

@@ -1,4 +1,4 @@
-"""Data frames, dictionaries and arrays to what a `Dataset` holds; any frame of pandas' form does."""
+"""Data frames, dictionaries and arrays to what a `Dataset` holds."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -61,7 +61,7 @@ def _by_object(
             raise DataError(f"Features of {context}: {unknown('object', str(name), names)}")
     sizes = {rows.shape[1] for rows in given.values() if len(rows)}
     if len(sizes) > 1:
-        raise DataError(f"Recordings of {context} have {sorted(sizes)} features; expected one size.")
+        raise DataError(f"Recordings of {context} have {sorted(sizes)} features; give one size.")
     empty = np.empty((0, *sizes), np.float32) if sizes else np.empty((0, 1), np.float32)
     return {name: rows if len(rows := given.get(name, empty)) else empty for name in names}
 

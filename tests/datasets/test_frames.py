@@ -61,24 +61,22 @@ def test_dictionaries_and_arrays_are_read_as_files_are(from_files: Dataset) -> N
 
 
 def spoil(name: str, features: Any, labels: Any) -> tuple[Any, Any]:
+    """Make one mistake in the frames of look, or in those of the labels."""
     look = features["look", "color"]
+    looks = {
+        "object": lambda: look.replace("stone", "stome"),
+        "twice": lambda: pd.concat([look, look]),
+        "text": lambda: look.astype(object).replace(0.5, "much"),
+        "nan": lambda: look.replace(0.5, np.nan),
+    }
+    if name in looks:
+        return {**features, ("look", "color"): looks[name]()}, labels
     if name == "context":
         return {**features, ("poke", "color"): look}, labels
     if name == "missing":
         return {("look", "color"): look}, labels
-    if name == "object":
-        return {**features, ("look", "color"): look.replace("stone", "stome")}, labels
-    if name == "twice":
-        return {**features, ("look", "color"): pd.concat([look, look])}, labels
-    if name == "text":
-        return {**features, ("look", "color"): look.astype(object).replace(0.5, "much")}, labels
-    if name == "nan":
-        return {**features, ("look", "color"): look.replace(0.5, np.nan)}, labels
-    if name == "modalities":
-        return {**features, ("look", "color"): look["object"].to_frame()}, labels
-    if name == "label":
-        return features, labels.astype(object).replace(1, "yes")
-    return features, labels.rename(columns={"red": "rad"})
+    wrong = {"label": labels.astype(object).replace(1, "yes")}
+    return features, wrong.get(name, labels.rename(columns={"red": "rad"}))
 
 
 @pytest.mark.parametrize(
