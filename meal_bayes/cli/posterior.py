@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from meal_bayes.cli.options import dataset_option, json_option
+from meal_bayes.cli.options import dataset_option, json_option, table_of
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
 
@@ -53,6 +53,7 @@ _TOLD = 12  # pairs in the table
 @json_option
 def posterior(
     dataset: str,
+    root: Path | None,
     method: str,
     model: str,
     attributes: str | None,
@@ -75,6 +76,7 @@ def posterior(
 
     if method == "grid" and model != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
+    dataset = table_of(dataset, root)
     config = {
         "command": "posterior", "dataset": dataset, "method": method, "model": model,
         "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
