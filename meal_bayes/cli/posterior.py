@@ -85,7 +85,7 @@ def posterior(
     table, columns, counts = _counts(dataset, attributes, held_out, levels)
     drawn = _fit(table, columns, counts, config)
     folder = out or Path("posteriors") / _folder(config)
-    facts = _write(drawn, counts, seed, folder)
+    facts = _write(drawn, counts, table.objects, seed, folder)
     if as_json:
         told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
         click.echo(json.dumps(told, allow_nan=False))
@@ -151,7 +151,9 @@ def _folder(config: "dict[str, Any]") -> str:
     return f"{Path(config['dataset']).stem}-{config['method']}-{config['model']}-{digest}"
 
 
-def _write(draws: "Draws", counts: "NDArray[Any]", seed: int, folder: Path) -> "dict[str, Any]":
+def _write(
+    draws: "Draws", counts: "NDArray[Any]", objects: "tuple[str, ...]", seed: int, folder: Path
+) -> "dict[str, Any]":
     """Write everything; give what is told of it."""
     import numpy as np
 
@@ -159,17 +161,25 @@ def _write(draws: "Draws", counts: "NDArray[Any]", seed: int, folder: Path) -> "
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
+    from meal_bayes.posterior.draws import sensing
+    from meal_bayes.posterior.pointwise import pointwise_log_likelihood
     from meal_bayes.seeds import stream
 
     with patience("checking the fit ..."):
         check = predictive_check(draws, counts, stream(seed, "predictive"))
         beliefs = beliefs_without_itself(draws, counts)
         n = check.observed.shape[1]
+        likelihood, units = pointwise_log_likelihood(draws, counts, objects)
+        dims = ("object", "attribute", "behavior", "truth", "level")
         made = idata.to_idata(
             draws,
-            observed={"yes": (("truth", "number"), check.observed)},
+            observed={
+                "yes": (("truth", "number"), check.observed),
+                "counts": (dims, counts[:, :, sensing(counts)]),
+            },
             predicted={"yes": (("truth", "number"), check.predicted[None])},
-            coords={"number": np.arange(n)},
+            log_likelihood={"percepts": (("unit",), likelihood)},
+            coords={"number": np.arange(n), "object": objects, "unit": units},
         )
         idata.save_netcdf(made, folder / "posterior.nc")
         (folder / "summary.csv").write_text(idata.summary_csv(made), encoding="utf-8")
