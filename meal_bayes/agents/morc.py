@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.trial import Step, Streams, Task, Trial, run_trial
-from meal_bayes.arrays import freeze
+from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
 
 _PERCEPTS = ("recorded", "model")
@@ -51,27 +50,34 @@ class Morc:
             labels = np.where(self.table.labels < 0, self.told, self.table.labels)
             self.table = replace(self.table, labels=labels)
 
-    def run(self, task: Task, *, on_step: Callable[[Step], None] | None = None) -> Trial:
+    def run(
+        self,
+        task: Task,
+        *,
+        on_step: Callable[[Step], None] | None = None,
+        recorder: Recorder | None = None,
+    ) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
+        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
         momdp, policy = self.prepare(task)
-        streams = Streams.of(self.seed, task, self.agent.name)
         return run_trial(
             task,
             momdp,
             policy,
             self._robot(task),
             self._perceiver(task),
-            streams,
-            truth=self._truth(task),
+            Streams.of(self.seed, task, self.agent.name),
+            truth=self.table.labels[task.object_index, columns],
             agent=self.agent.name,
             on_step=on_step,
+            recorder=recorder,
         )
 
     def prepare(self, task: Task) -> tuple[MOMDP, Policy]:
         """Build and solve the query's MOMDP from what is known without the object."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            limit = float(self.table.recordings) if self.percepts == "recorded" else np.inf
+            limit = self._recordings(task) if self.percepts == "recorded" else np.inf
             columns = [self.table.domain.attribute_index(name) for name in key[1]]
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
@@ -98,10 +104,23 @@ class Morc:
             )
         return self._knowledge[held_out]
 
-    def _robot(self, task: Task) -> RecordedRobot:
-        order = stream(self.seed, "recordings", *task.key)
-        repeats = self.percepts == "model"
-        return RecordedRobot(self.table.domain, self.table.recordings, order, repeats=repeats)
+    def _recordings(self, task: Task) -> NDArray[np.int64]:
+        """Return how many recordings of each behavior the object has, (E,)."""
+        senses = [bool(behavior.modalities) for behavior in self.table.domain.behaviors]
+        counts = self.table.recording_counts[task.object_index]
+        return np.where(senses, counts, self.table.recordings)
+
+    def _robot(self, task: Task) -> CheckedRobot:
+        domain = self.table.domain
+        robot = RecordedRobot(
+            domain,
+            task.object_index,
+            self._recordings(task),
+            stream(self.seed, "recordings", *task.key),
+            stream(self.seed, "robot", *task.key),
+            repeats=self.percepts == "model",
+        )
+        return CheckedRobot(robot, domain, object_index=task.object_index)
 
     def _perceiver(self, task: Task) -> Perceiver:
         if self.percepts == "recorded":
@@ -109,13 +128,3 @@ class Morc:
         every = range(len(self.table.domain.attributes))
         confusion, _ = self.knowledge(task.object_index).posterior.select(every, exact=True)
         return ConfusionSampler(self.table.domain, self.table.labels, confusion)
-
-    def _truth(self, task: Task) -> NDArray[np.bool_]:
-        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
-        labels = self.table.labels[task.object_index, columns]
-        if (labels < 0).any():
-            bad = np.array(task.query.attributes)[labels < 0].tolist()
-            raise SettingsError(
-                f"Nobody has labelled {task.object_name!r} for {bad}; ask what the labels hold."
-            )
-        return freeze(labels == 1, np.bool_)

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.answer import answer, trial_facts
-from meal_bayes.cli.options import AGENTS, dataset_option, json_option, logs_option, seed_option
+from meal_bayes.cli.options import (
+    AGENTS,
+    dataset_option,
+    json_option,
+    logs_option,
+    seed_option,
+    table_of,
+)
 from meal_bayes.cli.screen import note, output
 from meal_bayes.cli.story import tell_briefly
 
@@ -32,6 +39,7 @@ if TYPE_CHECKING:
 def ask(
     question: str,
     dataset: str,
+    root: Path | None,
     name: str,
     agent: str,
     learn: bool,
@@ -45,10 +53,11 @@ def ask(
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     remembers what it is told of an object: the folder of logs is its memory.
     """
-    from meal_bayes.agents.asking import question_task
+    from meal_bayes.learner.asking import question_task
     from meal_bayes.datasets import load_percepts
     from meal_bayes.trial_log import labels_told, read_memory
 
+    dataset = table_of(dataset, root)
     table = load_percepts(dataset)
     task = question_task(question, table, name)
     config: dict[str, object] = {

@@ -32,10 +32,6 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 @click.command(short_help="Agents learn while they work, tested after every batch.")
 @dataset_option
 @click.option(
-    "--root", type=click.Path(exists=True, file_okay=False), metavar="FOLDER",
-    help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
-)  # fmt: skip
-@click.option(
     "--attributes", type=int, default=1, show_default=True, metavar="N", help="Asked at a time."
 )
 @click.option(
@@ -89,7 +85,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 @json_option
 def online(
     dataset: str,
-    root: str | None,
+    root: Path | None,
     attributes: int,
     agents: tuple[str, ...],
     batches: int,
@@ -121,7 +117,7 @@ def online(
     named = listed(*agents)
     config = OnlineConfig(
         dataset=dataset,
-        root=root,
+        root=None if root is None else str(root),
         attributes=attributes,
         **({"agents": named} if named else {}),  # type: ignore[arg-type]
         batches=batches,

@@ -1,10 +1,13 @@
 """Percept tables: every recording seen by classifiers that never saw its object."""
 
 import hashlib
+import inspect
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from functools import partial
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +19,18 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import believable, by_truth
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import all_recordings_of
-from meal_bayes.perception.settings import PerceptionSettings, named_settings
+from meal_bayes.perception.recordings import (
+    BehaviorRecordings,
+    all_recordings_of,
+    number_in_object,
+)
+from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
 from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
+
+_MOST = 255  # recordings of an object and behavior that a bin can count
 
 Progress = Callable[[int, int], None]
 
@@ -30,6 +39,7 @@ def build_percept_table(
     dataset: Dataset,
     *,
     perception: str | PerceptionSettings = "default",
+    classifier: Any = None,
     attributes: Iterable[str] | None = None,
     objects: Iterable[str] | None = None,
     progress: Progress | None = None,
@@ -44,19 +54,23 @@ def build_percept_table(
 
     The paper's recipe scores the training side, and learns its calibration and weights, by grouped
     folds of objects rather than by single objects; all that is done for held-out o leaves o's
-    whole fold out, but for the support vector machine that scores o itself.
+    whole fold out, but for the support vector machine that scores o itself. A classifier of one's
+    own leaves the whole fold out for everything.
 
     Parameters
     ----------
     perception : "default", "paper", or settings.
+    classifier : any scikit-learn classifier, in place of a recipe; see `with_classifier`.
     attributes, objects : what to compute; all by default. The rest is NaN.
     progress : called with (behaviors done, behaviors in all).
     """
-    settings = named_settings(perception) if isinstance(perception, str) else perception
+    settings = _settings(perception, classifier)
     domain = dataset.domain
     columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
     held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
     n_objects, n_attributes = dataset.labels.shape
+    if dataset.recordings > _MOST:
+        raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
     n_bins = len(BIN_EDGES) + 1
     log_odds = np.full(
         (n_objects, dataset.recordings, len(domain.behaviors), n_attributes), np.nan, np.float16
@@ -71,21 +85,37 @@ def build_percept_table(
     for done, (index, recordings) in enumerate(gathered.items()):
         for width in np.unique(widths):
             some = held[widths == width]
-            own, training = _behavior_outputs(
-                recordings.widened(width).grams, dataset.labels[:, columns], some, settings
+            wide = recordings.of(columns).widened(width)
+            own, training = _behavior_outputs(wide, some, settings)
+            rows = np.flatnonzero(np.isin(recordings.objects, some))
+            place = recordings.objects[rows, None], number_in_object(recordings.objects)[rows, None]
+            log_odds[:, :, index][*place, columns] = own[rows]
+            bins[:, :, :, index][np.ix_(some, np.arange(n_objects), columns)] = _histograms(
+                training, recordings.objects, n_objects
             )
-            behavior = log_odds[:, :, index]
-            behavior[np.ix_(some, np.arange(dataset.recordings), columns)] = own[some]
-            place = np.ix_(some, np.arange(n_objects), columns)
-            bins[:, :, :, index][place] = _histograms(training[some])
         if progress is not None:
             progress(done + 1, len(gathered))
     if settings.believable_only:
         _silence(log_odds, bins, dataset.labels)
     provenance = _provenance(dataset, settings)
     return PerceptTable(
-        domain, dataset.objects, dataset.labels, log_odds, BIN_EDGES, bins, provenance
+        domain,
+        dataset.objects,
+        dataset.labels,
+        log_odds,
+        BIN_EDGES,
+        bins,
+        provenance,
+        dataset.recording_counts,
     )
+
+
+def _settings(perception: str | PerceptionSettings, classifier: Any) -> PerceptionSettings:
+    if classifier is None:
+        return named_settings(perception) if isinstance(perception, str) else perception
+    if perception != "default":
+        raise SettingsError("Give perception or a classifier, not both (see with_classifier).")
+    return with_classifier(classifier)
 
 
 def _positions(
@@ -98,34 +128,35 @@ def _positions(
 
 
 def _behavior_outputs(
-    grams: Floats,
-    labels: NDArray[np.int8],
-    held: NDArray[np.int64],
-    settings: PerceptionSettings,
+    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
 ) -> tuple[Halves, Halves]:
-    """Score one behavior from kernels (M,n,n) and labels (O,P).
+    """Score one behavior.
 
-    Returns the held-out ones, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN where
-    none was computed.
+    Returns the held-out outputs, (n,P), and for each of the held-out objects (H,) those on the
+    others, (H,n,P); NaN where none was computed.
     """
-    n_objects, n_attributes = labels.shape
-    n_recordings = grams.shape[1] // n_objects
-    own = np.full((n_objects, n_recordings, n_attributes), np.nan, np.float16)
-    training = np.full((n_objects, *own.shape), np.nan, np.float16)
-    for known, attributes in known_patterns(labels >= 0):
-        part = labels[:, attributes]
-        own_part, training_part = recipe_of(settings).outputs(grams, part, known, held, settings)
-        own[:, :, attributes] = round_log_odds(own_part)
+    n, n_attributes = recordings.labels.shape
+    own = np.full((n, n_attributes), np.nan, np.float16)
+    training = np.full((len(held), n, n_attributes), np.nan, np.float16)
+    for _, attributes in known_patterns(recordings.labels >= 0):
+        part = recordings.of(attributes)
+        own_part, training_part = recipe_of(settings).outputs(part, held, settings)
+        own[:, attributes] = round_log_odds(own_part)
         training[..., attributes] = round_log_odds(training_part)
     return own, training
 
 
-def _histograms(training: Halves) -> NDArray[np.uint8]:
-    """Count the recordings in each fine bin, (H,O,R,P) -> (H,O,P,L)."""
+def _histograms(training: Halves, objects: NDArray[np.int64], n_objects: int) -> NDArray[np.uint8]:
+    """Count the recordings of each object in each fine bin, (H,n,P) -> (H,O,P,L)."""
     place = np.searchsorted(BIN_EDGES, training)
     place[np.isnan(training)] = -1
-    counts = [(place == level).sum(axis=2) for level in range(len(BIN_EDGES) + 1)]
-    return np.stack(counts, axis=-1).astype(np.uint8)
+    held, _, n_attributes = training.shape
+    counts = np.zeros((held, n_objects, n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    names, starts = np.unique(objects, return_index=True)
+    for level in range(len(BIN_EDGES) + 1):
+        shown = np.add.reduceat(place == level, starts, axis=1, dtype=np.uint8)
+        counts[..., level][:, names] = shown
+    return counts
 
 
 def _silence(log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8]) -> None:
@@ -153,14 +184,46 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
         digest.update(values.tobytes())
     data = dataset.domain.data
     home = SOURCES.get(data)
-    option = " --perception paper" if settings.recipe == "paper" else ""
+    option = {"paper": " --perception paper", "classifier": " --classifier ..."}
     return {
         "package": f"meal-bayes {_version()}",
-        "perception": ", ".join(f"{name}={value}" for name, value in asdict(settings).items()),
+        "perception": _told(settings),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
-        "command": f"meal-bayes data percepts --dataset {data}{option}",
+        "command": f"meal-bayes data percepts --dataset {data}{option.get(settings.recipe, '')}",
+        **_classifier_provenance(settings.classifier),
     }
+
+
+def _told(settings: PerceptionSettings) -> str:
+    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    del values["classifier"]  # it has entries of its own
+    return ", ".join(f"{name}={value}" for name, value in values.items())
+
+
+def _classifier_provenance(classifier: Any) -> dict[str, str]:
+    """Return what a classifier is: its parameters, and the source or the package it comes from."""
+    if classifier is None:
+        return {}
+    kind = type(classifier)
+    package = kind.__module__.partition(".")[0]
+    parameters = {name: repr(value) for name, value in sorted(classifier.get_params().items())}
+    found = {
+        "classifier": f"{kind.__module__}:{kind.__qualname__}",
+        "classifier_parameters": ", ".join(f"{name}={text}" for name, text in parameters.items()),
+    }
+    try:
+        return {**found, "classifier_package": f"{package} {metadata.version(package)}"}
+    except metadata.PackageNotFoundError:  # one's own, or of another name than its package
+        return {**found, "classifier_source_sha256": _source_digest(kind)}
+
+
+def _source_digest(kind: type) -> str:
+    try:
+        source = Path(inspect.getfile(kind)).read_bytes()
+    except (OSError, TypeError):  # typed at a prompt
+        return "unknown"
+    return hashlib.sha256(source).hexdigest()
 
 
 def _version() -> str:

@@ -6,6 +6,7 @@ The grid's posterior is drawn from here; NUTS brings its own. Both are summed up
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.errors import SettingsError
+from meal_bayes.display import short_repr
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 
@@ -32,16 +34,27 @@ class Draws:
     """Draws from the joint posterior, chain by chain; C chains of S draws.
 
     E counts the behaviors that sense: the others have no rows here.
+
+    Attributes
+    ----------
+    attributes : (P,) names.
+    behaviors : (E,) names.
+    mean : (C,S,P,E,2,K) m of each row.
+    dispersion : (C,S,P,E,2) s of each row.
+    misperception : (C,S) epsilon, where the model has one.
+    others : what else was drawn: (dims after chain and draw, values).
+    statistics : (C,S) each, what the sampler says of itself.
     """
 
-    attributes: tuple[str, ...]  # (P,)
-    behaviors: tuple[str, ...]  # (E,)
-    mean: Array  # (C,S,P,E,2,K) m of each row
-    dispersion: Array  # (C,S,P,E,2) s of each row
-    misperception: Array | None = None  # (C,S) epsilon, where the model has one
-    # What else was drawn, and what the sampler says of itself: (dims after chain and draw, values).
+    attributes: tuple[str, ...]
+    behaviors: tuple[str, ...]
+    mean: Array
+    dispersion: Array
+    misperception: Array | None = None
     others: Mapping[str, tuple[tuple[str, ...], Array]] = field(default_factory=dict)
-    statistics: Mapping[str, Array] = field(default_factory=dict)  # (C,S) each
+    statistics: Mapping[str, Array] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         mean = freeze(np.maximum(self.mean, _FLOOR))
@@ -78,6 +91,37 @@ class Draws:
     def rows(self) -> tuple[Array, Array]:
         """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
         return _flat(self.mean), _flat(self.dispersion)
+
+    @classmethod
+    def from_idata(cls, idata: Any) -> "Draws":
+        """Read draws back from an InferenceData or DataTree that `to_idata` made.
+
+        Raises
+        ------
+        DataError : no group posterior with the rows and dispersions of Theta.
+        """
+        rows = ("chain", "draw", *_ROW)
+        try:
+            posterior = idata["posterior"]
+            mean = posterior["mean"].transpose(*rows, "level")
+            dispersion = posterior["dispersion"].transpose(*rows)
+            names = {dim: tuple(map(str, mean[dim].values)) for dim in _ROW}
+        except (KeyError, ValueError, AttributeError, TypeError) as fault:
+            raise DataError(
+                f"This holds no posterior of confusion matrices ({fault}); make one with "
+                "`meal-bayes posterior`, or fit_hierarchical and to_idata."
+            ) from None
+        epsilon = posterior["misperception"].values if "misperception" in posterior else None
+        return cls(names["attribute"], names["behavior"], mean.values, dispersion.values, epsilon)
+
+    def select(self, attributes: Sequence[str], behaviors: Sequence[str]) -> "Draws":
+        """Keep some attributes and behaviors, in this order."""
+        place = np.ix_(
+            [self.attributes.index(name) for name in attributes],
+            [self.behaviors.index(name) for name in behaviors],
+        )
+        mean, dispersion = self.mean[:, :, *place], self.dispersion[:, :, *place]
+        return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
 
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
         """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
