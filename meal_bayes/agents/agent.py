@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, build_momdp
-from meal_bayes.planners import Policy, Solver, compile_kernels
+from meal_bayes.planners import Policy, Solver, warm_up
 
 TRUST = 0.99  # Pr(what a person told is right)
 
@@ -33,14 +33,12 @@ class Agent:
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
-    searches: bool = False  # does its solver need the compiled kernels?
     discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
     observation_model: ObservationModel | None = None  # what percepts tell; by the flags above
 
-    def warm_up(self) -> None:
-        """Have the kernels compiled, if the solver needs them; the first decision does it else."""
-        if self.searches:
-            compile_kernels()
+    def warm_up(self, domain: Domain, query: Query) -> None:
+        """Compile the kernels that the solver of a query needs; the first decision does it else."""
+        warm_up(self.solver(domain, query))
 
     def prepare(
         self,

@@ -25,7 +25,8 @@ from meal_bayes.perception import (
     PerceptionSettings,
     fit_and_score,
 )
-from meal_bayes.planners import OpenLoop, OpenLoopPolicy, Policy, Remembering
+from meal_bayes.planners import POMCP, Policy, Remembering
+from meal_bayes.planners.pomcp import POMCPPolicy
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.robots.recorded import Order
 from meal_bayes.seeds import stream
@@ -89,7 +90,7 @@ class MorcItrs:
     seed: int
     gain: NDArray[np.float64]  # (P,E) `information_value`; zeros where curiosity asks for none
     _policies: dict[tuple[str, ...], tuple[MOMDP, Policy]] = field(default_factory=dict)
-    _plans: dict[tuple[str, ...], OpenLoopPolicy] = field(default_factory=dict)
+    _plans: dict[tuple[str, ...], POMCPPolicy] = field(default_factory=dict)
 
     @classmethod
     def learn(
@@ -152,7 +153,7 @@ class MorcItrs:
             if "shaped_test" in self.world.published and self.agent.curiosity in ("itrs", "auto"):
                 momdp = self._shaped(momdp, task)
             policy = self._solve(task, momdp)
-            if self.agent.recipe.searches:  # others draw, or look at the cost so far
+            if getattr(policy, "deterministic", False):
                 policy = Remembering(policy)
             self._policies[key] = momdp, policy
         return self._policies[key]
@@ -204,9 +205,9 @@ class MorcItrs:
         key = task.query.attributes
         if key not in self._plans:
             new = self._priced(self._model(task, None), task, new=True)
-            policy = OpenLoop(paid=1).solve(new, stream(0))  # an object is new to a table but once
+            policy = POMCP(paid=1).solve(new, stream(0))  # an object is new to a table but once
             self._plans[key] = policy
-        return self._plans[key].repaid(momdp)
+        return self._plans[key].with_rewards_of(momdp)
 
     def _priced(self, momdp: MOMDP, task: Task, *, new: bool) -> MOMDP:
         """Pay for the first percept of each behavior what it is worth to queries to come."""

@@ -6,30 +6,23 @@ from meal_bayes.agents.morc_itrs import OnlineAgent
 from meal_bayes.agents.recipes import AGENTS, as_agent
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.planners import Factored, OpenLoop, Solver
-
-_EXACT = 2  # attributes up to which the paper's problem is solved to the optimum, many times
+from meal_bayes.planners import POMCP, Solver
 
 
-def _paper(domain: Domain, query: Query) -> Solver:
-    return Factored(points=2_000) if len(query) <= _EXACT else OpenLoop()
+def _pomcp(domain: Domain, query: Query) -> Solver:
+    return POMCP()
 
 
-def _open_loop(domain: Domain, query: Query) -> Solver:
-    return OpenLoop()
-
-
-_LEGAL = AGENTS["random_legal"]
-_MORC = replace(AGENTS["morc"], solver=_paper)
-_BAYES = replace(AGENTS["bayes"], solver=_open_loop)  # the tree search takes too long for thousands
+_LEGAL, _MORC, _BAYES = AGENTS["random_legal"], AGENTS["morc"], AGENTS["bayes"]
+_SEARCHING = replace(_MORC, solver=_pomcp)  # plans with shaped rewards inside the tree
 
 ONLINE_AGENTS = {
     agent.name: agent
     for agent in (
         OnlineAgent("iterative_random_legal", _LEGAL),
         OnlineAgent("iterative_morc", _MORC),
-        OnlineAgent("morc_itrs", _MORC, curiosity="itrs"),
-        OnlineAgent("morc_itrs_auto", _MORC, curiosity="auto"),
+        OnlineAgent("morc_itrs", _SEARCHING, curiosity="itrs"),
+        OnlineAgent("morc_itrs_auto", _SEARCHING, curiosity="auto"),
         OnlineAgent("bayes", _BAYES, curiosity="information", whiten=True),
         OnlineAgent("bayes_memory", _BAYES, curiosity="information", memory=True, whiten=True),
     )

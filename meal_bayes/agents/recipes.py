@@ -18,7 +18,7 @@ from meal_bayes.planners import (
     Solver,
 )
 
-_EXACT = 3  # attributes up to which the paper's problem is solved to the optimum
+_POINTS = (0, 2_000, 2_000, 50_000)  # of the grid that solves the paper's problem, by N
 
 
 def _random(domain: Domain, query: Query) -> Solver:
@@ -46,7 +46,7 @@ def _pomcp(domain: Domain, query: Query) -> Solver:
 
 
 def _optimal(domain: Domain, query: Query) -> Solver:
-    return Factored() if len(query) <= _EXACT else POMCP()
+    return Factored(_POINTS[len(query)]) if len(query) < len(_POINTS) else POMCP()
 
 
 def _open_loop(domain: Domain, query: Query) -> Solver:
@@ -62,15 +62,14 @@ AGENTS = {
         Agent("predefined_plus", _predefined_plus),
         Agent("greedy", _greedy),
         # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-        Agent("morc", _optimal, searches=True, abstain=True),
+        Agent("morc", _optimal, abstain=True),
         # The same with the cheapest planner: microseconds a decision, any number of attributes.
-        Agent("olfc", _open_loop, searches=True, abstain=True),
+        Agent("olfc", _open_loop, abstain=True),
         # Ours: graded percepts, objects differ and may seem what they are not, prior from the
         # training objects, and planning for the undiscounted reward that is reported.
         Agent(
             "bayes",
             _pomcp,
-            searches=True,
             object_level=True,
             shared_degree=True,
             base_rates=True,
@@ -117,7 +116,7 @@ def as_agent(value: object) -> Agent:
     if isinstance(value, str):
         return load_agent(value)
     named = getattr(value, "__name__", type(value).__name__)
-    ours = replace(AGENTS["bayes"], name=named, searches=False)
+    ours = replace(AGENTS["bayes"], name=named)
     if isinstance(value, type) and hasattr(value, "solve"):
         return replace(ours, solver=_Always(value()))
     if hasattr(value, "solve"):

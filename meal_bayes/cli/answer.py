@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meal_bayes.cli.screen import prepare_planner
+from meal_bayes.cli.screen import showing_compilation
 from meal_bayes.cli.story import Story
 
 if TYPE_CHECKING:
@@ -43,12 +43,11 @@ def answer(
     from meal_bayes.trial_log import TrialWriter
 
     recipe = load_agent(agent)
-    if recipe.searches:
-        prepare_planner()
     start = time.perf_counter()
     morc = Morc(table, recipe, seed, told=told)
     story = None if console is None else Story(console, task, morc.prepare(task)[0])
-    trial = morc.run(task, on_step=None if story is None else story.step)
+    with showing_compilation():
+        trial = morc.run(task, on_step=None if story is None else story.step)
     path = logs / f"{_file_name(config, task.object_name)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:

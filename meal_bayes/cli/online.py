@@ -20,7 +20,7 @@ from meal_bayes.cli.options import (
     logs_option,
     seed_option,
 )
-from meal_bayes.cli.screen import note, output, prepare_planner, resumed, signs_of
+from meal_bayes.cli.screen import note, output, resumed, showing_compilation, signs_of
 from meal_bayes.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -135,8 +135,10 @@ def online(
         log=log,
     )
     from meal_bayes.evaluation import learning_rows, summarize_learning
+    from meal_bayes.experiments import warm_up_online
 
-    prepare_planner()
+    with showing_compilation():
+        warm_up_online(config)
     with resumed("batches") as advance:
         finished = run_online(
             config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance

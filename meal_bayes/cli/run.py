@@ -22,7 +22,7 @@ from meal_bayes.cli.options import (
     table_of,
 )
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, prepare_planner, progress, resumed, signs_of
+from meal_bayes.cli.screen import note, output, progress, resumed, showing_compilation, signs_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -115,7 +115,6 @@ def offline(
 
 def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
     """Run what is not there yet, telling how far it is."""
-    from meal_bayes.agents import load_agent
     from meal_bayes.experiments import offline_tasks, run_offline
     from meal_bayes.experiments.percepts import percepts_for
 
@@ -127,8 +126,10 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
                 config.dataset, config.perception, on_progress=advance, on_note=note
             )
     offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
-    if any(load_agent(name).searches for name in config.agents):
-        prepare_planner()
+    from meal_bayes.experiments import warm_up_offline
+
+    with showing_compilation():
+        warm_up_offline(config)
     with resumed("trials") as advance:
         return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance)
 

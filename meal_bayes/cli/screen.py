@@ -1,6 +1,7 @@
 """The terminal: consoles, signs that every terminal can show, progress, the planner's first run."""
 
 import contextlib
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -143,9 +144,51 @@ def _lines(console: Console, what: str, unit: str) -> Advance:
     return advance
 
 
-def prepare_planner() -> None:
-    """Compile the search, or load it where an earlier run did; tell what takes so long."""
-    with patience("preparing the planner (the first run compiles it, about half a minute) ..."):
-        from meal_bayes.planners import compile_kernels
+@contextlib.contextmanager
+def showing_compilation() -> Iterator[None]:
+    """Show a moving sign with seconds while kernels are compiled, once after an install."""
+    from meal_bayes.planners import watch_compilation
 
-        compile_kernels()
+    sign = _Sign("compiling the planner, once after an install")
+    try:
+        with watch_compilation(sign.start, sign.stop):
+            yield
+    finally:
+        sign.stop()
+
+
+class _Sign:
+    """A line on standard error that counts seconds; where nobody watches, one line is all."""
+
+    def __init__(self, text: str) -> None:
+        self._text, self._console, self._ended = text, notes(), threading.Event()
+        self._began: float | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        if self._began is None:
+            self._began = time.monotonic()
+            if not self._console.is_terminal:
+                note(f"{self._text} ...")
+        if self._console.is_terminal and self._thread is None:
+            self._ended.clear()
+            self._thread = threading.Thread(target=self._move, args=(self._began,), daemon=True)
+            self._thread.start()
+
+    def _move(self, began: float) -> None:
+        for sign in itertools.cycle("-\\|/"):
+            seconds = time.monotonic() - began
+            self._write(f"\r{sign} {self._text}: {seconds:.0f} s ")
+            if self._ended.wait(0.1):
+                break
+        self._write("\r\033[K")
+
+    def _write(self, text: str) -> None:
+        self._console.file.write(text)
+        self._console.file.flush()
+
+    def stop(self) -> None:
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None

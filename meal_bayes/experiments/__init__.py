@@ -3,8 +3,14 @@
 In: a config. Out: logs under logs/, which `evaluation` reads.
 """
 
-from meal_bayes.experiments.offline import DEFAULT_AGENTS, OfflineConfig, OfflineRun, run_offline
-from meal_bayes.experiments.online import OnlineConfig, OnlineRun, run_online
+from meal_bayes.experiments.offline import (
+    DEFAULT_AGENTS,
+    OfflineConfig,
+    OfflineRun,
+    run_offline,
+    warm_up_offline,
+)
+from meal_bayes.experiments.online import OnlineConfig, OnlineRun, run_online, warm_up_online
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [
@@ -17,4 +23,6 @@ __all__ = [
     "offline_tasks",
     "run_offline",
     "run_online",
+    "warm_up_offline",
+    "warm_up_online",
 ]

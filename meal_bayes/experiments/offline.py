@@ -127,8 +127,8 @@ def run_offline(
     done = total - sum(len(_slice(tasks, unit)) for unit in todo)
     if on_progress is not None:
         on_progress(done, total)
-    for name in {unit.agent.agent.name for unit in todo}:
-        carried[name].agent.warm_up()  # once, before every process would
+    if todo:
+        warm_up_offline(config)
     for finished in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
         done += finished
         if on_progress is not None:
@@ -136,6 +136,12 @@ def run_offline(
     paths = {name: [u.path for u in units if u.agent.agent.name == name] for name in carried}
     seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
     return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
+
+
+def warm_up_offline(config: OfflineConfig) -> None:
+    """Compile the kernels that the agents need, once, before every process would."""
+    for agent in config.agents:
+        agent.warm_up(_table(config).domain, _tasks(config)[0].query)
 
 
 def _store(config: OfflineConfig, logs: str | Path, carried: Mapping[str, Carried]) -> Store:

@@ -23,12 +23,11 @@ from meal_bayes.agents import (
     as_online_agent,
     distinct,
     heard,
-    load_agent,
     origin_of,
 )
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
-from meal_bayes.domain import Domain, unknown
+from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.parallel import in_parallel
@@ -120,7 +119,11 @@ class OnlineRun:
                     if batch:
                         cost += float(Marks.load(unit.marks(batch, "train")).cost.sum())
                     yield BatchMarks(
-                        agent.name, repeat, batch, cost / 3600, Marks.load(unit.marks(batch, "test"))
+                        agent.name,
+                        repeat,
+                        batch,
+                        cost / 3600,
+                        Marks.load(unit.marks(batch, "test")),
                     )
 
 
@@ -202,12 +205,20 @@ def run_online(
     if on_progress is not None:
         on_progress(done, total)
     if todo:
-        load_agent("bayes").warm_up()  # once, before every process would
+        warm_up_online(config)
     for count in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
         done += count
         if on_progress is not None:
             on_progress(done, total)
     return OnlineRun(config, store.folder)
+
+
+def warm_up_online(config: OnlineConfig) -> None:
+    """Compile the kernels that the agents need, once, before every process would."""
+    domain = _protocol(config, config.first).dataset.domain
+    query = Query(domain.attributes[: config.attributes])
+    for agent in config.agents:
+        agent.recipe.warm_up(domain, query)
 
 
 def _repeats(config: OnlineConfig) -> range:

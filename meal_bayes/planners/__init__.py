@@ -6,6 +6,7 @@ In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decisio
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
 from meal_bayes.planners.factored import Factored, single_values, upper_bound
 from meal_bayes.planners.greedy import Greedy
+from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.point_based import (
     PBVI,
@@ -14,7 +15,7 @@ from meal_bayes.planners.point_based import (
     Sarsop,
     read_policy,
 )
-from meal_bayes.planners.pomcp import POMCP, compile_kernels
+from meal_bayes.planners.pomcp import POMCP
 from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.planners.solver import (
     Decision,
@@ -25,6 +26,7 @@ from meal_bayes.planners.solver import (
     TreeEdge,
     unvalued,
 )
+from meal_bayes.planners.warm_up import warm_up
 
 __all__ = [
     "PBVI",
@@ -46,10 +48,11 @@ __all__ = [
     "Sarsop",
     "Solver",
     "TreeEdge",
-    "compile_kernels",
     "read_policy",
     "simulate",
     "single_values",
     "unvalued",
     "upper_bound",
+    "warm_up",
+    "watch_compilation",
 ]

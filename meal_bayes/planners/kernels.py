@@ -9,12 +9,14 @@ digest of every file that may hold one is part of the cache's version: after an 
 them, everything is compiled anew.
 """
 
+import contextlib
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core import event
 
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 _ROOTS = (Path(__file__).parent, Path(__file__).parents[1] / "momdp" / "observation.py")
@@ -48,3 +50,25 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     if held is not None:  # it is None where compilation is switched off
         held._version = f"{held._version} {_DIGEST}"
     return compiled
+
+
+class _Watch(event.Listener):
+    def __init__(self, begin: Callable[[], None], end: Callable[[], None]) -> None:
+        self._begin, self._end, self._depth = begin, end, 0
+
+    def on_start(self, event: object) -> None:
+        self._depth += 1
+        if self._depth == 1:
+            self._begin()
+
+    def on_end(self, event: object) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._end()
+
+
+@contextlib.contextmanager
+def watch_compilation(begin: Callable[[], None], end: Callable[[], None]) -> Iterator[None]:
+    """Call `begin` and `end` around everything that is compiled meanwhile; not around loading."""
+    with event.install_listener("numba:compile", _Watch(begin, end)):
+        yield

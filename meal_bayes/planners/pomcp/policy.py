@@ -15,14 +15,13 @@ departs from textbook POMCP, each because the textbook fails here:
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, build_momdp, initial_belief, report_value
+from meal_bayes.momdp import MOMDP, Belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
@@ -225,13 +224,3 @@ def _within(end: float, grow: Callable[[int], int]) -> int:
         if made < chunk or left < 1:
             return done
         chunk = min(left, 4 * chunk)
-
-
-@lru_cache(maxsize=1)
-def compile_kernels() -> None:
-    """Compile the kernels of the search, or load what an earlier process compiled."""
-    domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
-    rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
-    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, limit=3)
-    policy, belief = POMCP(simulations=1).solve(momdp, rng), initial_belief(momdp)
-    policy._search(0.0, belief, *policy._prepare(belief), rng)
