@@ -9,7 +9,7 @@
 - `super-A1` .. `super-A3`: A5, where the values of all attributes beyond 1 .. 3 are known before:
   irrelevant attributes, whose percepts still come. Values must be those of A1 .. A3.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
-  as above; additive reward; nobody to ask.
+  as above; all but the first two are known before; nobody to ask.
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from meal_bayes.momdp.reference import load_reference
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
 PRECISIONS = (1, 3, 5)
 LARGE = (10, 20, 81)
+RELEVANT = 2  # attributes of a large query that are not known before
 
 NOISY = tuple(f"A{n}" for n in range(1, 6))
 MODELS = (
@@ -42,7 +43,7 @@ def momdp_of(model: str, reference: str | None) -> MOMDP:
     kind, _, rest = model.partition("-")
     if kind == "ispy32":
         momdp = _learned("ispy32", _large_query(int(rest)))
-        return replace(momdp, additive=True)
+        return replace(momdp, prior=np.where(np.arange(len(momdp.query)) < RELEVANT, 0.5, 0.0))
     if kind.startswith("clean"):
         return _learned("roc36", ASKED[: int(kind.removeprefix("clean"))])
     models = load_reference(reference)
@@ -91,4 +92,5 @@ def _large_query(n: int) -> tuple[str, ...]:
     from meal_bayes.experiments import askable  # noqa: PLC0415
 
     names = load_domain("ispy32").attributes
-    return names if n == len(names) else askable(load_percepts("ispy32"))[:n]
+    asked = askable(load_percepts("ispy32"))
+    return (*asked, *(name for name in names if name not in asked))[:n]

@@ -21,7 +21,6 @@ def build_momdp(
     kinds: ArrayLike | None = None,
     discount: float = 0.99,
     abstain: bool = False,
-    additive: bool = False,
     counts: ArrayLike | None = None,
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
@@ -42,7 +41,6 @@ def build_momdp(
     kinds : (N,2,C) Pr(kind | truth), which truths may share; the truth itself by default.
     discount : factor a step, in planning only.
     abstain : may a planner end the trial by an illegal behavior?
-    additive : is a report paid by the share of attributes right (the paper: all or nothing)?
     counts : (N,E,2,K) labelled percepts that the rows were learned from, for who looks on.
     """
     arrays = domain.transitions()
@@ -98,6 +96,5 @@ def build_momdp(
         limit=percepts,
         discount=discount,
         abstain=abstain,
-        additive=additive,
         counts=None if counts is None else np.asarray(counts, dtype=float),  # type: ignore[arg-type]
     )

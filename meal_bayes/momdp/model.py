@@ -40,7 +40,6 @@ class MOMDP:
     limit: NDArray[np.float64]  # (E,) percepts a trial, inf where they never run out
     discount: float = 0.99
     abstain: bool = False  # may a planner end a trial by an illegal behavior?
-    additive: bool = False  # is a report paid by the share of attributes right, or all or nothing?
     counts: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,E,2,K) labelled percepts
     # behind the rows, for who looks on; zeros where nobody tells
     log_share: NDArray[np.float64] = field(init=False, repr=False)  # (N,2,C) ln Pr(truth | kind)
@@ -151,13 +150,14 @@ class MOMDP:
         return int(self.n_behaviors + 2 ** len(self.query))
 
     def report_reward(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Reward of reports from Pr(attribute reported right) (..., N): 0 or 1 once it is known.
+        """Compute r- + (r+ - r-) prod_i right_i: a report is right in all attributes, or wrong.
 
-        The paper's is all or nothing, r- + (r+ - r-) prod_i right_i; the additive one pays every
-        attribute its share, r- + (r+ - r-) mean_i right_i.
+        Parameters
+        ----------
+        right : (..., N) Pr(attribute reported right); 0 or 1 once it is known.
         """
-        share = right.mean(axis=-1) if self.additive else right.prod(axis=-1)
-        return np.asarray(self.incorrect + (self.correct - self.incorrect) * share)
+        gap = self.correct - self.incorrect
+        return np.asarray(self.incorrect + gap * right.prod(axis=-1))
 
     def action_name(self, action: int) -> str:
         """Behavior name, or the words of a report."""

@@ -185,7 +185,6 @@ def _momdp(message: Any) -> MOMDP:
         kinds=kinds,
         discount=message.discount,
         abstain=message.abstain,
-        additive=message.additive,
         counts=counts,  # type: ignore[arg-type]  # zeros by default
     )
 

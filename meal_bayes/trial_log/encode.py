@@ -78,7 +78,6 @@ def encode_momdp(momdp: MOMDP) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
-            additive=momdp.additive,
             counts=_counts(momdp),
             **fields,
         )

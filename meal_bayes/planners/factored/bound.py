@@ -18,16 +18,10 @@ def upper_bound(
 ) -> float:
     """Bound the value that any policy has from the start.
 
-    *All or nothing*: a policy for the query also answers a subset S of it, by leaving the rest of
+    A policy for the query also answers a subset S of it, by leaving the rest of
     its report out and drawing the percepts of the others from the model, at the same cost and at
     least as often right. So V <= V_S, and the least V_S over subsets bounds V. Subsets grow from
     the attribute with the least bound, to which the one that lowers the bound most is added.
-
-    *Additive*: for a partition of the N attributes into blocks S, the return of a policy is the
-    mean, weighted by |S| / N, of what it would earn if only S were asked (the report's reward is
-    such a mean, and the costs are the same in every term). Each term is at most V_S, as the other
-    attributes' percepts say nothing of S. So V <= sum_S |S| / N V_S, here with blocks in the
-    order of the query.
 
     Attributes that no percept tells of need no axis of the grid, so they are in every subset.
 
@@ -53,12 +47,6 @@ def upper_bound(
     solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
     told = informative_pairs(momdp).any(axis=1)
     idle, moving = np.flatnonzero(~told).tolist(), np.flatnonzero(told).tolist()
-    if momdp.additive:
-        blocks = [moving[i : i + size] for i in range(0, len(moving), size)] or [[]]
-        blocks[0] = idle + blocks[0]
-        share = [len(block) / len(momdp.query) for block in blocks]
-        bounds = [_bound(momdp, block, solver) for block in blocks]
-        return float(np.dot(share, bounds))
     if not moving:
         return _bound(momdp, idle, solver)
     single = {i: _bound(momdp, [*idle, i], solver) for i in moving}
@@ -79,16 +67,12 @@ def _bound(momdp: MOMDP, attributes: list[int], solver: Factored) -> float:
 def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
     """Ask for some of the attributes only, in such a way that the value bounds the whole query's.
 
-    Shaping pays for the others what it could pay at most, all-or-nothing; additively their bonus is
-    left out, and that of these weighs N / |S|, so that it weighs the same in the mean of blocks.
+    Shaping pays for the others what it could pay at most.
     """
-    some, n = np.sort(attributes), len(momdp.query)
+    some = np.sort(attributes)
     bonus = momdp.bonus[some]
-    if momdp.additive:
-        bonus = bonus * (n / len(some))
-    else:
-        others = np.delete(momdp.bonus, some, axis=0)
-        bonus[0] += others.max(axis=2).sum(axis=0)[:, None]
+    others = np.delete(momdp.bonus, some, axis=0)
+    bonus[0] += others.max(axis=2).sum(axis=0)[:, None]
     return replace(
         momdp,
         query=Query(tuple(momdp.query.attributes[i] for i in some)),

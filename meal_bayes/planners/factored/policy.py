@@ -14,7 +14,7 @@ of any U >= V on the grid lies above V everywhere. (3) A Bellman backup T is mon
 so T I U >= V on the grid, and so is min(U, T I U). Started from a constant that no reward exceeds,
 every table is therefore an upper bound, however coarse the grid and however few the sweeps; reading
 it off at the points of a finer grid keeps it one (2). Bonuses of shaping are linear in each b_i,
-additive reports convex; failures are folded into their behavior, and ending by an illegal behavior
+failures are folded into their behavior, and ending by an illegal behavior
 is a constant. As the grid grows the interpolation error vanishes and the bound is tight.
 
 *The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid

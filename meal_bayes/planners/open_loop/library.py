@@ -22,7 +22,8 @@ from meal_bayes.planners.open_loop.growth import Ways, find_ways, follow, grow_p
 from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
-_JUDGED = 16  # times N: beliefs at which plans compete to be kept
+_JUDGED = 16  # times N, up to N = 5: beliefs at which plans compete to be kept
+_MANY = 5
 _ROUNDS = 6  # of moving them apart
 _LENGTH = 24  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
@@ -109,7 +110,9 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     """
     diagram = diagram_of(problem.dynamics)
     n = len(momdp.query)
-    spread = np.random.Generator(np.random.PCG64(n)).uniform(-4.0, 4.0, (_JUDGED * n, n))
+    spread = np.random.Generator(np.random.PCG64(n)).uniform(
+        -4.0, 4.0, (_JUDGED * min(n, _MANY), n)
+    )
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
     affinity = _affinity(problem)
     parts = [_grown(problem, diagram, beliefs[:_GROWN], affinity), diagram.simple]
@@ -189,8 +192,10 @@ def _promising(
     uses = np.minimum(candidates.uses, _COUNTED - 1)
     every = np.arange(uses.shape[1])
     affine = np.exp(affinity[:, every, uses].sum(axis=2))  # (N,J)
-    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)[..., None]  # (B,N,1)
-    right = (1.0 - np.sqrt(chance * (1.0 - chance)) * affine).prod(axis=1)
+    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
+    right = np.ones((len(beliefs), len(uses)))
+    for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
+        right *= 1.0 - unsure[:, None] * each
     cost, discount = candidates.plan["cost"], candidates.plan["discount"]
     value = discount * (problem.incorrect + problem.gap * right) - cost  # (B,J)
     if problem.shaped:
@@ -202,7 +207,7 @@ def _promising(
     group = candidates.x[order] * uses.shape[1] + action[order]
     kept = np.zeros(len(peak), np.bool_)
     kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
-    screened = _SCREENED * len(affinity)
+    screened = _SCREENED * min(len(affinity), _MANY)
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     for start, end in itertools.pairwise(first.tolist()):
         if end - start > screened:

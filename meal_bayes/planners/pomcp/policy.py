@@ -117,15 +117,15 @@ class POMCPPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best value, by search where anything is left to decide."""
-        begin, belief = time.thread_time(), history.belief
+        belief, end = history.belief, None
+        if self.settings.milliseconds is not None:
+            end = time.thread_time() + 1e-3 * self.settings.milliseconds
         certain = certain_behavior(self.momdp, belief)
         if certain is not None:
             return certain
         tree, leaf, sampled = self._prepare(belief)
         decision = self._settled(belief, leaf)
-        return (
-            self._search(begin, belief, tree, leaf, sampled, rng) if decision is None else decision
-        )
+        return self._search(end, belief, tree, leaf, sampled, rng) if decision is None else decision
 
     def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
         """Decide by bounds alone: one action is worth at least what any other is at most."""
@@ -157,7 +157,7 @@ class POMCPPolicy:
 
     def _search(
         self,
-        begin: float,
+        end: float | None,
         belief: Belief,
         tree: Tree,
         leaf: Leaf,
@@ -171,10 +171,10 @@ class POMCPPolicy:
         def grow(simulations: int) -> int:
             return int(search(self.problem, leaf, tree, sampled, simulations, options, rng))
 
-        if settings.milliseconds is None:
+        if end is None:
             done = grow(settings.simulations)
         else:
-            done = _within(begin + 1e-3 * settings.milliseconds, grow)
+            done = _within(end, grow)
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0] = self._lower_bounds(belief, leaf), 0
             tree.edge["first"][0] = -1
