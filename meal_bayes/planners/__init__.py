@@ -4,7 +4,7 @@ In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decisio
 """
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
-from meal_bayes.planners.factored import Factored, single_values, upper_bound
+from meal_bayes.planners.factored import Factored, batched_value_iteration, upper_bound
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.point_based import (
@@ -46,10 +46,10 @@ __all__ = [
     "Sarsop",
     "Solver",
     "TreeEdge",
+    "batched_value_iteration",
     "compile_kernels",
     "read_policy",
     "simulate",
-    "single_values",
     "unvalued",
     "upper_bound",
 ]
