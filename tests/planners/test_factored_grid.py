@@ -16,9 +16,9 @@ from meal_bayes.planners.factored.grid import (
     refine,
     value_after,
 )
-from meal_bayes.planners.factored.operators import (
+from meal_bayes.planners.factored.sweep import (
+    Edges,
     make_backups,
-    make_edges,
     percepts_on,
     sweep,
 )
@@ -65,7 +65,7 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
     problem, value = compile_momdp(momdp), 500 * table.value  # above and below the best report
     table = table._replace(value=value)
     percepts = tuple(percepts_on(momdp, i, axis) for i, axis in enumerate(table.axes))
-    backups = make_backups(momdp, make_edges(momdp, problem), table, percepts)
+    backups = make_backups(momdp, Edges.of(momdp, problem), table, percepts)
     found, work = value.copy(), np.empty((4, value.shape[1]))
     sweep(backups, found, work, np.inf, 1, smooth)
     for x in reversed(range(momdp.terminal)):

@@ -5,6 +5,7 @@ all K^N percept vectors is a Kronecker product of N sparse matrices, applied one
 other: 2 K N multiplications a point instead of (2 K)^N.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,54 +20,17 @@ _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
 
 Integers = NDArray[np.int64]
-
-
-class Percepts(NamedTuple):
-    """The next percept of one attribute, as a sparse matrix over its axis for each behavior.
-
-    Row g holds the points beside each belief that may follow point g, weighted by the percept's
-    probability and by interpolation.
-
-    Attributes
-    ----------
-    point : (E,G,J) columns; J = 2K of linear interpolation, 4K of smooth.
-    weight : (E,G,J) their entries.
-    """
-
-    point: Integers
-    weight: Floats
-
-
-class Backups(NamedTuple):
-    """All that value iteration reads besides the values.
-
-    Attributes
-    ----------
-    floor : (X-1,B) value of ending.
-    edge : (M,3) x, behavior and 1 if it may keep x, of every legal pair.
-    outcome : (M,2,X-1) discounted probability of each next x, without and with a percept.
-    reward : (M,B) of carrying it out, or (M,1) where that is the same for every belief.
-    size : (N,) points of each axis.
-    point : (N,E,G,J) as in `Percepts`; the first is -1 where percepts do not move the belief.
-    weight : (N,E,G,J).
-    """
-
-    floor: Floats
-    edge: Integers
-    outcome: Floats
-    reward: Floats
-    size: Integers
-    point: Integers
-    weight: Floats
+Percepts = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
 
 
 class Edges(NamedTuple):
-    """The legal pairs of x and behavior, whatever the grid.
+    """The M legal pairs of x and behavior, whatever the grid.
 
     Attributes
     ----------
-    edge, outcome : as in `Backups`.
-    reward : (M,1+N) of carrying it out, a constant and slopes in the marginals.
+    edge : (M,3) x, behavior, and 1 if it may keep x.
+    outcome : (M,2,X-1) discounted probability of each next x, without and with a percept.
+    reward : (M,1+N) of carrying it out: a constant, and slopes in the marginals.
     exit_value : (X-1,1) of abstaining.
     moves : (N,E) do percepts of the behavior move the belief?
     """
@@ -77,35 +41,50 @@ class Edges(NamedTuple):
     exit_value: Floats
     moves: NDArray[np.bool_]
 
+    @classmethod
+    def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
+        """List the legal pairs of a problem."""
+        x, e = np.nonzero(problem.legal[: momdp.terminal])
+        p = problem.discount[x, e, None] * problem.branch_p[x, e]  # (M,B), 0 beyond the branches
+        outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
+        at = rows[:, None], problem.branch_sense[x, e].astype(int), problem.branch_x[x, e]
+        np.add.at(outcome, at, p)
+        bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
+        reward = problem.bonus_scale[x, e, None] * bonus[:, e].T
+        reward[:, 0] -= problem.cost[x, e]
+        edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
+        exits = problem.exit_value[: momdp.terminal, None]
+        return cls(np.ascontiguousarray(edge), outcome, reward, exits, informative_pairs(momdp))
 
-def make_edges(momdp: MOMDP, problem: Compiled) -> Edges:
-    """List the legal pairs of a problem."""
-    legal = np.argwhere(problem.legal[: momdp.terminal])  # (M,2)
-    outcome = np.zeros((len(legal), 2, momdp.terminal))
-    for row, (x, e) in zip(outcome, legal.tolist(), strict=True):
-        for k in range(problem.branches[x, e]):
-            p = problem.discount[x, e] * problem.branch_p[x, e, k]
-            row[int(problem.branch_sense[x, e, k]), problem.branch_x[x, e, k]] += p
-    x, e = legal.T
-    keeps = outcome[np.arange(len(legal)), :, x].any(axis=1)
-    slope = momdp.bonus[..., 1] - momdp.bonus[..., 0]  # (N,E)
-    bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), slope])  # (1+N,E)
-    reward = (problem.bonus_scale[x, e] * bonus[:, e]).T
-    reward[:, 0] -= problem.cost[x, e]
-    return Edges(
-        np.ascontiguousarray(np.column_stack([legal, keeps])),
-        outcome,
-        reward,
-        problem.exit_value[: momdp.terminal, None],
-        informative_pairs(momdp),
-    )
+
+class Backups(NamedTuple):
+    """All that a sweep reads besides the values.
+
+    Attributes
+    ----------
+    edge, outcome : as in `Edges`.
+    reward : (M,B) of carrying it out, or (M,1) where that is the same for every belief.
+    floor : (X-1,B) value of ending.
+    size : (N,) points of each axis.
+    point, weight : (N,E,G,J) columns and entries of the percepts' matrices; the first column is -1
+        where percepts do not move the belief.
+    """
+
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    floor: Floats
+    size: Integers
+    point: Integers
+    weight: Floats
 
 
 def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Percepts:
-    """Build the sparse matrices of an attribute's percepts.
+    """Build the sparse matrices of an attribute's percepts, one a behavior.
 
-    Linear interpolation is in the belief and never below a convex function; smooth interpolation
-    is cubic in log-odds, no bound but much nearer.
+    Row g holds the points beside each belief that may follow point g, weighted by the percept's
+    probability and by interpolation: linear in the belief, which is never below a convex function
+    (J = 2K), or smooth, cubic in log-odds, no bound but much nearer (J = 4K).
     """
     false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
     joint = true * axis
@@ -118,7 +97,7 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
         point, weight = _cubic(axis, after, low, point, weight)
     shape = (len(p), len(axis), -1)
     point, weight = (part.transpose(0, 2, 1, 3) for part in (point, p[..., None] * weight))
-    return Percepts(point.reshape(shape), weight.reshape(shape))
+    return point.reshape(shape), weight.reshape(shape)
 
 
 def _cubic(
@@ -141,23 +120,20 @@ def _cubic(
     return point, weight
 
 
-def make_backups(
-    momdp: MOMDP, edges: Edges, table: Table, percepts: tuple[Percepts, ...]
-) -> Backups:
+def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
     beliefs = table.beliefs
-    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
     reward = edges.reward[:, :1]
     if edges.reward[:, 1:].any():
         reward = reward + edges.reward[:, 1:] @ beliefs.T
-    width = max(part.point.shape[2] for part in percepts)
-    shape = (*edges.moves.shape, table.points.shape[1], width)
+    shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
     for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size], weight[i, :, :size] = part
     point[~edges.moves, 0, 0] = -1
+    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
     floor = np.maximum(report, edges.exit_value)
-    return Backups(floor, edges.edge, edges.outcome, reward, table.size, point, weight)
+    return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
 
 
 @entry_kernel
