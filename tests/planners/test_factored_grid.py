@@ -66,7 +66,7 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
     table = table._replace(value=value)
     percepts = tuple(percepts_on(momdp, i, axis) for i, axis in enumerate(table.axes))
     backups = make_backups(momdp, Edges.of(momdp, problem), table, percepts)
-    found, work = value.copy(), np.empty((4, value.shape[1]))
+    found, work = value.copy(), np.zeros((4, value.shape[1]))
     sweep(backups, found, work, np.inf, 1, smooth)
     for x in reversed(range(momdp.terminal)):
         best = [one_step_ahead(momdp, problem, table, x, b) for b in table.beliefs]

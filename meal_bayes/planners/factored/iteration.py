@@ -131,7 +131,7 @@ class ValueIteration:
             percepts.append(self._percepts[key])
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
-        work = np.empty((4, value.shape[1]))
+        work = np.zeros((4, value.shape[1]))
         sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
         return table._replace(value=value)
 

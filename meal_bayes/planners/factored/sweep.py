@@ -142,43 +142,41 @@ def sweep(
 ) -> None:
     """Back up the values of every x, latest first, until a sweep changes none by `settled`.
 
-    Within a sweep, an x is backed up again while behaviors that keep it lower its values. Values
-    only fall, unless interpolation is smooth.
+    Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
+    behaviors that keep it lower its values; not if smooth.
 
     Parameters
     ----------
     backups : of the grid.
     value : (X-1,B) changed in place.
-    work : (4,B) scratch buffer.
+    work : (4,B) zeros, overwritten.
     settled : change of a value that ends the sweeps.
     sweeps : at most.
-    smooth : one backup of each x a sweep; values may rise.
+    smooth : is interpolation smooth?
     """
-    edge = backups.edge
+    edge, points = backups.edge, value.shape[1]
     for _ in range(sweeps):
         largest = 0.0
         for x in range(value.shape[0] - 1, -1, -1):
-            fallen, loops = 0.0, False
-            for b in range(value.shape[1]):
+            for b in range(points):
                 work[0, b] = backups.floor[x, b]
-            for m in range(edge.shape[0]):
-                if edge[m, 0] == x and not edge[m, 2]:
-                    _back_up(backups, value, m, work, 0)
-            while True:
-                for b in range(value.shape[1]):
-                    work[1, b] = work[0, b]
+            fallen, keeps, loops = 0.0, 0, False
+            while True:  # once those that leave x, then those that may keep it
                 for m in range(edge.shape[0]):
-                    if edge[m, 0] == x and edge[m, 2]:
-                        loops = True
-                        _back_up(backups, value, m, work, 1)
+                    if edge[m, 0] == x and edge[m, 2] == keeps:
+                        loops = keeps == 1
+                        _back_up(backups, value, m, work, keeps)
                 fall = 0.0
-                for b in range(value.shape[1]):
-                    new = work[1, b] if smooth else min(work[1, b], value[x, b])
-                    fall = max(fall, abs(value[x, b] - new))
-                    value[x, b] = new
+                for b in range(points):
+                    if keeps == 1:
+                        new = work[1, b] if smooth else min(work[1, b], value[x, b])
+                        fall = max(fall, abs(value[x, b] - new))
+                        value[x, b] = new
+                    work[1, b] = work[0, b]
                 fallen = max(fallen, fall)
-                if smooth or not loops or fall <= max(settled, _LOOPED * fallen):
+                if keeps == 1 and (smooth or not loops or fall <= max(settled, _LOOPED * fallen)):
                     break
+                keeps = 1
             largest = max(largest, fallen)
         if largest <= settled:
             return
@@ -187,29 +185,25 @@ def sweep(
 @kernel
 def _back_up(backups, value, m, work, row):
     """Raise work[row] to the value of edge m, one step ahead of the values."""
-    outcome, reward, source = backups.outcome, backups.reward, 2
-    senses, width = False, value.shape[1]
-    for b in range(width):
+    outcome, reward, source, points = backups.outcome, backups.reward, 2, value.shape[1]
+    for b in range(points):
         work[2, b] = 0.0
-    for x in range(value.shape[0]):
-        p = outcome[m, 1, x]
-        if p > 0.0:
-            senses = True
-            for b in range(width):
-                work[2, b] += p * value[x, b]
-    if senses:
-        left, e = 1, backups.edge[m, 1]
-        for i in range(backups.size.shape[0]):
-            if backups.point[i, e, 0, 0] >= 0:
-                _expect(backups, i, e, left, work, source)
-                source = 5 - source
-            left *= backups.size[i]
-    for x in range(value.shape[0]):
-        p = outcome[m, 0, x]
-        if p > 0.0:
-            for b in range(width):
-                work[source, b] += p * value[x, b]
-    for b in range(width):
+    for percept in range(1, -1, -1):
+        comes = False
+        for x in range(value.shape[0]):
+            p = outcome[m, percept, x]
+            if p > 0.0:
+                comes = True
+                for b in range(points):
+                    work[source, b] += p * value[x, b]
+        if percept == 1 and comes:
+            left = 1
+            for i in range(backups.size.shape[0]):
+                if backups.point[i, backups.edge[m, 1], 0, 0] >= 0:
+                    _expect(backups, i, backups.edge[m, 1], left, work, source)
+                    source = 5 - source
+                left *= backups.size[i]
+    for b in range(points):
         pay = reward[m, b if reward.shape[1] > 1 else 0]
         work[row, b] = max(work[row, b], work[source, b] + pay)
 
@@ -223,31 +217,21 @@ def _expect(backups, i, e, left, work, source):
     """
     point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
     right = work.shape[1] // (left * size)
-    rows, step, many = (1, 1, right) if right > 1 else (_BLOCK, size, 0)
+    rows, step = (1, 1) if right > 1 else (_BLOCK, size)
     for first in range(0, left, rows):
-        count = many if many else min(rows, left - first)
+        width = right if right > 1 else min(rows, left - first) * step
         for g in range(size):
             to = (first * size + g) * right
             for j in range(0, point.shape[3], 4):
+                keep = 0.0 if j == 0 else 1.0
                 a = (first * size + point[i, e, g, j]) * right
                 b = (first * size + point[i, e, g, j + 1]) * right
                 c = (first * size + point[i, e, g, j + 2]) * right
                 d = (first * size + point[i, e, g, j + 3]) * right
                 s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
                 u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
-                if right > 1:
-                    for r in range(right):
-                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                        sum_ += (
-                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
-                        )
-                        here = np.uintp(to + r)
-                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_
-                else:
-                    for r in range(0, count * step, step):
-                        sum_ = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                        sum_ += (
-                            u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
-                        )
-                        here = np.uintp(to + r)
-                        work[target, here] = sum_ if j == 0 else work[target, here] + sum_
+                for r in range(0, width, step):
+                    one = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                    two = u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                    here = np.uintp(to + r)
+                    work[target, here] = keep * work[target, here] + (one + two)
