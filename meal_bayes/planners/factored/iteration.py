@@ -31,13 +31,9 @@ class _Grid(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ValueIteration:
-    """Value iteration of one problem.
+    """Value iteration of a MOMDP of infinite precision and one latent class a truth.
 
-    Attributes
-    ----------
-    momdp : of infinite precision, one latent class a truth.
-    problem : the same, compiled.
-    tolerance : an axis is fine enough when halving its steps lowers the bound by no more, reward.
+    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
     """
 
     momdp: MOMDP
@@ -73,11 +69,10 @@ class ValueIteration:
             tried = {i: g for i, g in finer.items() if g is not None}
             if not tried:
                 return grid.table
-            best, *others = tried
-            if others:
-                once = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
-                before, tried = grid, once
-                best = max(once, key=lambda i: self._gain(before, once[i]))
+            best = next(iter(tried))
+            if len(tried) > 1:
+                tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
+                best = max(tried, key=lambda i: self._gain(grid, tried[i]))
             chosen = self._lowered(tried[best])
             fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
             grid = chosen
@@ -139,10 +134,10 @@ class ValueIteration:
         return grid._replace(table=self.lowered(grid.table, sweeps))
 
     def _coarsest(self, points: int) -> _Grid:
-        momdp, moves = self.momdp, self.edges.moves.any(axis=1)
+        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
         axes = [
             make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
-            for i, moved in enumerate(moves)
+            for i, moved in enumerate(moves.tolist())
         ]
         size = math.prod(len(axis) for axis in axes)
         if size > points:

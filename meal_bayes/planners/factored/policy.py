@@ -12,10 +12,9 @@ along one axis lies above V, and the mixture it makes over that axis is still co
 (weights are >= 0 and depend on the first b_i only): axis by axis, the multilinear interpolation I U
 of any U >= V on the grid lies above V everywhere. (3) A Bellman backup T is monotone and T V = V,
 so T I U >= V on the grid, and so is min(U, T I U). Started from a constant that no reward exceeds,
-every table is therefore an upper bound, however coarse the grid and however few the sweeps; reading
-it off at the points of a finer grid keeps it one (2). Bonuses of shaping are linear in each b_i,
-additive reports convex; failures are folded into their behavior, and ending by an illegal behavior
-is a constant. As the grid grows the interpolation error vanishes and the bound is tight.
+every table is therefore an upper bound, however coarse the grid and however few the sweeps, and so
+is what a finer grid reads off it. Bonuses of shaping are linear in each b_i; failures are folded
+into their behavior, and abstaining is worth a constant. As the grid grows, the bound gets tight.
 
 *The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid
 that is too coarse the bound promises information that is not there, and its policy puts the report
@@ -25,14 +24,12 @@ no bound but much nearer the optimum on the same grid.
 What is left out of the state, and what then holds:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
-  (unless shaping takes pay away). In a trial, behaviors that have run out are planned without; the
-  table for what is left is made when first needed, starting from the table at hand.
+  (unless shaping takes pay away). In a trial, behaviors that have run out are planned without, by a
+  table that is made when first needed.
 - finite precision and several latent classes a truth: the marginals are no longer the state.
   `Factored` refuses; plan with `POMCP`.
-- behaviors that never do anything where they are legal: as for the other planners they are no
-  choice, not even to pass discounted time with.
-- undiscounted behaviors that cost nothing and tell nothing: going round them for ever is worth what
-  the table started from. The bound holds, but is idle, and the policy may go round.
+- undiscounted behaviors that cost nothing and inform of nothing: going round them for ever is worth
+  what the table started from. The bound holds, but is idle, and the policy may go round.
 """
 
 from dataclasses import dataclass, field, replace
@@ -54,13 +51,9 @@ _FINER = 8  # times the points of a bound may be those of the estimate, whose st
 class Factored:
     """Settings of factored value iteration.
 
-    Solves up to three attributes in tenths of a second at the default; `points` of a million reach
-    five attributes in some ten seconds.
-
-    Attributes
-    ----------
-    points : of the grid, at most.
-    tolerance : share of r+ - r-: an axis whose refinement gains less is fine enough.
+    Solves up to three attributes in tenths of a second at the default; a grid of a million `points`
+    at most reaches five attributes in some ten seconds. An axis is fine enough when its refinement
+    gains less than `tolerance`, a fraction of r+ - r-.
 
     Raises
     ------
@@ -98,14 +91,7 @@ class Factored:
 
 @dataclass(frozen=True, slots=True)
 class FactoredPolicy:
-    """Policy of `Factored`; its values are estimates next to the optimum.
-
-    Attributes
-    ----------
-    iteration : that made the tables.
-    bound : upper bounds.
-    estimate : estimates of the optimum.
-    """
+    """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
     iteration: ValueIteration
     bound: Table

@@ -26,13 +26,10 @@ Percepts = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matr
 class Edges(NamedTuple):
     """The M legal pairs of x and behavior, whatever the grid.
 
-    Attributes
-    ----------
-    edge : (M,3) x, behavior, and 1 if it may keep x.
-    outcome : (M,2,X-1) discounted probability of each next x, without and with a percept.
-    reward : (M,1+N) of carrying it out: a constant, and slopes in the marginals.
-    exit_value : (X-1,1) of abstaining.
-    moves : (N,E) do percepts of the behavior move the belief?
+    `edge` (M,3) is x, behavior, and 1 if it may keep x; `outcome` (M,2,X-1) the discounted
+    probability of each next x, without and with a percept; `reward` (M,1+N) a constant and slopes
+    in the marginals; `exit_value` (X-1,1) that of abstaining; `moves` (N,E) whether percepts move
+    the belief.
     """
 
     edge: Integers
@@ -58,16 +55,11 @@ class Edges(NamedTuple):
 
 
 class Backups(NamedTuple):
-    """All that a sweep reads besides the values.
+    """All that a sweep reads besides the values; `edge` and `outcome` are those of `Edges`.
 
-    Attributes
-    ----------
-    edge, outcome : as in `Edges`.
-    reward : (M,B) of carrying it out, or (M,1) where that is the same for every belief.
-    floor : (X-1,B) value of ending.
-    size : (N,) points of each axis.
-    point, weight : (N,E,G,J) columns and entries of the percepts' matrices; the first column is -1
-        where percepts do not move the belief.
+    `reward` is (M,B), or (M,1) where it is the same for every belief; `floor` (X-1,B) the value of
+    ending; `size` (N,) that of the axes; `point` and `weight` (N,E,G,J) are columns and entries of
+    the percepts' matrices, the first column -1 where percepts do not move the belief.
     """
 
     edge: Integers
@@ -183,7 +175,7 @@ def sweep(
 
 
 @kernel
-def _back_up(backups, value, m, work, row):
+def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) -> None:
     """Raise work[row] to the value of edge m, one step ahead of the values."""
     outcome, reward, source, points = backups.outcome, backups.reward, 2, value.shape[1]
     for b in range(points):
@@ -209,7 +201,7 @@ def _back_up(backups, value, m, work, row):
 
 
 @kernel
-def _expect(backups, i, e, left, work, source):
+def _expect(backups: Backups, i: int, e: int, left: int, work: Floats, source: int) -> None:
     """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
 
     Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
