@@ -90,10 +90,8 @@ class PBVI:
 
     def _iterate(self, problem: Problem, rng: np.random.Generator) -> AlphaVectors:
         deadline = time.monotonic() + self.seconds
-        plans, points = (
-            list(problem.known),
-            [np.empty((0, len(problem.start)))] * len(problem.known),
-        )
+        plans = list(problem.known)
+        points = [np.empty((0, len(problem.start)))] * len(plans)
         for index in range(self.rounds):
             points = self._collect(problem, plans, points, index, rng)
             for _ in range(self.sweeps):
