@@ -133,39 +133,24 @@ def _sweep(problem: Problem, plans: list[Plans], points: list[Floats]) -> float:
     """Back every point up, replacing `plans`; return the largest gain of any point."""
     gain = 0.0
     for x in reversed(range(len(plans))):
-        beliefs = points[x]
+        beliefs, known = points[x], problem.known[x]
         if not len(beliefs):
             continue
-        worth = beliefs @ plans[x].vectors.T
-        before = worth.argmax(axis=1)
-        old = np.take_along_axis(worth, before[:, None], axis=1)[:, 0]
-        vectors, actions, new = _backup(problem, plans, x, beliefs)
-        gain = max(gain, float((new - old).max()))
-        better, known = new > old, problem.known[x]
-        vectors = np.where(better[:, None], vectors, plans[x].vectors[before])
-        actions = np.where(better, actions, plans[x].actions[before])
+        products = beliefs @ plans[x].vectors.T
+        best, before = products.argmax(axis=1), products.max(axis=1)
+        vectors, actions, values = plans[x].vectors[best], plans[x].actions[best], before.copy()
+        for choice in problem.choices[x]:
+            ahead = _look_ahead(choice, plans, beliefs)
+            value = (ahead * beliefs).sum(axis=1)
+            better = value > values
+            vectors[better], values[better] = ahead[better], value[better]
+            actions[better] = choice.action
+        gain = max(gain, float((values - before).max()))
         vectors = np.concatenate([known.vectors, vectors])
         _, first = np.unique(vectors.round(9), axis=0, return_index=True)
         first.sort()
         plans[x] = Plans(vectors[first], np.concatenate([known.actions, actions])[first])
     return gain
-
-
-def _backup(
-    problem: Problem, plans: list[Plans], x: int, beliefs: Floats
-) -> tuple[Floats, _Integers, Floats]:
-    """Find the best plan of one more action for each belief (n,Y): vectors, actions, values."""
-    known = problem.known[x]
-    worth = beliefs @ known.vectors.T
-    best = worth.argmax(axis=1)
-    vectors, actions, values = known.vectors[best], known.actions[best], worth.max(axis=1)
-    for choice in problem.choices[x]:
-        vector = _look_ahead(choice, plans, beliefs)
-        value = (vector * beliefs).sum(axis=1)
-        better = value > values
-        vectors[better], values[better] = vector[better], value[better]
-        actions[better] = choice.action
-    return vectors, actions, values
 
 
 def _look_ahead(choice: Choice, plans: list[Plans], beliefs: Floats) -> Floats:
