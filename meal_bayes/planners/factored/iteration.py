@@ -117,6 +117,10 @@ class ValueIteration:
             )
         return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
 
+    def forget_grids(self) -> None:
+        """Free what was kept of all grids; it is built again when needed."""
+        self._percepts.clear()
+
     def _swept(self, table: Table, sweeps: int, settled: float, *, smooth: bool) -> Table:
         percepts = []
         for i, axis in enumerate(table.axes):

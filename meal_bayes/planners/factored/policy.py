@@ -35,7 +35,7 @@ What is left out of the state, and what then holds:
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
@@ -86,6 +86,7 @@ class Factored:
         iteration = ValueIteration(momdp, compile_momdp(momdp), tolerance)
         bound = iteration.bounds(self.points)
         estimate = iteration.estimate(bound, _FINER * self.points)
+        iteration.forget_grids()
         return FactoredPolicy(iteration, _rounded_up(bound), _rounded_up(estimate))
 
 
@@ -110,35 +111,26 @@ class FactoredPolicy:
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
         ending = max(report, float(self.iteration.problem.exit_value[x]))
         ahead = float(self.upper_bounds(x, momdp.prior).max())
-        return min(max(ending, ahead), self._read(x, momdp.prior))
+        return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
         return _values_ahead(self.iteration.momdp, self.iteration.problem, self.bound, x, prob)
 
-    def value_at(self, x: int, log_odds: ArrayLike) -> float:
-        """Bound the value from x, believing with log-odds (N,).
-
-        Attributes that no percept moves are taken at their prior.
-        """
-        with np.errstate(over="ignore"):
-            return self._read(x, 1 / (1 + np.exp(-np.asarray(log_odds, dtype=float))))
-
-    def _read(self, x: int, prob: Floats) -> float:
+    def value_at(self, x: int, prob: Floats) -> float:
+        """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
         confusion = self.iteration.momdp.confusion
         scratch = make_scratch(self.bound, confusion.shape[3])
         return float(value_after(self.bound, confusion, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate."""
-        belief = history.belief
+        belief, prob = history.belief, history.belief.positive
         iteration, table = self._left(belief)
         momdp, problem = iteration.momdp, iteration.problem
-        ahead = _values_ahead(momdp, problem, table, belief.x, belief.positive)
-        if (
-            iteration is self.iteration
-        ):  # where percepts tell little the estimate may pass the bound
-            ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
+        ahead = _values_ahead(momdp, problem, table, belief.x, prob)
+        if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
+            ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
         exit_value = float(problem.exit_value[belief.x])
         return Decision.exact(*choose(momdp, belief, ahead, exit_value))
 
@@ -173,7 +165,7 @@ def _rounded_up(table: Table) -> Table:
 
 
 def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
-    """Value of each behavior (E,), one step ahead of a table; -inf where not legal."""
+    """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
     out = -problem.cost[x]
     if problem.shaped:
         bonus = (1 - prob) @ momdp.bonus[..., 0] + prob @ momdp.bonus[..., 1]
