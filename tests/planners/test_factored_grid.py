@@ -90,6 +90,14 @@ def one_step_ahead(momdp, problem, table, x, b):
     return best
 
 
+@pytest.mark.parametrize("attribute", [0, 1])
+def test_a_finer_table_keeps_the_layout_that_kernels_are_compiled_for(momdp, attribute):
+    axis, finer = (make_axis(momdp, attribute, level) for level in (0, 1))
+    table = refine(make_table([axis], np.ones((3, len(axis)))), 0, finer)
+    assert table.value.flags.c_contiguous
+    assert table.value.shape == (3, len(finer))
+
+
 def test_values_between_points(momdp, table):
     scratch = make_scratch(table, 4)
     for b in np.random.default_rng(4).random((20, 2)):
