@@ -15,7 +15,7 @@ from meal_bayes.agents.experience import Experience
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Query
 from meal_bayes.momdp import ITRS, build_momdp, observation_entropy
-from meal_bayes.planners import single_values
+from meal_bayes.planners import batched_value_iteration
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
         correct=reward, incorrect=-reward, discount=discount,
     )  # fmt: skip
     prior = np.repeat(knowledge.base_rates, 1 + e)
-    values = single_values(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
+    values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
     return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))
 
 

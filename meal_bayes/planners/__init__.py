@@ -4,7 +4,7 @@ In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decisio
 """
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
-from meal_bayes.planners.factored import Factored, single_values, upper_bound
+from meal_bayes.planners.factored import Factored, batched_value_iteration, upper_bound
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
@@ -48,9 +48,9 @@ __all__ = [
     "Sarsop",
     "Solver",
     "TreeEdge",
+    "batched_value_iteration",
     "read_policy",
     "simulate",
-    "single_values",
     "unvalued",
     "upper_bound",
     "warm_up",

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners import Factored, History, single_values
+from meal_bayes.planners import Factored, History, batched_value_iteration
 
 TOY = load_domain("toy")
 rate = st.floats(0.02, 0.98)
@@ -43,7 +43,7 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
     domain, rng = load_domain(name), np.random.default_rng(4)
     rates, prior = random_rates(domain, rng, 6), rng.uniform(0.1, 0.9, 6)
     scale = 2 * domain.report_reward
-    values = single_values(problem(domain=domain, abstain=abstain), rates, prior)
+    values = batched_value_iteration(problem(domain=domain, abstain=abstain), rates, prior)
     for value, own, p in zip(values, rates, prior, strict=True):
         best = optimum(problem(own, p, domain=domain, abstain=abstain))
         assert best - 0.002 * scale <= value <= best + 0.02 * scale  # it errs upwards
@@ -52,7 +52,7 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
 @given(st.lists(pairs, min_size=3, max_size=3), chance)
 @settings(max_examples=40, deadline=None)
 def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
-    (value,) = single_values(problem(), [rates], [prior])
+    (value,) = batched_value_iteration(problem(), [rates], [prior])
     assert 100 * (2 * max(prior, 1 - prior) - 1) - 0.2 <= value <= 100  # the grid rounds 0.1 %
 
 
@@ -61,7 +61,7 @@ def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
 def test_better_percepts_are_worth_no_less(rates, prior, e, step):
     better = np.array(rates)
     better[e] = np.clip(better[e] + step * np.array([-1, 1]), 0.01, 0.99)
-    plain, improved = single_values(problem(), [rates, better.tolist()], [prior, prior])
+    plain, improved = batched_value_iteration(problem(), [rates, better.tolist()], [prior, prior])
     assert improved >= plain - 0.5  # 0.25 % of r+ - r-, interpolation
 
 
@@ -69,9 +69,9 @@ def test_better_percepts_are_worth_no_less(rates, prior, e, step):
 @settings(max_examples=25, deadline=None)
 def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
     rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
-    (value,) = single_values(problem(), rates, [prior])
+    (value,) = batched_value_iteration(problem(), rates, [prior])
     assert value == pytest.approx(now, abs=0.7)  # a kink between grid points at even odds
-    (leaving,) = single_values(problem(abstain=True), rates, [prior])
+    (leaving,) = batched_value_iteration(problem(abstain=True), rates, [prior])
     exit_value = -min(b.cost for b in TOY.behaviors if b.name == "reinit")
     assert leaving == pytest.approx(max(now, exit_value), abs=0.7)
 
@@ -80,9 +80,9 @@ def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
 def test_problems_do_not_touch_each_other(order):
     rng = np.random.default_rng(0)
     rates, prior = random_rates(TOY, rng, 3), rng.uniform(0.1, 0.9, 3)
-    together = single_values(problem(), rates, prior)
+    together = batched_value_iteration(problem(), rates, prior)
     np.testing.assert_allclose(
-        single_values(problem(), rates[order], prior[order]), together[order], atol=0.05
+        batched_value_iteration(problem(), rates[order], prior[order]), together[order], atol=0.05
     )
 
 
@@ -96,4 +96,4 @@ def test_problems_do_not_touch_each_other(order):
 )
 def test_what_does_not_fit_is_refused(momdp, shape, message):
     with pytest.raises(SettingsError, match=message):
-        single_values(momdp, np.full(shape, 0.5), [0.5])
+        batched_value_iteration(momdp, np.full(shape, 0.5), [0.5])

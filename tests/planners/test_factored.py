@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
@@ -67,7 +68,7 @@ class TestThePolicy:
         policy = solve(toy)
         decision = policy.decide(History(small.believing(toy, odds)), RNG)
         assert decision.action == toy.n_behaviors + 0b10
-        assert policy.value_at(0, odds) == pytest.approx(toy.correct, abs=1e-3)
+        assert policy.value_at(0, expit(odds)) == pytest.approx(toy.correct, abs=1e-3)
 
     def test_sure_priors_and_deciding_percepts(self, small):
         momdp = small.momdp("toy", {"red": {"look": (1.0, 0.0)}, "heavy": {}}, prior=[0.5, 1.0])

@@ -10,16 +10,15 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.factored.grid import (
-    informative_pairs,
     make_axis,
     make_scratch,
     make_table,
     refine,
     value_after,
 )
-from meal_bayes.planners.factored.operators import (
+from meal_bayes.planners.factored.sweep import (
+    Edges,
     make_backups,
-    make_edges,
     percepts_on,
     sweep,
 )
@@ -66,8 +65,8 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
     problem, value = compile_momdp(momdp), 500 * table.value  # above and below the best report
     table = table._replace(value=value)
     percepts = tuple(percepts_on(momdp, i, axis) for i, axis in enumerate(table.axes))
-    backups = make_backups(momdp, make_edges(momdp, problem), table, percepts)
-    found, work = value.copy(), np.empty((4, value.shape[1]))
+    backups = make_backups(momdp, Edges.of(momdp, problem), table, percepts)
+    found, work = value.copy(), np.zeros((4, value.shape[1]))
     sweep(backups, found, work, np.inf, 1, smooth)
     for x in reversed(range(momdp.terminal)):
         best = [one_step_ahead(momdp, problem, table, x, b) for b in table.beliefs]
@@ -89,6 +88,14 @@ def one_step_ahead(momdp, problem, table, x, b):
             value += problem.discount[x, e] * problem.branch_p[x, e, k] * after
         best = max(best, value)
     return best
+
+
+@pytest.mark.parametrize("attribute", [0, 1])
+def test_a_finer_table_keeps_the_layout_that_kernels_are_compiled_for(momdp, attribute):
+    axis, finer = (make_axis(momdp, attribute, level) for level in (0, 1))
+    table = refine(make_table([axis], np.ones((3, len(axis)))), 0, finer)
+    assert table.value.flags.c_contiguous
+    assert table.value.shape == (3, len(finer))
 
 
 def test_values_between_points(momdp, table):

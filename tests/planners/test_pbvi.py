@@ -278,7 +278,7 @@ def test_certain_attributes_and_deciding_percepts():
                 np.full((1, 3, 4, 2), 0.5),
                 kinds=np.full((1, 2, 4), 0.25),
             ),
-            "several kinds of object",
+            "several latent classes",
         ),
         (momdp_of("ispy32", 9), "9 attributes make .* outcome matrices"),
     ],

@@ -7,27 +7,26 @@ interpolation errs upwards, by about the same in all of them: differences are wh
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.factored.grid import Floats
 
-Array = NDArray[np.float64]
-
-_SPAN, _POINTS = 7.0, 57  # log-odds reach from -7 to 7
+_LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
 _SETTLED = 1e-4  # of r+ - r-
 
 
-def single_values(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) -> Array:
-    """Value of B single-attribute problems at their prior, (B,), s of reward.
+def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) -> Floats:
+    """Compute the values of B single-attribute problems at their priors, (B,), s of reward.
 
     Parameters
     ----------
     momdp : of one attribute; its diagram, costs, discount and rewards hold for all, what it says
         of percepts for none. It must not be shaped.
-    rates : (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates tell nothing.
+    rates : (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : (B,) Pr(the attribute is true).
 
     Raises
@@ -36,27 +35,25 @@ def single_values(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) -> Array:
     """
     yes, start = np.asarray(rates, dtype=float), np.asarray(prior, dtype=float)
     if len(momdp.query) != 1 or momdp.bonus.any():
-        raise SettingsError("single_values needs an unshaped MOMDP of one attribute.")
+        raise SettingsError("batched_value_iteration needs an unshaped MOMDP of one attribute.")
     if yes.shape != (len(start), momdp.n_behaviors, 2):
         raise SettingsError(
             f"rates and prior have shapes {yes.shape} and {start.shape}; "
             f"expected (B,{momdp.n_behaviors},2) and (B,)."
         )
     problem = compile_momdp(momdp)
-    grid = np.linspace(-_SPAN, _SPAN, _POINTS)
+    grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
     report = momdp.report_reward(np.maximum(belief, 1 - belief)[:, None])
     floor = np.maximum(report, problem.exit_value[: momdp.terminal, None])  # (X-1,G)
     percepts = [_Percept(yes[:, e], grid, belief) for e in range(momdp.n_behaviors)]
-    value = np.broadcast_to(floor[:, None], (len(floor), len(start), _POINTS)).copy()  # (X-1,B,G)
+    value = np.repeat(floor[:, None], len(start), axis=1)  # (X-1,B,G)
     settled = _SETTLED * (momdp.correct - momdp.incorrect)
+    latest_first = range(len(floor))[::-1]
     for _ in range(_SWEEPS):
-        if (
-            max(_settle(problem, percepts, floor, value, x) for x in range(len(floor))[::-1])
-            < settled
-        ):
+        if max(_back_up(problem, percepts, floor, value, x) for x in latest_first) < settled:
             break
-    at = (np.log(start / (1 - start)) + _SPAN) * ((_POINTS - 1) / (2 * _SPAN))
+    at = (np.log(start / (1 - start)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
     low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
     share, row = np.clip(at - low, 0.0, 1.0), np.arange(len(start))
     first = value[momdp.start]
@@ -66,27 +63,27 @@ def single_values(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) -> Array:
 class _Percept:
     """What a behavior's next percept does to every belief of every problem."""
 
-    def __init__(self, yes: Array, grid: Array, belief: Array) -> None:
+    def __init__(self, yes: Floats, grid: Floats, belief: Floats) -> None:
         rates = np.clip(np.stack([1 - yes, yes]), 1e-6, 1.0)  # (2 levels,B,2 truths)
-        self.chance = rates[..., 1:] * belief + rates[..., :1] * (1 - belief)  # (2,B,G)
+        self.prob = rates[..., 1:] * belief + rates[..., :1] * (1 - belief)  # (2,B,G)
         step = grid[1] - grid[0]
         at = np.arange(len(grid)) + np.log(rates[..., 1:] / rates[..., :1]) / step
         at = np.clip(at, 0, len(grid) - 1)
         self.low = np.minimum(at.astype(np.intp), len(grid) - 2)
         self.share = at - self.low
 
-    def expect(self, value: Array) -> Array:
-        """Take the expected value (B,G) after the percept."""
+    def expectation(self, value: Floats) -> Floats:
+        """Compute the expected value (B,G) after the percept."""
         total = np.zeros_like(value)
-        for chance, low, share in zip(self.chance, self.low, self.share, strict=True):
+        for prob, low, share in zip(self.prob, self.low, self.share, strict=True):
             below = np.take_along_axis(value, low, axis=1)
             above = np.take_along_axis(value, low + 1, axis=1)
-            total += chance * (below + share * (above - below))
+            total += prob * (below + share * (above - below))
         return total
 
 
-def _settle(
-    problem: Compiled, percepts: list[_Percept], floor: Array, value: Array, x: int
+def _back_up(
+    problem: Compiled, percepts: list[_Percept], floor: Floats, value: Floats, x: int
 ) -> float:
     """Back one x up, in place; return the largest change."""
     new = np.broadcast_to(floor[x], value[x].shape).copy()
@@ -95,7 +92,7 @@ def _settle(
         for k in range(problem.branches[x, e]):
             after = value[problem.branch_x[x, e, k]]
             if problem.branch_sense[x, e, k]:
-                after = percepts[e].expect(after)
+                after = percepts[e].expectation(after)
             ahead += problem.branch_p[x, e, k] * after
         np.maximum(new, problem.discount[x, e] * ahead - problem.cost[x, e], out=new)
     change = float(np.abs(new - value[x]).max())

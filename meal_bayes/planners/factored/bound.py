@@ -1,4 +1,9 @@
-"""A certified upper bound for queries of any size, from parts of the query that a grid can hold."""
+"""A certified upper bound for queries of any size, from parts of the query that a grid can hold.
+
+A policy for the query also answers a subset S of it, by leaving the rest of its report out and
+drawing the percepts of the others from the model, at the same cost and at least as often right. So
+V <= V_S, and the least V_S over subsets bounds V.
+"""
 
 from dataclasses import replace
 
@@ -18,22 +23,19 @@ def upper_bound(
 ) -> float:
     """Bound the value that any policy has from the start.
 
-    A policy for the query also answers a subset S of it, by leaving the rest of
-    its report out and drawing the percepts of the others from the model, at the same cost and at
-    least as often right. So V <= V_S, and the least V_S over subsets bounds V. Subsets grow from
-    the attribute with the least bound, to which the one that lowers the bound most is added.
-
-    Attributes that no percept tells of need no axis of the grid, so they are in every subset.
+    Subsets grow from the attribute with the least bound, to which the one that lowers the bound
+    most is added. Attributes that no percept moves need no axis of the grid, so they are in every
+    subset.
 
     *Finite precision*, equal for both truths: percepts of one behavior are then draws from the mean
     row, some replaced by copies of earlier ones, where which are copies does not depend on the
-    truth (the urn of Blackwell and MacQueen). Independent draws tell at least as much, so the bound
-    is that of infinite precision.
+    truth (the urn of Blackwell and MacQueen). Independent draws inform at least as much, so the
+    bound is that of infinite precision.
 
     Parameters
     ----------
     momdp : of any number of attributes.
-    size : attributes that percepts tell of, in a subset or block, at most.
+    size : attributes that percepts move, in a subset, at most.
     points : of a grid, at most.
     tolerance : as that of `Factored`.
 
@@ -45,33 +47,29 @@ def upper_bound(
     if size < 1:
         raise SettingsError(f"size is {size}; a subset has one attribute or more.")
     solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
-    told = informative_pairs(momdp).any(axis=1)
-    idle, moving = np.flatnonzero(~told).tolist(), np.flatnonzero(told).tolist()
+    moved = informative_pairs(momdp).any(axis=1)
+    still, moving = np.flatnonzero(~moved).tolist(), np.flatnonzero(moved).tolist()
     if not moving:
-        return _bound(momdp, idle, solver)
-    single = {i: _bound(momdp, [*idle, i], solver) for i in moving}
-    hardest = sorted(moving, key=lambda i: single[i])
-    subset, rest, best = [*idle, hardest[0]], hardest[1:], single[hardest[0]]
+        return _value(momdp, solver)
+    single = {i: _value(restrict(momdp, [*still, i]), solver) for i in moving}
+    first, *rest = sorted(moving, key=lambda i: single[i])
+    subset, best = [*still, first], single[first]
     for _ in range(min(size, len(moving)) - 1):
-        larger = {i: _bound(momdp, [*subset, i], solver) for i in rest[:_CANDIDATES]}
+        larger = {i: _value(restrict(momdp, [*subset, i]), solver) for i in rest[:_CANDIDATES]}
         chosen = min(larger, key=lambda i: larger[i])
         subset, best = [*subset, chosen], min(best, larger[chosen])
         rest.remove(chosen)
     return best
 
 
-def _bound(momdp: MOMDP, attributes: list[int], solver: Factored) -> float:
-    return solver.solve(restrict(momdp, attributes), np.random.default_rng(0)).upper_bound
+def _value(momdp: MOMDP, solver: Factored) -> float:
+    return solver.solve(momdp, np.random.default_rng(0)).upper_bound
 
 
 def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
-    """Ask for some of the attributes only, in such a way that the value bounds the whole query's.
-
-    Shaping pays for the others what it could pay at most.
-    """
+    """Ask for some attributes only; shaping pays for the others what it could pay at most."""
     some = np.sort(attributes)
-    bonus = momdp.bonus[some]
-    others = np.delete(momdp.bonus, some, axis=0)
+    bonus, others = momdp.bonus[some], np.delete(momdp.bonus, some, axis=0)
     bonus[0] += others.max(axis=2).sum(axis=0)[:, None]
     return replace(
         momdp,

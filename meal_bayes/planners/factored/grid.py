@@ -23,11 +23,9 @@ _NEAREST, _STEP = 1.3, 0.15  # reach of an even axis of m points: 1.3 + 0.15 m
 class Table(NamedTuple):
     """Values of beliefs, multilinear between the points of a product grid.
 
-    Attributes
-    ----------
-    points : (N,G) Pr(attribute is true) along each axis, ascending, padded by 1.
-    size : (N,) points of each axis; 1 where no percept moves the belief.
-    value : (X-1,B) floats at all B points of the grid; the last attribute's vary fastest.
+    `points` (N,G) hold Pr(attribute is true) along each axis, ascending, padded by 1; `size` (N,)
+    is 1 where no percept moves the belief; `value` (X-1,B) is known at all B points of the grid,
+    of which the last attribute's vary fastest.
     """
 
     points: Floats

@@ -1,6 +1,7 @@
 """Value iteration from above on a grid of marginal beliefs, and the grid's refinement."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,72 +11,44 @@ from meal_bayes.arrays import set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.factored.grid import (
-    Floats,
-    Table,
-    even_axis,
-    make_axis,
-    make_table,
-    refine,
-)
-from meal_bayes.planners.factored.operators import (
-    Edges,
-    Percepts,
-    make_backups,
-    make_edges,
-    percepts_on,
-    sweep,
-)
+from meal_bayes.planners.factored.grid import Table, even_axis, make_axis, make_table, refine
+from meal_bayes.planners.factored.sweep import Edges, Percepts, make_backups, percepts_on, sweep
 
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
-_SMOOTHED = 150  # sweeps of the estimate, at most
+_SMOOTHED, _SMOOTH_SETTLED = 150, 0.1  # the same of the estimate
 _INNER = (0, 101, 41, 25, 15, 11)  # uncertain beliefs on an axis of the estimate, by N
 _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
 
 class _Grid(NamedTuple):
-    """A table under iteration.
-
-    Attributes
-    ----------
-    table : upper bounds.
-    percepts : (N,) on its axes.
-    levels : (N,) of the axes.
-    bound : on the value at the start.
-    """
+    """Upper bounds, and how often each of the N axes was refined."""
 
     table: Table
-    percepts: tuple[Percepts, ...]
     levels: tuple[int, ...]
-    bound: float
 
 
 @dataclass(frozen=True, slots=True)
 class ValueIteration:
-    """Value iteration of one problem.
+    """Value iteration of a MOMDP of infinite precision and one latent class a truth.
 
-    Attributes
-    ----------
-    momdp : of infinite precision, one latent class a truth.
-    problem : the same, compiled.
-    tolerance : an axis is fine enough when halving its steps lowers the bound by no more, reward.
+    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
     """
 
     momdp: MOMDP
     problem: Compiled
     tolerance: float
     edges: Edges = field(init=False, repr=False, compare=False)
-    _made: dict[tuple[int, int], tuple[Floats, Percepts]] = field(
+    _percepts: dict[tuple[int, int, bool], Percepts] = field(
         default_factory=dict, repr=False, compare=False
-    )  # axes of every attribute and level
+    )  # by attribute, size of its axis, and interpolation
 
     def __post_init__(self) -> None:
-        set_frozen(self, edges=make_edges(self.momdp, self.problem))
+        set_frozen(self, edges=Edges.of(self.momdp, self.problem))
 
     def bounds(self, points: int) -> Table:
-        """Compute upper bounds on a grid of some points at most.
+        """Compute upper bounds on a grid of so many points at most.
 
         Easy attributes need few points, hard ones many. So the grid is refined first evenly; then
         every round tries each axis at half its steps for one sweep, keeps the one that lowered the
@@ -85,36 +58,35 @@ class ValueIteration:
         ------
         SettingsError : the coarsest grid has more points, or no bound on the rewards is known.
         """
-        grid = self._iterate(self._coarsest(points))
+        grid, fall = self._lowered(self._coarsest(points)), np.inf
         moving = np.flatnonzero(grid.table.size > 1).tolist()
-        fall = np.inf
         while fall > self.tolerance and (even := self._finer(grid, moving, points // _EVENLY)):
-            even = self._iterate(even)
-            grid, fall = even, grid.bound - even.bound
+            even = self._lowered(even)
+            grid, fall = even, self._fall(grid, even)
         fine: set[int] = set()
         while True:
             finer = {i: self._finer(grid, [i], points) for i in moving if i not in fine}
             tried = {i: g for i, g in finer.items() if g is not None}
             if not tried:
                 return grid.table
+            best = next(iter(tried))
             if len(tried) > 1:
-                tried = {i: self._iterate(g, sweeps=1) for i, g in tried.items()}
-            best = max(tried, key=lambda i: _gain(grid, tried[i]))
-            chosen = self._iterate(tried[best])
-            fine = fine | {best} if grid.bound - chosen.bound <= self.tolerance else set()
+                tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
+                best = max(tried, key=lambda i: self._gain(grid, tried[i]))
+            chosen = self._lowered(tried[best])
+            fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
             grid = chosen
 
-    def lowered(self, start: Table) -> Table:
-        """Compute upper bounds on the grid of a table that holds such bounds already."""
-        percepts = tuple(percepts_on(self.momdp, i, axis) for i, axis in enumerate(start.axes))
-        return self._swept(start, percepts, _SETTLED, _SWEEPS)
+    def lowered(self, table: Table, sweeps: int = _SWEEPS) -> Table:
+        """Lower upper bounds, on their own grid, until a sweep changes none of them."""
+        return self._swept(table, sweeps, _SETTLED, smooth=False)
 
     def estimate(self, bounds: Table, points: int) -> Table:
-        """Estimate the optimum by smooth interpolation, starting from bounds: near, but no bound.
+        """Estimate the optimum by smooth interpolation, starting from bounds.
 
         Linear interpolation adds a little at every step ahead; a policy that trusts a coarse table
         puts the report off. Here nothing adds up, if the steps are even: the grid is one of its
-        own, of some points at most.
+        own, of so many points at most. What results is near the optimum, but no bound.
         """
         moving = np.flatnonzero(bounds.size > 1).tolist()
         if not moving:
@@ -124,65 +96,7 @@ class ValueIteration:
             return bounds
         for i in moving:
             bounds = refine(bounds, i, even_axis(self.momdp, i, inner))
-        percepts = tuple(
-            percepts_on(self.momdp, i, axis, smooth=True) for i, axis in enumerate(bounds.axes)
-        )
-        return self._swept(bounds, percepts, 0.1, _SMOOTHED, smooth=True)
-
-    def _swept(
-        self,
-        table: Table,
-        percepts: tuple[Percepts, ...],
-        settled: float,
-        sweeps: int,
-        *,
-        smooth: bool = False,
-    ) -> Table:
-        """Iterate until a sweep changes no value by more than a share of the tolerance."""
-        value = table.value.astype(np.float64)
-        backups = make_backups(self.momdp, self.edges, table, percepts)
-        work = np.empty((4, value.shape[1]))
-        sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
-        return table._replace(value=value)
-
-    def _iterate(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:
-        table = self._swept(grid.table, grid.percepts, _SETTLED, sweeps)
-        bound = table.value[self.momdp.start, table.position(self.momdp.prior)]
-        return grid._replace(table=table, bound=float(bound))
-
-    def _coarsest(self, points: int) -> _Grid:
-        moves = self.edges.moves.any(axis=1)
-        axes, percepts = zip(*(self._axis(i, 0) for i in range(len(moves))), strict=True)
-        size, top = math.prod(len(axis) for axis in axes), self.worth_at_most()
-        if size > points:
-            raise SettingsError(
-                f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
-                f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
-            )
-        table = make_table(axes, np.full((self.momdp.terminal, size), top))
-        return _Grid(table, percepts, (0,) * len(axes), top)
-
-    def _finer(self, grid: _Grid, attributes: list[int], points: int) -> _Grid | None:
-        """Halve the steps of some axes, unless the grid would have too many points."""
-        finer = {i: self._axis(i, grid.levels[i] + 1) for i in attributes}
-        size = grid.table.size.tolist()
-        for i, (axis, _) in finer.items():
-            size[i] = len(axis)
-        if not attributes or math.prod(size) > points:
-            return None
-        table, percepts, levels = grid.table, list(grid.percepts), list(grid.levels)
-        for i, (axis, own) in finer.items():
-            table, percepts[i] = refine(table, i, axis), own
-            levels[i] += 1
-        return _Grid(table, tuple(percepts), tuple(levels), grid.bound)
-
-    def _axis(self, i: int, level: int) -> tuple[Floats, Percepts]:
-        """Build an axis, a single point where no percept moves the belief, and the percepts."""
-        if (i, level) not in self._made:
-            momdp, moves = self.momdp, self.edges.moves[i].any()
-            axis = make_axis(momdp, i, level) if moves else momdp.prior[i : i + 1]
-            self._made[i, level] = axis, percepts_on(momdp, i, axis)
-        return self._made[i, level]
+        return self._swept(bounds, _SMOOTHED, _SMOOTH_SETTLED, smooth=True)
 
     def worth_at_most(self) -> float:
         """Bound every value by a constant: the best ending, or the best pay for ever.
@@ -203,7 +117,59 @@ class ValueIteration:
             )
         return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
 
+    def forget_grids(self) -> None:
+        """Free what was kept of all grids; it is built again when needed."""
+        self._percepts.clear()
 
-def _gain(grid: _Grid, finer: _Grid) -> float:
-    growth = finer.table.value.shape[1] / grid.table.value.shape[1]
-    return float((grid.bound - finer.bound) / np.log(growth))
+    def _swept(self, table: Table, sweeps: int, settled: float, *, smooth: bool) -> Table:
+        percepts = []
+        for i, axis in enumerate(table.axes):
+            key = i, len(axis), smooth
+            if key not in self._percepts:
+                self._percepts[key] = percepts_on(self.momdp, i, axis, smooth=smooth)
+            percepts.append(self._percepts[key])
+        value = table.value.astype(np.float64)
+        backups = make_backups(self.momdp, self.edges, table, percepts)
+        work = np.zeros((4, value.shape[1]))
+        sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
+        return table._replace(value=value)
+
+    def _lowered(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:
+        return grid._replace(table=self.lowered(grid.table, sweeps))
+
+    def _coarsest(self, points: int) -> _Grid:
+        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
+        axes = [
+            make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
+            for i, moved in enumerate(moves.tolist())
+        ]
+        size = math.prod(len(axis) for axis in axes)
+        if size > points:
+            raise SettingsError(
+                f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
+                f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
+            )
+        value = np.full((momdp.terminal, size), self.worth_at_most())
+        return _Grid(make_table(axes, value), (0,) * len(axes))
+
+    def _finer(self, grid: _Grid, attributes: Sequence[int], points: int) -> _Grid | None:
+        """Halve the steps of some axes, unless the grid would have too many points."""
+        table, levels, size = grid.table, list(grid.levels), grid.table.size.copy()
+        axes = {i: make_axis(self.momdp, i, levels[i] + 1) for i in attributes}
+        for i, axis in axes.items():
+            size[i] = len(axis)
+        if not attributes or math.prod(size.tolist()) > points:
+            return None
+        for i, axis in axes.items():
+            table, levels[i] = refine(table, i, axis), levels[i] + 1
+        return _Grid(table, tuple(levels))
+
+    def _fall(self, grid: _Grid, finer: _Grid) -> float:
+        """Compute by how much the bound at the start has fallen."""
+        x, prior = self.momdp.start, self.momdp.prior
+        one, other = (t.value[x, t.position(prior)] for t in (grid.table, finer.table))
+        return float(one - other)
+
+    def _gain(self, grid: _Grid, finer: _Grid) -> float:
+        growth = finer.table.value.shape[1] / grid.table.value.shape[1]
+        return self._fall(grid, finer) / math.log(growth)

@@ -12,10 +12,9 @@ along one axis lies above V, and the mixture it makes over that axis is still co
 (weights are >= 0 and depend on the first b_i only): axis by axis, the multilinear interpolation I U
 of any U >= V on the grid lies above V everywhere. (3) A Bellman backup T is monotone and T V = V,
 so T I U >= V on the grid, and so is min(U, T I U). Started from a constant that no reward exceeds,
-every table is therefore an upper bound, however coarse the grid and however few the sweeps; reading
-it off at the points of a finer grid keeps it one (2). Bonuses of shaping are linear in each b_i,
-failures are folded into their behavior, and ending by an illegal behavior
-is a constant. As the grid grows the interpolation error vanishes and the bound is tight.
+every table is therefore an upper bound, however coarse the grid and however few the sweeps, and so
+is what a finer grid reads off it. Bonuses of shaping are linear in each b_i; failures are folded
+into their behavior, and abstaining is worth a constant. As the grid grows, the bound gets tight.
 
 *The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid
 that is too coarse the bound promises information that is not there, and its policy puts the report
@@ -25,20 +24,18 @@ no bound but much nearer the optimum on the same grid.
 What is left out of the state, and what then holds:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
-  (unless shaping takes pay away). In a trial, behaviors that have run out are planned without; the
-  table for what is left is made when first needed, starting from the table at hand.
+  (unless shaping takes pay away). In a trial, behaviors that have run out are planned without, by a
+  table that is made when first needed.
 - finite precision and several latent classes a truth: the marginals are no longer the state.
   `Factored` refuses; plan with `POMCP`.
-- behaviors that never do anything where they are legal: as for the other planners they are no
-  choice, not even to pass discounted time with.
-- undiscounted behaviors that cost nothing and tell nothing: going round them for ever is worth what
-  the table started from. The bound holds, but is idle, and the policy may go round.
+- undiscounted behaviors that cost nothing and inform of nothing: going round them for ever is worth
+  what the table started from. The bound holds, but is idle, and the policy may go round.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
@@ -54,13 +51,9 @@ _FINER = 8  # times the points of a bound may be those of the estimate, whose st
 class Factored:
     """Settings of factored value iteration.
 
-    Solves up to three attributes in tenths of a second at the default; `points` of a million reach
-    five attributes in some ten seconds.
-
-    Attributes
-    ----------
-    points : of the grid, at most.
-    tolerance : share of r+ - r-: an axis whose refinement gains less is fine enough.
+    Solves up to three attributes in tenths of a second at the default; a grid of a million `points`
+    at most reaches five attributes in some ten seconds. An axis is fine enough when its refinement
+    gains less than `tolerance`, a fraction of r+ - r-.
 
     Raises
     ------
@@ -93,19 +86,13 @@ class Factored:
         iteration = ValueIteration(momdp, compile_momdp(momdp), tolerance)
         bound = iteration.bounds(self.points)
         estimate = iteration.estimate(bound, _FINER * self.points)
+        iteration.forget_grids()
         return FactoredPolicy(iteration, _rounded_up(bound), _rounded_up(estimate))
 
 
 @dataclass(frozen=True, slots=True)
 class FactoredPolicy:
-    """Policy of `Factored`; its values are estimates next to the optimum.
-
-    Attributes
-    ----------
-    iteration : that made the tables.
-    bound : upper bounds.
-    estimate : estimates of the optimum.
-    """
+    """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
     iteration: ValueIteration
     bound: Table
@@ -124,35 +111,26 @@ class FactoredPolicy:
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
         ending = max(report, float(self.iteration.problem.exit_value[x]))
         ahead = float(self.upper_bounds(x, momdp.prior).max())
-        return min(max(ending, ahead), self._read(x, momdp.prior))
+        return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
         return _values_ahead(self.iteration.momdp, self.iteration.problem, self.bound, x, prob)
 
-    def value_at(self, x: int, log_odds: ArrayLike) -> float:
-        """Bound the value from x, believing with log-odds (N,).
-
-        Attributes that no percept moves are taken at their prior.
-        """
-        with np.errstate(over="ignore"):
-            return self._read(x, 1 / (1 + np.exp(-np.asarray(log_odds, dtype=float))))
-
-    def _read(self, x: int, prob: Floats) -> float:
+    def value_at(self, x: int, prob: Floats) -> float:
+        """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
         confusion = self.iteration.momdp.confusion
         scratch = make_scratch(self.bound, confusion.shape[3])
         return float(value_after(self.bound, confusion, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate."""
-        belief = history.belief
+        belief, prob = history.belief, history.belief.positive
         iteration, table = self._left(belief)
         momdp, problem = iteration.momdp, iteration.problem
-        ahead = _values_ahead(momdp, problem, table, belief.x, belief.positive)
-        if (
-            iteration is self.iteration
-        ):  # where percepts tell little the estimate may pass the bound
-            ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
+        ahead = _values_ahead(momdp, problem, table, belief.x, prob)
+        if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
+            ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
         exit_value = float(problem.exit_value[belief.x])
         return Decision.exact(*choose(momdp, belief, ahead, exit_value))
 
@@ -187,7 +165,7 @@ def _rounded_up(table: Table) -> Table:
 
 
 def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
-    """Value of each behavior (E,), one step ahead of a table; -inf where not legal."""
+    """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
     out = -problem.cost[x]
     if problem.shaped:
         bonus = (1 - prob) @ momdp.bonus[..., 0] + prob @ momdp.bonus[..., 1]

@@ -15,39 +15,39 @@ from meal_bayes.planners.solver import Decision, History
 class AlphaVectors:
     """V(x, b) = max over the vectors of x of their product with b; each stands for a plan.
 
-    A POMDP without observed part has x = 0 throughout.
+    Plans have a value by truth (V,Y), an x where they begin (V,), and a first action (V,). A POMDP
+    without observed part has x = 0 throughout.
 
     Raises
     ------
     SettingsError : arrays whose lengths differ, or no vector at all.
     """
 
-    vectors: NDArray[np.float64]  # (V,Y) value of the plan if y is the truth
-    x: NDArray[np.int64]  # (V,) where the plan begins
-    action: NDArray[np.int64]  # (V,) its first action
+    vectors: NDArray[np.float64]
+    x: NDArray[np.int64]
+    action: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        set_frozen(self, vectors=freeze(self.vectors))
-        set_frozen(self, x=freeze(self.x, np.int64), action=freeze(self.action, np.int64))
+        x, action = freeze(self.x, np.int64), freeze(self.action, np.int64)
+        set_frozen(self, vectors=freeze(self.vectors), x=x, action=action)
         shape = self.vectors.shape
-        lengths = {self.x.shape, self.action.shape, shape[:1]}
-        if len(shape) != 2 or not shape[0] or len(lengths) > 1:  # noqa: PLR2004
+        if self.vectors.ndim != 2 or not len(x) or not x.shape == action.shape == shape[:1]:  # noqa: PLR2004
             raise SettingsError(
-                f"Alpha vectors of shape {shape} with {self.x.shape} x and {self.action.shape} "
-                "actions; expected (V,Y), (V,) and (V,), with V at least 1."
+                f"Alpha vectors of shape {shape} with {x.shape} x and {action.shape} actions; "
+                "expected (V,Y), (V,) and (V,), with V at least 1."
             )
 
     def at(self, x: int) -> "AlphaVectors":
-        """Vectors of plans that begin at x; `SettingsError` where there are none."""
+        """Select the plans that begin at x; `SettingsError` where there are none."""
         rows = self.x == x
         return AlphaVectors(self.vectors[rows], self.x[rows], self.action[rows])
 
     def value(self, belief: ArrayLike, x: int = 0) -> float:
-        """Value of a belief (Y,) at x."""
+        """Compute the value of a belief (Y,) at x."""
         return float((self.at(x).vectors @ np.asarray(belief)).max())
 
     def best_action(self, belief: ArrayLike, x: int = 0) -> int:
-        """First action of the best plan for a belief (Y,) at x."""
+        """Return the first action of the best plan for a belief (Y,) at x."""
         here = self.at(x)
         return int(here.action[(here.vectors @ np.asarray(belief)).argmax()])
 
@@ -58,7 +58,8 @@ class AlphaVectorPolicy:
 
     Reports need no vector, as their value is exact. The vectors of illegal behaviors are left out,
     unless the MOMDP lets a planner abstain and they end the trial. A behavior that keeps x and
-    whose percepts have run out (`limit`, which vectors know nothing of) is passed over.
+    whose percepts have run out (`limit`, which vectors know nothing of) is passed over. Truths are
+    in the query's bit order, actions numbered as in the MOMDP.
 
     Raises
     ------
@@ -66,16 +67,16 @@ class AlphaVectorPolicy:
     """
 
     momdp: MOMDP
-    alpha: AlphaVectors  # Y = 2^N in the query's bit order; actions as in the MOMDP
+    alpha: AlphaVectors
     _here: tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         momdp, alpha = self.momdp, self.alpha
-        n_y = 2 ** len(momdp.query)
-        if alpha.vectors.shape[1] != n_y:
+        n, n_y = len(momdp.query), alpha.vectors.shape[1]
+        if n_y != 2**n:
             raise SettingsError(
-                f"Alpha vectors of {alpha.vectors.shape[1]} values; {len(momdp.query)} attributes "
-                f"have {n_y} (they may belong to another query)."
+                f"Alpha vectors of {n_y} values; {n} attributes have {2**n} (they may belong to "
+                "another query)."
             )
         for name, numbers, count in (
             ("x", alpha.x, len(momdp.x_names)),
@@ -95,10 +96,10 @@ class AlphaVectorPolicy:
 
     @property
     def lower_bound(self) -> float:
-        """What the vectors promise at the start of a trial.
+        """Value of the best plan at the start of a trial.
 
-        A lower bound on the optimum where each is the value of a plan, as point-based solvers'
-        are: exact, but for `limit`.
+        A lower bound on the optimum where each vector is the value of a plan, as point-based
+        solvers' are: exact, but for `limit`.
         """
         belief = initial_belief(self.momdp)
         vectors, _ = self._here[belief.x]
@@ -106,7 +107,7 @@ class AlphaVectorPolicy:
         return max(planned, report_value(self.momdp, belief))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Compare the plans with the best report."""
+        """Choose the best plan, or the best report."""
         momdp, belief = self.momdp, history.belief
         vectors, actions = self._here[belief.x]
         values = np.full(momdp.n_behaviors + 1, -np.inf)
@@ -118,6 +119,4 @@ class AlphaVectorPolicy:
         action = int(values.argmax())
         if values[action] <= values[-1]:
             action = best_report(momdp, belief)
-        values[np.isneginf(values)] = np.nan
-        exact = np.where(np.isnan(values), np.nan, 0.0)
-        return Decision(action, values, exact, np.zeros(len(values), dtype=np.int64))
+        return Decision.exact(action, np.where(np.isneginf(values), np.nan, values))

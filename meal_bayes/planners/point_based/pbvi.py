@@ -28,7 +28,7 @@ from meal_bayes.planners.point_based.problem import (
 )
 
 _BLOCK = 4_000_000  # products of beliefs and vectors held at a time
-_GREEDY = np.array([0.1, 0.3])  # share of random actions, half of the trials each
+_RANDOM = np.array([0.1, 0.3])  # fraction of random actions, half of the trials each
 
 _Integers = NDArray[np.int64]
 
@@ -37,19 +37,30 @@ _Integers = NDArray[np.int64]
 class PBVI:
     """Settings; equal generators give equal policies, unless the time runs out.
 
+    Attributes
+    ----------
+    points : beliefs of each x, at most.
+    rounds : of collecting points and sweeping over them.
+    sweeps : a round, at most.
+    tolerance : sweeps end when no point gains as much reward.
+    trials : simulated in a round to collect points.
+    steps : of a simulated trial, at most.
+    spacing : between points, in square roots of probabilities; halved every round.
+    seconds : no sweep begins after that.
+
     Raises
     ------
     SettingsError : a number that is out of its range.
     """
 
-    points: int = 500  # belief points of each x, at most
-    rounds: int = 5  # of collecting points and sweeping over them
-    sweeps: int = 200  # a round, at most
-    tolerance: float = 0.01  # reward: sweeps end when no point gains as much
-    trials: int = 200  # simulated in a round to collect points
-    steps: int = 60  # of a simulated trial, at most
-    spacing: float = 0.1  # between points, in square roots of probabilities; halved every round
-    seconds: float = np.inf  # no sweep begins after that
+    points: int = 500
+    rounds: int = 5
+    sweeps: int = 200
+    tolerance: float = 0.01
+    trials: int = 200
+    steps: int = 60
+    spacing: float = 0.1
+    seconds: float = np.inf
 
     def __post_init__(self) -> None:
         whole = min(self.points, self.rounds, self.sweeps, self.trials, self.steps)
@@ -64,7 +75,7 @@ class PBVI:
 
         Raises
         ------
-        SettingsError : finite precision, several kinds of object a truth, or too many attributes.
+        SettingsError : finite precision, several latent classes a truth, or too many attributes.
         """
         return AlphaVectorPolicy(momdp, self._iterate(problem_of(momdp), rng))
 
@@ -80,7 +91,7 @@ class PBVI:
     def _iterate(self, problem: Problem, rng: np.random.Generator) -> AlphaVectors:
         deadline = time.monotonic() + self.seconds
         plans = list(problem.known)
-        points = [np.empty((0, len(problem.start))) for _ in plans]
+        points = [np.empty((0, len(problem.start)))] * len(plans)
         for index in range(self.rounds):
             points = self._collect(problem, plans, points, index, rng)
             for _ in range(self.sweeps):
@@ -101,14 +112,10 @@ class PBVI:
         rng: np.random.Generator,
     ) -> list[Floats]:
         """Add the beliefs that simulated trials meet; the start always stays a point."""
-        chance = np.ones(self.trials)
-        if index:
-            chance = _GREEDY[np.arange(self.trials) % len(_GREEDY)]
-        met = _walk(problem, plans, chance, self.steps, rng)
-        spacing = self.spacing / 2**index
-        out = [
-            self._thin(np.concatenate(both), spacing, rng) for both in zip(points, met, strict=True)
-        ]
+        random = np.resize(_RANDOM, self.trials) if index else np.ones(self.trials)
+        met = _simulate(problem, plans, random, self.steps, rng)
+        both = map(np.concatenate, zip(points, met, strict=True))
+        out = [self._thin(beliefs, self.spacing / 2**index, rng) for beliefs in both]
         out[problem.start_x] = np.concatenate([problem.start[None], out[problem.start_x]])
         return out
 
@@ -123,48 +130,31 @@ class PBVI:
 
 
 def _sweep(problem: Problem, plans: list[Plans], points: list[Floats]) -> float:
-    """Back every point up, replacing `plans`; gives the largest gain of any point."""
+    """Back every point up, replacing `plans`; return the largest gain of any point."""
     gain = 0.0
     for x in reversed(range(len(plans))):
-        beliefs = points[x]
+        beliefs, known = points[x], problem.known[x]
         if not len(beliefs):
             continue
-        worth = beliefs @ plans[x].vectors.T
-        before = worth.argmax(axis=1)
-        old = np.take_along_axis(worth, before[:, None], axis=1)[:, 0]
-        vectors, actions, new = _backup(problem, plans, x, beliefs)
-        gain = max(gain, float((new - old).max()))
-        worse = new <= old
-        vectors[worse], actions[worse] = (
-            plans[x].vectors[before[worse]],
-            plans[x].actions[before[worse]],
-        )
-        plans[x] = _distinct(
-            np.concatenate([problem.known[x].vectors, vectors]),
-            np.concatenate([problem.known[x].actions, actions]),
-        )
+        products = beliefs @ plans[x].vectors.T
+        best, before = products.argmax(axis=1), products.max(axis=1)
+        vectors, actions, values = plans[x].vectors[best], plans[x].actions[best], before.copy()
+        for choice in problem.choices[x]:
+            ahead = _look_ahead(choice, plans, beliefs)
+            value = (ahead * beliefs).sum(axis=1)
+            better = value > values
+            vectors[better], values[better] = ahead[better], value[better]
+            actions[better] = choice.action
+        gain = max(gain, float((values - before).max()))
+        vectors = np.concatenate([known.vectors, vectors])
+        _, first = np.unique(vectors.round(9), axis=0, return_index=True)
+        first.sort()
+        plans[x] = Plans(vectors[first], np.concatenate([known.actions, actions])[first])
     return gain
 
 
-def _backup(
-    problem: Problem, plans: list[Plans], x: int, beliefs: Floats
-) -> tuple[Floats, _Integers, Floats]:
-    """Find the best plan of one more action for each belief (n,Y): vectors, actions, values."""
-    known = problem.known[x]
-    worth = beliefs @ known.vectors.T
-    best = worth.argmax(axis=1)
-    vectors, actions, values = known.vectors[best], known.actions[best], worth.max(axis=1)
-    for choice in problem.choices[x]:
-        vector = _look_ahead(choice, plans, beliefs)
-        value = (vector * beliefs).sum(axis=1)
-        better = value > values
-        vectors[better], values[better] = vector[better], value[better]
-        actions[better] = choice.action
-    return vectors, actions, values
-
-
 def _look_ahead(choice: Choice, plans: list[Plans], beliefs: Floats) -> Floats:
-    """Give the vector of an action followed by the best plan for each outcome, (n,Y)."""
+    """Compute the vector of an action followed by the best plan for each outcome, (n,Y)."""
     n_y = beliefs.shape[1]
     vector = np.tile(choice.reward, (len(beliefs), 1))
     for next_x in np.unique(choice.next_x):
@@ -180,16 +170,10 @@ def _look_ahead(choice: Choice, plans: list[Plans], beliefs: Floats) -> Floats:
     return vector
 
 
-def _distinct(vectors: Floats, actions: _Integers) -> Plans:
-    _, first = np.unique(vectors.round(9), axis=0, return_index=True)
-    first.sort()
-    return Plans(vectors[first], actions[first])
-
-
-def _walk(
+def _simulate(
     problem: Problem,
     plans: list[Plans],
-    chance: Floats,
+    random: Floats,
     steps: int,
     rng: np.random.Generator,
 ) -> list[Floats]:
@@ -198,15 +182,15 @@ def _walk(
     Parameters
     ----------
     problem : what can be done.
-    plans : what is done, mostly; a plan that ends the trial ends the walk.
-    chance : (trials,) share of steps at which an action is drawn instead.
+    plans : what is done, mostly; a plan that reports ends the trial.
+    random : (trials,) fraction of steps at which an action is drawn instead.
     steps : of a trial, at most.
     rng : of actions and outcomes.
     """
-    xs = np.full(len(chance), problem.start_x)
-    beliefs = np.tile(problem.start, (len(chance), 1))
+    xs = np.full(len(random), problem.start_x)
+    beliefs = np.tile(problem.start, (len(random), 1))
     met = [[np.empty((0, len(problem.start)))] for _ in plans]
-    walking = np.ones(len(chance), dtype=bool)
+    walking = np.ones(len(random), dtype=bool)
     for _ in range(steps):
         at = xs.copy()
         for x in np.unique(at[walking]):
@@ -215,7 +199,7 @@ def _walk(
             legal = np.array([choice.action for choice in problem.choices[x]], dtype=np.int64)
             picked = plans[x].actions[(beliefs[here] @ plans[x].vectors.T).argmax(axis=1)]
             if len(legal):
-                drawn = rng.random(len(here)) < chance[here]
+                drawn = rng.random(len(here)) < random[here]
                 picked = np.where(drawn, rng.choice(legal, len(here)), picked)
             walking[here] = np.isin(picked, legal)
             for choice in problem.choices[x]:
@@ -229,7 +213,7 @@ def _draw(choice: Choice, beliefs: Floats, rng: np.random.Generator) -> tuple[_I
     """Draw an outcome for each belief: next x, next belief."""
     after = np.einsum("ny,qyz->nqz", beliefs, choice.outcome, optimize=True)
     limits = after.sum(axis=2).cumsum(axis=1)  # (n,Q), up to the discount
-    luck = rng.random(len(beliefs)) * limits[:, -1]
-    drawn = (limits <= luck[:, None]).sum(axis=1).clip(max=limits.shape[1] - 1)
+    uniform = rng.random(len(beliefs)) * limits[:, -1]
+    drawn = (limits <= uniform[:, None]).sum(axis=1).clip(max=limits.shape[1] - 1)
     taken = after[np.arange(len(beliefs)), drawn]
     return choice.next_x[drawn], taken / taken.sum(axis=1, keepdims=True)

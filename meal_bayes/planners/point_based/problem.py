@@ -15,36 +15,36 @@ Floats = NDArray[np.float64]
 
 
 class Choice(NamedTuple):
-    """An action at some x, and the Q outcomes it may have."""
+    """An action at some x, its reward (Y,), and Q outcomes: x (Q,), discount * Pr(Q, y' | y)."""
 
     action: int
-    reward: Floats  # (Y,)
-    next_x: NDArray[np.int64]  # (Q,)
-    outcome: Floats  # (Q,Y,Y) discount * Pr(outcome, y' | y)
+    reward: Floats
+    next_x: NDArray[np.int64]
+    outcome: Floats
 
 
 class Plans(NamedTuple):
-    """Alpha vectors of one x."""
+    """Alpha vectors (V,Y) of one x and their first actions (V,)."""
 
-    vectors: Floats  # (V,Y)
-    actions: NDArray[np.int64]  # (V,)
+    vectors: Floats
+    actions: NDArray[np.int64]
 
 
 class Problem(NamedTuple):
-    """What can be done at each x, and plans whose value is known from the outset."""
+    """Choices by x, known plans by x (to end, or one action for ever), first x and belief (Y,)."""
 
-    choices: tuple[tuple[Choice, ...], ...]  # by x
-    known: tuple[Plans, ...]  # by x: ways to end, or the same action for ever
+    choices: tuple[tuple[Choice, ...], ...]
+    known: tuple[Plans, ...]
     start_x: int
-    start: Floats  # (Y,)
+    start: Floats
 
 
 def problem_of(momdp: MOMDP) -> Problem:
-    """Lay a MOMDP out, with failures folded in; `term` is no x, as nothing comes after it.
+    """Build the problem of a MOMDP, failures folded in; nothing comes after `term`, so it is no x.
 
     Raises
     ------
-    SettingsError : finite precision, several kinds of object a truth, or too many attributes.
+    SettingsError : finite precision, several latent classes a truth, or too many attributes.
     """
     if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
         raise SettingsError(
@@ -98,7 +98,7 @@ def _endings(momdp: MOMDP, folded: Compiled, x: int) -> Plans:
 
 
 def flat_problem(pomdp: FlatPOMDP) -> Problem:
-    """Lay a flat POMDP out: one x, and all that is hidden.
+    """Build the problem of a flat POMDP: one x, and all that is hidden.
 
     Raises
     ------

@@ -1,0 +1,229 @@
+"""Bellman backups on the grid: the expectation over percepts, and sweeps over all x.
+
+As percepts of the attributes are independent and interpolation is multilinear, the expectation over
+all K^N percept vectors is a Kronecker product of N sparse matrices, applied one axis after the
+other: 2 K N multiplications a point instead of (2 K)^N.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.factored.grid import Floats, Table, between, informative_pairs
+from meal_bayes.planners.kernels import entry_kernel, kernel
+
+_BLOCK = 32  # rows that fit the cache together
+_LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
+
+Integers = NDArray[np.int64]
+Percepts = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
+
+
+class Edges(NamedTuple):
+    """The M legal pairs of x and behavior, whatever the grid.
+
+    `edge` (M,3) is x, behavior, and 1 if it may keep x; `outcome` (M,2,X-1) the discounted
+    probability of each next x, without and with a percept; `reward` (M,1+N) a constant and slopes
+    in the marginals; `exit_value` (X-1,1) that of abstaining; `moves` (N,E) whether percepts move
+    the belief.
+    """
+
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    exit_value: Floats
+    moves: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
+        """List the legal pairs of a problem."""
+        x, e = np.nonzero(problem.legal[: momdp.terminal])
+        p = problem.discount[x, e, None] * problem.branch_p[x, e]  # (M,B), 0 beyond the branches
+        outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
+        at = rows[:, None], problem.branch_sense[x, e].astype(int), problem.branch_x[x, e]
+        np.add.at(outcome, at, p)
+        bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
+        reward = problem.bonus_scale[x, e, None] * bonus[:, e].T
+        reward[:, 0] -= problem.cost[x, e]
+        edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
+        exits = problem.exit_value[: momdp.terminal, None]
+        return cls(np.ascontiguousarray(edge), outcome, reward, exits, informative_pairs(momdp))
+
+
+class Backups(NamedTuple):
+    """All that a sweep reads besides the values; `edge` and `outcome` are those of `Edges`.
+
+    `reward` is (M,B), or (M,1) where it is the same for every belief; `floor` (X-1,B) the value of
+    ending; `size` (N,) that of the axes; `point` and `weight` (N,E,G,J) are columns and entries of
+    the percepts' matrices, the first column -1 where percepts do not move the belief.
+    """
+
+    edge: Integers
+    outcome: Floats
+    reward: Floats
+    floor: Floats
+    size: Integers
+    point: Integers
+    weight: Floats
+
+
+def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Percepts:
+    """Build the sparse matrices of an attribute's percepts, one a behavior.
+
+    Row g holds the points beside each belief that may follow point g, weighted by the percept's
+    probability and by interpolation: linear in the belief, which is never below a convex function
+    (J = 2K), or smooth, cubic in log-odds, no bound but much nearer (J = 4K).
+    """
+    false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
+    joint = true * axis
+    p = joint + false * (1 - axis)  # (E,K,G)
+    after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
+    low, share = between(axis, after)
+    point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
+    weight = np.stack([1 - share, share], axis=-1)
+    if smooth:
+        point, weight = _cubic(axis, after, low, point, weight)
+    shape = (len(p), len(axis), -1)
+    point, weight = (part.transpose(0, 2, 1, 3) for part in (point, p[..., None] * weight))
+    return point.reshape(shape), weight.reshape(shape)
+
+
+def _cubic(
+    axis: Floats, at: Floats, low: Integers, point: Integers, weight: Floats
+) -> tuple[Integers, Floats]:
+    """Interpolate by the cubic through four points in log-odds; linearly next to certainty."""
+    last = len(axis) - 1
+    point = np.concatenate([point, point], axis=-1)
+    weight = np.concatenate([weight, np.zeros_like(weight)], axis=-1)
+    inner = (low > 0) & (low < last - 1)
+    if last < 5 or not inner.any():  # noqa: PLR2004  four points and certainty on both sides
+        return point, weight
+    log_odds = np.log(axis[1:-1]) - np.log1p(-axis[1:-1])
+    four = np.clip(low[inner] - 1, 1, last - 4)[:, None] + np.arange(4)
+    x, node = np.log(at[inner]) - np.log1p(-at[inner]), log_odds[four - 1]  # (B,), (B,4)
+    factor = np.ones_like(node)
+    for i, j in np.argwhere(~np.eye(4, dtype=np.bool_)).tolist():
+        factor[:, i] *= (x - node[:, j]) / (node[:, i] - node[:, j])
+    point[inner], weight[inner] = four, factor
+    return point, weight
+
+
+def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
+    """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
+    beliefs = table.beliefs
+    reward = edges.reward[:, :1]
+    if edges.reward[:, 1:].any():
+        reward = reward + edges.reward[:, 1:] @ beliefs.T
+    shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
+    point, weight = np.zeros(shape, np.int64), np.zeros(shape)
+    for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
+        point[i, :, :size], weight[i, :, :size] = part
+    point[~edges.moves, 0, 0] = -1
+    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
+    floor = np.maximum(report, edges.exit_value)
+    return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
+
+
+@entry_kernel
+def sweep(
+    backups: Backups, value: Floats, work: Floats, settled: float, sweeps: int, smooth: bool
+) -> None:
+    """Back up the values of every x, latest first, until a sweep changes none by `settled`.
+
+    Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
+    behaviors that keep it lower its values; not if smooth.
+
+    Parameters
+    ----------
+    backups : of the grid.
+    value : (X-1,B) changed in place.
+    work : (4,B) zeros, overwritten.
+    settled : change of a value that ends the sweeps.
+    sweeps : at most.
+    smooth : is interpolation smooth?
+    """
+    edge, points = backups.edge, value.shape[1]
+    for _ in range(sweeps):
+        largest = 0.0
+        for x in range(value.shape[0] - 1, -1, -1):
+            for b in range(points):
+                work[0, b] = backups.floor[x, b]
+            fallen, keeps, loops = 0.0, 0, False
+            while True:  # once those that leave x, then those that may keep it
+                for m in range(edge.shape[0]):
+                    if edge[m, 0] == x and edge[m, 2] == keeps:
+                        loops = keeps == 1
+                        _back_up(backups, value, m, work, keeps)
+                fall = 0.0
+                for b in range(points):
+                    if keeps == 1:
+                        new = work[1, b] if smooth else min(work[1, b], value[x, b])
+                        fall = max(fall, abs(value[x, b] - new))
+                        value[x, b] = new
+                    work[1, b] = work[0, b]
+                fallen = max(fallen, fall)
+                if keeps == 1 and (smooth or not loops or fall <= max(settled, _LOOPED * fallen)):
+                    break
+                keeps = 1
+            largest = max(largest, fallen)
+        if largest <= settled:
+            return
+
+
+@kernel
+def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) -> None:
+    """Raise work[row] to the value of edge m, one step ahead of the values."""
+    outcome, reward, source, points = backups.outcome, backups.reward, 2, value.shape[1]
+    for b in range(points):
+        work[2, b] = 0.0
+    for percept in range(1, -1, -1):
+        comes = False
+        for x in range(value.shape[0]):
+            p = outcome[m, percept, x]
+            if p > 0.0:
+                comes = True
+                for b in range(points):
+                    work[source, b] += p * value[x, b]
+        if percept == 1 and comes:
+            left = 1
+            for i in range(backups.size.shape[0]):
+                if backups.point[i, backups.edge[m, 1], 0, 0] >= 0:
+                    _expect(backups, i, backups.edge[m, 1], left, work, source)
+                    source = 5 - source
+                left *= backups.size[i]
+    for b in range(points):
+        pay = reward[m, b if reward.shape[1] > 1 else 0]
+        work[row, b] = max(work[row, b], work[source, b] + pay)
+
+
+@kernel
+def _expect(backups: Backups, i: int, e: int, left: int, work: Floats, source: int) -> None:
+    """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
+
+    Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
+    for the last one, over a block of the earlier ones.
+    """
+    point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
+    right = work.shape[1] // (left * size)
+    rows, step = (1, 1) if right > 1 else (_BLOCK, size)
+    for first in range(0, left, rows):
+        width = right if right > 1 else min(rows, left - first) * step
+        for g in range(size):
+            to = (first * size + g) * right
+            for j in range(0, point.shape[3], 4):
+                keep = 0.0 if j == 0 else 1.0
+                a = (first * size + point[i, e, g, j]) * right
+                b = (first * size + point[i, e, g, j + 1]) * right
+                c = (first * size + point[i, e, g, j + 2]) * right
+                d = (first * size + point[i, e, g, j + 3]) * right
+                s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
+                u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
+                for r in range(0, width, step):
+                    one = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
+                    two = u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                    here = np.uintp(to + r)
+                    work[target, here] = keep * work[target, here] + (one + two)
