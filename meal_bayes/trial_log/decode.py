@@ -251,6 +251,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             visits=np.array(list(message.visits), dtype=np.int64),
             tree=_tree(message),
             simulations=message.simulations,
+            sampled_rows=_sampled_rows(message, n, k),
         ),
         next_x=message.next_x,
         observation=freeze(levels, np.int8) if levels else None,
@@ -259,6 +260,17 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         belief=_belief(message, seen, momdp),
         warning=message.warning,
     )
+
+
+def _sampled_rows(message: Any, n: int, k: int) -> NDArray[np.float64] | None:
+    """Read the rows (M,N,K) of the sampled MOMDPs that a decision kept; None where it kept none."""
+    if not message.sampled_rows:
+        return None
+    if len(message.sampled_rows) % (n * k):
+        raise LogCorruptError(
+            f"{len(message.sampled_rows)} sampled probabilities, not of {n} x {k}"
+        )
+    return _array(message.sampled_rows, (-1, n, k))
 
 
 def _tree(message: Any) -> tuple[TreeEdge, ...]:

@@ -236,6 +236,7 @@ def _step(
         value_se=decision.value_se.tolist(),
         visits=decision.visits.tolist(),
         simulations=decision.simulations,
+        sampled_rows=() if decision.sampled_rows is None else decision.sampled_rows.ravel(),
         belief_x=step.belief.x,
         weight=step.belief.weight.ravel().tolist(),
         positive=positive,

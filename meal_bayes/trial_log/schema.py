@@ -50,7 +50,8 @@ _FIELDS = {
     "Step": (
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
-        f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string"
+        f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string "
+        "sampled_rows:double*"
     ),
     "Outcome": (
         "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double digest:bytes "

@@ -77,6 +77,9 @@ def _step_misfits(step: Step, momdp: MOMDP, where: str) -> Iterator[str]:
         found = getattr(decision, name).shape
         if found != (e + 1,):
             yield f"{where} has {name} of shape {found}, expected {(e + 1,)}"
+    rows = decision.sampled_rows
+    if rows is not None and rows.shape[1:] != (n, momdp.levels):
+        yield f"{where} has sampled rows of shape {rows.shape}, expected (M,{n},{momdp.levels})"
     if not (0 <= step.x < len(momdp.x_names) and 0 <= step.next_x < len(momdp.x_names)):
         yield f"{where} goes from x {step.x} to {step.next_x}, expected 0 to {momdp.terminal}"
     if step.observation is not None:

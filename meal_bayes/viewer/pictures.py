@@ -14,7 +14,7 @@ from meal_bayes.viewer.words import plain
 
 _SHOWN = 8  # attributes
 _BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar
-_CELL_WIDE, _GAP = 4, 2  # pixels of the matrices; labels are as large as ever
+_CELL_WIDE, _CELL_HIGH, _GAP = 4, 4, 2  # pixels of the matrices; labels are as large as ever
 _SHORT = {4: ("no!", "no", "yes", "yes!")}  # percepts, at the foot of a column
 _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be seen, in a light theme as well
@@ -68,11 +68,18 @@ class Matrices:
         self._momdp = momdp
         self._known: dict[int, Picture] = {}
 
-    def of(self, action: int) -> Picture:
-        """Draw mean, sd and the paper's point estimate of a behavior's rows."""
+    def of(self, action: int, sampled: NDArray[np.float64] | None = None) -> Picture:
+        """Draw mean, sd and the paper's point estimate of a behavior's rows.
+
+        Parameters
+        ----------
+        sampled : (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; shown
+            as a band of M lanes beside the mean, what the robot thinks possible.
+        """
         if action not in self._known:
             self._known[action] = self._draw(action)
-        return self._known[action]
+        known = self._known[action]
+        return known if sampled is None else _with_band(known, sampled[:, :_SHOWN])
 
     def _draw(self, action: int) -> Picture:
         momdp = self._momdp
@@ -84,7 +91,7 @@ class Matrices:
         if point is not None:
             blocks.append(("paper: counts only", point[:n, action].reshape(2 * n, k), 1.0))
         # A wide picture is shown smaller; its rows must still be as high as a label.
-        width, high = k * _CELL_WIDE, len(blocks)
+        width, high = k * _CELL_WIDE, _CELL_HIGH
         pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
         labels = [
             Label(f"{word}{plain(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
@@ -98,6 +105,23 @@ class Matrices:
             pixels[:, left : left + width, 3] = 255
             labels += _block_labels(title, values, left, high)
         return Picture(pixels, tuple(labels))
+
+
+def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
+    """Draw rows (M,N,K) of sampled MOMDPs to the right of the matrices, a lane for each of them."""
+    m, n, k = sampled.shape
+    tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
+    lanes = np.sort(sampled, axis=0)[np.arange(tall) * m // tall]  # (tall,N,K)
+    pixels = np.zeros((len(matrices.pixels), _GAP + k * _CELL_WIDE, 4), np.uint8)
+    colors = viridis(_BRIGHTEST * lanes.transpose(1, 0, 2).reshape(n * tall, k))
+    pixels[: n * tall, _GAP:, :3] = colors.repeat(_CELL_WIDE, 1)
+    pixels[: n * tall, _GAP:, 3] = 255
+    left = matrices.pixels.shape[1] + _GAP
+    labels = [Label(f"{m} sampled MOMDPs", left + k * _CELL_WIDE / 2, -1.3 * _CELL_HIGH, TEXT)]
+    for i, z in np.ndindex(n, k):
+        text = f"{sampled[:, i, z].min():.2f}-{sampled[:, i, z].max():.2f}"
+        labels.append(Label(text, left + (z + 0.5) * _CELL_WIDE, (i + _MIDDLE) * tall, WHITE))
+    return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
 
 
 def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:

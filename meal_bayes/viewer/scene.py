@@ -175,7 +175,8 @@ class Scene:
         """Show the behavior just done; before the first, and at a report, the one before stays."""
         step, momdp = moment.step, moment.trial.momdp
         if step is not None and step.decision.action < momdp.n_behaviors:
-            self._picture(CONFUSION, matrices.of(step.decision.action), time)
+            picture = matrices.of(step.decision.action, step.decision.sampled_rows)
+            self._picture(CONFUSION, picture, time)
         elif step is None and moment.trial.steps:
             first = moment.trial.steps[0].decision.action
             self._picture(CONFUSION, matrices.of(first if first < momdp.n_behaviors else 0), time)
