@@ -16,6 +16,7 @@ from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labe
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.tasks import live_task, replay_task
+from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
 
@@ -209,12 +210,7 @@ class Learner:
         query = question if isinstance(question, Query) else read_query(question, self.domain)
         source = self.source
         if isinstance(robot, str):
-            if isinstance(source, Fitted):
-                raise SettingsError(
-                    "Objects are replayed from a percept table; make one with "
-                    "build_percept_table, or give a robot."
-                )
-            task = replay_task(query, source.table, robot)
+            task = replay_task(query, self._replayed().table, robot)
             if log is None:
                 return self.replay(task, on_step=on_step)
             header = self._header(question)
@@ -245,10 +241,11 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        source = self.source
-        if isinstance(source, Fitted):
-            raise SettingsError("Recordings are not replayed; fit a percept table of them.")
-        return source.run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+
+    def problem(self, task: Task) -> MOMDP:
+        """Return the decision problem of a task about an object of the percept table."""
+        return self._replayed().problem(task)
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn what the object of a trial is; the posterior is updated at once.
@@ -340,6 +337,15 @@ class Learner:
         own = [lesson for lesson in self.lessons if lesson.object_name == object_name]
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
         return labels_of(own, self.domain).get(object_name, unknown)
+
+    def _replayed(self) -> Replayed:
+        source = self.source
+        if isinstance(source, Fitted):
+            raise SettingsError(
+                "Objects are replayed from a percept table; make one with build_percept_table, or "
+                "give a robot."
+            )
+        return source
 
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}

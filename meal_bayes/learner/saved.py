@@ -24,7 +24,6 @@ from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
-from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.lesson import Lesson, Percept, checked_values
 from meal_bayes.learner.replayed import Replayed
@@ -211,7 +210,10 @@ def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None) -> L
     for entry in told["percepts"]:
         behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
         levels = np.array(entry["levels"], np.int8)
-        if levels.shape != (len(domain.attributes),) or not -1 <= levels.min() <= levels.max() < most:
+        if (
+            levels.shape != (len(domain.attributes),)
+            or not -1 <= levels.min() <= levels.max() < most
+        ):
             raise ValueError(f"a percept of {behavior.name} has levels {entry['levels']}")
         features = None
         if arrays is not None and int(entry["row"]) >= 0:
