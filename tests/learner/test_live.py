@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -46,7 +47,7 @@ WRONG = {
     "no modality": ({}, "expected those of"),
     "words": ({"color": ["a", "b", "c"]}, "does not hold numbers"),
     "ragged": ({"color": [[1, 2], [3]]}, "does not hold numbers"),
-    "not by modality": (GOOD, "not {modality: numbers}"),
+    "not by modality": (GOOD, r"not \{modality: numbers\}"),
 }
 
 
@@ -62,8 +63,7 @@ def test_what_is_no_percept_moves_no_belief_and_is_warned_of(dataset, make, tmp_
     (back,) = read_trials(path)
     for found in (trial, back):
         assert pytest.approx(1.0) == found.steps[0].cost
-        with pytest.raises(AssertionError, match=says):
-            raise AssertionError(found.steps[0].warning)
+        assert re.search(says, found.steps[0].warning)
         assert found.steps[0].warning.startswith("no percept of look: ")
     assert not trial.ended
 
