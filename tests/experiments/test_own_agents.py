@@ -37,9 +37,8 @@ class LookerPolicy:
 
     def decide(self, history, rng):
         momdp, x = self.momdp, history.belief.x
-        look = momdp.behavior_names.index("look")
-        if len(history.actions) < self.looks and momdp.legal[x, look]:
-            return unvalued(momdp, look)
+        if len(history.actions) < self.looks:
+            return unvalued(momdp, int(momdp.legal[x].argmax()))
         return unvalued(momdp, best_report(momdp, history.belief))
 """
 
