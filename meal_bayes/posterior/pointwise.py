@@ -1,7 +1,7 @@
 """The log-likelihood of each object's percepts under each draw: what leave-one-out checks need.
 
 An object's percepts of one attribute, of all behaviors together, are one unit, so that models which
-let them err together can be compared with models that do not. Its own rows theta are integrated out.
+let them err together can be compared with models that do not. Its rows theta are integrated out.
 """
 
 from collections.abc import Sequence
