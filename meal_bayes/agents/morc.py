@@ -64,8 +64,8 @@ class Morc:
             task,
             momdp,
             policy,
-            self._robot(task),
-            self._perceiver(task),
+            self.robot(task),
+            self.perceiver(task),
             Streams.of(self.seed, task, self.agent.name),
             truth=self.table.labels[task.object_index, columns],
             agent=self.agent.name,
@@ -110,7 +110,8 @@ class Morc:
         counts = self.table.recording_counts[task.object_index]
         return np.where(senses, counts, self.table.recordings)
 
-    def _robot(self, task: Task) -> CheckedRobot:
+    def robot(self, task: Task) -> CheckedRobot:
+        """Return the body of a trial, with the trial's own luck."""
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
@@ -122,7 +123,8 @@ class Morc:
         )
         return CheckedRobot(robot, domain, object_index=task.object_index)
 
-    def _perceiver(self, task: Task) -> Perceiver:
+    def perceiver(self, task: Task) -> Perceiver:
+        """Return who perceives what the body does."""
         if self.percepts == "recorded":
             return RecordedPercepts(self.table, self.agent.levels)
         every = range(len(self.table.domain.attributes))

@@ -186,7 +186,8 @@ def run_trial(
     ------
     RobotError : the robot came to a state that the domain does not know.
     """
-    running = _Running(task, momdp, policy, robot, perceiver, streams, truth_of(task.query, truth))
+    known = truth_of(task.query, truth)
+    running = RunningTrial(task, momdp, policy, robot, perceiver, streams, known)
     trial = running.trial(agent)
     if recorder is not None:
         recorder.begin(trial)
@@ -209,8 +210,8 @@ def run_trial(
     return trial
 
 
-class _Running:
-    """A trial that is under way."""
+class RunningTrial:
+    """A trial that is under way: `start` it, then `step` until its belief is at `term`."""
 
     def __init__(
         self,
@@ -231,16 +232,19 @@ class _Running:
         self.at = "robot"  # who is at work
 
     def trial(self, agent: str, *, ended: str = "") -> Trial:
+        """Return the trial so far."""
         return Trial(
             self.task, agent, self.momdp, self.first, tuple(self.steps), self.truth, self.report,
             ended,
         )  # fmt: skip
 
     def start(self) -> None:
+        """Put the robot at the start."""
         self.belief = self.belief.at(self.robot.start())
         self.history = History(self.belief)
 
     def step(self, max_steps: int) -> Step:
+        """Decide, execute and perceive, or report: after `max_steps` behaviors the best."""
         momdp, belief, history = self.momdp, self.belief, self.history
         self.at = "planner"
         decision = self.policy.decide(history, self.streams.planner)
@@ -281,9 +285,7 @@ class _Running:
         # Where illegal behaviors are self-loops (the published ROC36 diagram) they cost nothing.
         free = not momdp.legal[belief.x, action] and execution.next_x == belief.x
         cost = 0.0 if free else float(momdp.cost[action])
-        return Step(
-            belief.x, decision, execution.next_x, observation, cost, -cost, after, warning
-        )
+        return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and what is to be warned of."""
@@ -299,8 +301,6 @@ class _Running:
         return _levels(query.attributes, answers, self.momdp.levels), ""
 
 
-def _levels(
-    names: Sequence[str], answers: Mapping[str, bool], levels: int
-) -> NDArray[np.int8]:
+def _levels(names: Sequence[str], answers: Mapping[str, bool], levels: int) -> NDArray[np.int8]:
     """Return the percepts (N,) of a person's answers: the two extreme levels."""
     return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)
