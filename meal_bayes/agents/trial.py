@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.agents.trial_display import trial_card, trial_frame, trial_html
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import QueryError
 from meal_bayes.momdp import (
@@ -48,6 +50,8 @@ class Step:
     belief: Belief  # after the step
     warning: str = ""  # why something that the robot handed over was no percept
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:
@@ -66,6 +70,17 @@ class Trial:
         set_frozen(self, truth=freeze(self.truth, np.int8))
         if self.report is not None:
             set_frozen(self, report=freeze(self.report, np.bool_))
+
+    def __repr__(self) -> str:
+        """Return the trial in five lines."""
+        return trial_card(self)
+
+    def _repr_html_(self) -> str:
+        return trial_html(self)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row a step; see `trial_frame`."""
+        return trial_frame(self)
 
     @property
     def judged(self) -> bool:
