@@ -50,7 +50,10 @@ class Fitted:
 
     def refit(self, lessons: Sequence[Lesson]) -> None:
         """Learn everything anew from the data set and from lessons that kept their features."""
-        data, settings = extended(self.dataset, lessons), PerceptionSettings(levels=self.agent.levels)
+        data, settings = (
+            extended(self.dataset, lessons),
+            PerceptionSettings(levels=self.agent.levels),
+        )
         everything = TrainingSet.everything(data)
         self.perception, counts = fit_and_validate(data, everything, settings=settings)
         self.knowledge = knowledge_of(

@@ -16,6 +16,7 @@ from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labe
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.tasks import live_task, replay_task
+from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
 
@@ -85,7 +86,7 @@ class Learner:
 
     @property
     def lessons(self) -> tuple[Lesson, ...]:
-        """What people told, in the order in which they did."""
+        """What people told, in order."""
         return tuple(self._lessons.values())
 
     @property
@@ -131,13 +132,9 @@ class Learner:
     def resume(
         self, data: Dataset | PerceptTable, lessons: Sequence[Lesson], refitted: Sequence[bool]
     ) -> Self:
-        """Come to the state of a learner that was saved.
+        """Come to the state of a learner with this data and these lessons, in order.
 
-        Parameters
-        ----------
-        data : what it was fitted on.
-        lessons : what it was told, in order.
-        refitted : of each lesson, whether its last refit had learned from it.
+        `refitted` tells of each lesson whether the last refit had learned from it.
         """
         pairs = list(zip(lessons, refitted, strict=True))
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
@@ -152,8 +149,7 @@ class Learner:
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
 
-        Classifiers are refitted where the data are recordings, with the features of the trials that
-        people spoke of.
+        Classifiers are fitted on the data and on the features of trials that people spoke of.
         """
         source = self.source
         if isinstance(source, Replayed):
@@ -167,7 +163,7 @@ class Learner:
         return self
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what is known; of a percept table, what is known without an object of it."""
+        """Return what is known; of a percept table, what is known without one of its objects."""
         source = self.source
         if isinstance(source, Fitted):
             return source.knowledge
@@ -209,12 +205,7 @@ class Learner:
         query = question if isinstance(question, Query) else read_query(question, self.domain)
         source = self.source
         if isinstance(robot, str):
-            if isinstance(source, Fitted):
-                raise SettingsError(
-                    "Objects are replayed from a percept table; make one with "
-                    "build_percept_table, or give a robot."
-                )
-            task = replay_task(query, source.table, robot)
+            task = replay_task(query, self._replayed().table, robot)
             if log is None:
                 return self.replay(task, on_step=on_step)
             header = self._header(question)
@@ -245,10 +236,11 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        source = self.source
-        if isinstance(source, Fitted):
-            raise SettingsError("Recordings are not replayed; fit a percept table of them.")
-        return source.run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+
+    def problem(self, task: Task) -> MOMDP:
+        """Return the decision problem of a task about an object of the percept table."""
+        return self._replayed().problem(task)
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn what the object of a trial is; the posterior is updated at once.
@@ -263,11 +255,10 @@ class Learner:
         ------
         QueryError : an attribute that the domain does not have.
         """
-        source, key = self.source, trial.task.key
+        source, key, name = self.source, trial.task.key, trial.task.object_name
         told = checked_values(values, self.domain)
         if not told:
             return
-        name = trial.task.object_name
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
@@ -340,6 +331,15 @@ class Learner:
         own = [lesson for lesson in self.lessons if lesson.object_name == object_name]
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
         return labels_of(own, self.domain).get(object_name, unknown)
+
+    def _replayed(self) -> Replayed:
+        source = self.source
+        if isinstance(source, Fitted):
+            raise SettingsError(
+                "Objects are replayed from a percept table; make one with build_percept_table, or "
+                "give a robot."
+            )
+        return source
 
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}

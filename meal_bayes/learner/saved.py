@@ -5,6 +5,7 @@ features of lessons another; a percept table is the .npz of `save_percepts`. Wha
 kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
 """
 
+import contextlib
 import io
 import json
 import lzma
@@ -24,7 +25,6 @@ from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
-from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.lesson import Lesson, Percept, checked_values
 from meal_bayes.learner.replayed import Replayed
@@ -44,7 +44,6 @@ def save_learner(learner: Learner, path: Path) -> None:
     """Write a learner; the file is there whole or not at all."""
     source = learner.source
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    path.parent.mkdir(parents=True, exist_ok=True)
     meta: dict[str, Any] = {
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
@@ -57,6 +56,7 @@ def save_learner(learner: Learner, path: Path) -> None:
         "lessons": [],
     }
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             rows = _Rows(learner.domain)
             for lesson in learner.lessons:
@@ -77,7 +77,8 @@ def save_learner(learner: Learner, path: Path) -> None:
     except OSError as fault:
         raise DataError(f"{path} cannot be written: {fault}.") from fault
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learner:
@@ -211,7 +212,10 @@ def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None) -> L
     for entry in told["percepts"]:
         behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
         levels = np.array(entry["levels"], np.int8)
-        if levels.shape != (len(domain.attributes),) or not -1 <= levels.min() <= levels.max() < most:
+        if (
+            levels.shape != (len(domain.attributes),)
+            or not -1 <= levels.min() <= levels.max() < most
+        ):
             raise ValueError(f"a percept of {behavior.name} has levels {entry['levels']}")
         features = None
         if arrays is not None and int(entry["row"]) >= 0:
