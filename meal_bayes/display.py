@@ -12,6 +12,7 @@ _NAMED = 6  # items of a sequence that are written out
 _BAR = "display:inline-block;height:.7em;width:{:.0f}px;background:{}"
 _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
+_CELL = "text-align:left;padding-right:1em;white-space:nowrap"
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
 _LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
 
@@ -76,9 +77,9 @@ def card_html(title: str, facts: Mapping[str, str]) -> str:
 
 def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return an HTML table; cells are HTML already, title and header are text."""
-    head = "".join(f"<th style='text-align:left'>{escape(name)}</th>" for name in header)
+    head = "".join(f"<th style='{_CELL}'>{escape(name)}</th>" for name in header)
     body = "".join(
-        "<tr>" + "".join(f"<td style='text-align:left'>{cell}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td style='{_CELL}'>{cell}</td>" for cell in row) + "</tr>"
         for row in rows
     )
     return (

@@ -62,6 +62,7 @@ LIBRARIES: dict[str, set[str]] = {
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
     "gymnasium": {"gym"},
+    "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made
     "click": {"cli"},
     "rich": {"cli"},
 }

@@ -11,6 +11,7 @@ from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
@@ -42,6 +43,8 @@ class Morc:
     _policies: OrderedDict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
         default_factory=OrderedDict
     )
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:

@@ -94,9 +94,7 @@ def breaking(make, after, fault):
 
 
 @pytest.mark.parametrize("after", range(4))
-@pytest.mark.parametrize(
-    "fault", [Breaks("the gripper is hot"), KeyboardInterrupt(), SystemExit(3)]
-)
+@pytest.mark.parametrize("fault", [Breaks("the gripper is hot"), KeyboardInterrupt(), SystemExit(3)])
 def test_an_exception_is_raised_once_the_log_is_whole(dataset, make, tmp_path, after, fault):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours))
     path = tmp_path / "a.mcap"
