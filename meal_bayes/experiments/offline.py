@@ -140,7 +140,8 @@ def run_offline(
         done += finished
         if on_progress is not None:
             on_progress(done, total)
-    paths = {name: [u.path for u in units if u.agent.agent.name == name] for name in carried}
+    numbers = range((len(tasks) + UNIT - 1) // UNIT)
+    paths = {name: [store.unit(name, number) for number in numbers] for name in carried}
     seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
     return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
 
