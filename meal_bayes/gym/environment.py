@@ -23,7 +23,7 @@ Observation = dict[str, Any]
 _LUCK = 2**31  # seeds of failures and recordings
 
 
-class MealEnv(gymnasium.Env[Observation, int]):
+class MealEnv(gymnasium.Env[Observation, np.int64]):
     """Choose behaviors, perceive, and report; an episode is a trial of ``run offline``.
 
     Actions are the E behaviors and then the 2^N reports: E + y reports the values whose bits are y,
@@ -113,7 +113,7 @@ class MealEnv(gymnasium.Env[Observation, int]):
         self._begin(self.tasks[index], luck)
         return self._observation(), self._info()
 
-    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Execute a behavior, or report."""
         running = self._running
         if running.belief.x == running.momdp.terminal:
@@ -129,15 +129,9 @@ class MealEnv(gymnasium.Env[Observation, int]):
         _, policy = self._morc.prepare(self._running.task)
         return int(policy.decide(self._running.history, self._running.streams.planner).action)
 
-    def render(self) -> str | None:  # type: ignore[override]
+    def render(self) -> str | None:
         """Return the trial so far as text, in the mode "ansi"."""
         return repr(self.trial) if self.render_mode == "ansi" else None
-
-    @property
-    def _running(self) -> RunningTrial:
-        if self._begun is None:
-            raise SettingsError("No episode has begun; call reset() first.")
-        return self._begun
 
     @property
     def _running(self) -> RunningTrial:

@@ -115,11 +115,9 @@ class Draws:
 
     def select(self, attributes: Sequence[str], behaviors: Sequence[str]) -> "Draws":
         """Keep some attributes and behaviors, in this order."""
-        place = np.ix_(
-            [self.attributes.index(name) for name in attributes],
-            [self.behaviors.index(name) for name in behaviors],
-        )
-        mean, dispersion = self.mean[:, :, *place], self.dispersion[:, :, *place]
+        p = [self.attributes.index(name) for name in attributes]
+        e = [self.behaviors.index(name) for name in behaviors]
+        mean, dispersion = self.mean[:, :, p][:, :, :, e], self.dispersion[:, :, p][:, :, :, e]
         return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
 
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
