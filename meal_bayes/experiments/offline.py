@@ -10,8 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.agents import Task, Trial, as_agent, distinct
+from meal_bayes.agents import Task, Trial, as_agent, distinct, trials_frame
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.parallel import in_parallel
@@ -78,6 +79,12 @@ class OfflineRun:
         """Read all trials back, agent by agent."""
         for path in self.paths:
             yield from read_trials(path)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row a trial; see `trials_frame`."""
+        return trials_frame(self.trials())
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)
