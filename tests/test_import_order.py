@@ -14,7 +14,10 @@ GROUND = {"errors", "arrays", "seeds", "display"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
-EVERYTHING = {*BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "cli"}
+EVERYTHING = {
+    *BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "gym",
+    "cli",
+}  # fmt: skip
 
 # Room -> the rooms (or single modules of a room) that it may import, besides itself and the ground.
 ROOMS: dict[str, set[str]] = {
@@ -36,6 +39,7 @@ ROOMS: dict[str, set[str]] = {
     "experiments": {"learner", "trial_log", "agents", "perception", "datasets", "domain"},
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},
+    "gym": {*BELOW_LOG, "agents", "experiments"},
     "cli": {*EVERYTHING, "__init__"},  # for the version
     "__init__": EVERYTHING,
     "__main__": EVERYTHING,
@@ -57,6 +61,8 @@ LIBRARIES: dict[str, set[str]] = {
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
+    "gymnasium": {"gym"},
+    "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made
     "click": {"cli"},
     "rich": {"cli"},
 }

@@ -12,6 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from meal_bayes.cli.options import (
+    OWN,
+    agent_value,
+    cluster_option,
     dataset_option,
     fresh_option,
     jobs_option,
@@ -36,7 +39,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; may be repeated, or a comma list. "
+    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option("--batches", type=int, default=10, show_default=True, metavar="B", help="Refits.")
@@ -73,9 +76,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 )  # fmt: skip
 @seed_option()
 @jobs_option
-@click.option(
-    "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
-)
+@cluster_option
 @click.option(
     "--log", type=click.Choice(["all", "train"]), default="all", show_default=True,
     help="Trials that are logged whole; of the others only what measures need is kept.",
@@ -119,7 +120,7 @@ def online(
         dataset=dataset,
         root=None if root is None else str(root),
         attributes=attributes,
-        **({"agents": named} if named else {}),  # type: ignore[arg-type]
+        **({"agents": tuple(map(agent_value, named))} if named else {}),  # type: ignore[arg-type]
         batches=batches,
         trials=trials,
         repeats=repeats,
@@ -147,7 +148,7 @@ def online(
     rows, summary = learning_rows(results), summarize_learning(results)
     if as_json:
         facts = {
-            "config": config.as_dict(),
+            "config": finished.config.as_dict(),
             "rows": [row.as_dict() for row in rows],
             "summary": [row.as_dict() for row in summary],
             "log": str(finished.folder),

@@ -59,7 +59,18 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     )
 
 
+def agent_value(text: str) -> object:
+    """Return an agent's name as it is, or what `package.module:name` names.
+
+    Raises
+    ------
+    SettingsError : a module that cannot be imported, or has no such name.
+    """
+    return named_value(text) if ":" in text else text
+
+
 AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
+OWN = "package.module:name of your own"
 logs_option = click.option(
     "--logs",
     type=click.Path(file_okay=False, path_type=Path),
@@ -71,6 +82,9 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes."
+)
+cluster_option = click.option(
+    "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
 )
 perception_option = click.option(
     "--perception",
@@ -99,8 +113,8 @@ def named_value(name: str) -> Any:
     module, _, attribute = name.partition(":")
     if not module or not attribute:
         raise SettingsError(f"{name!r} names no value; write it as package.module:name.")
-    if str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:
         found = importlib.import_module(module)
     except ImportError as fault:

@@ -11,6 +11,9 @@ from rich.text import Text
 
 from meal_bayes.cli.options import (
     AGENTS,
+    OWN,
+    agent_value,
+    cluster_option,
     dataset_option,
     fresh_option,
     jobs_option,
@@ -50,10 +53,11 @@ def run() -> None:
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; may be repeated, or a comma list. All of them by default.",
+    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.",
 )  # fmt: skip
 @seed_option()
 @jobs_option
+@cluster_option
 @click.option(
     "--percepts", type=click.Choice(["recorded", "model"]), default="recorded", show_default=True,
     help="Of real recordings, or drawn from the learned confusion matrices.",
@@ -74,6 +78,7 @@ def offline(
     agents: tuple[str, ...],
     seed: int,
     jobs: int,
+    cluster: str | None,
     percepts: str,
     perception: str,
     reward: float | None,
@@ -92,13 +97,13 @@ def offline(
         dataset=table_of(dataset, root, perception),
         attributes=attributes,
         trials=trials,
-        agents=named or DEFAULT_AGENTS,
+        agents=tuple(map(agent_value, named)) or DEFAULT_AGENTS,
         seed=seed,
         percepts=percepts,
         perception=perception,
         reward=reward,
     )
-    finished = _run(config, logs, jobs, fresh=fresh)
+    finished = _run(config, logs, jobs, cluster, fresh=fresh)
     rows, paired = _measure(finished)
     if as_json:
         facts = {
@@ -113,7 +118,9 @@ def offline(
     note(f"trials in {finished.folder}")
 
 
-def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
+def _run(
+    config: "OfflineConfig", logs: Path, jobs: int, cluster: str | None, *, fresh: bool
+) -> "OfflineRun":
     """Run what is not there yet, telling how far it is."""
     from meal_bayes.experiments import offline_tasks, run_offline
     from meal_bayes.experiments.percepts import percepts_for
@@ -131,7 +138,9 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
     with showing_compilation():
         warm_up_offline(config)
     with resumed("trials") as advance:
-        return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance)
+        return run_offline(
+            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+        )
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":

@@ -16,6 +16,7 @@ from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labe
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.tasks import live_task, replay_task
+from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
 
@@ -33,6 +34,8 @@ class Learner:
         Who decides: see `meal_bayes.agents.as_agent`.
     seed : int
         Of planning, and of what is drawn in replays.
+    classifier : scikit-learn classifier, optional
+        Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
@@ -56,6 +59,7 @@ class Learner:
         domain: str | Path | Domain,
         *,
         agent: object = "bayes",
+        classifier: object = None,
         seed: int = 0,
         reward: float | None = None,
         percepts: str = "recorded",
@@ -68,6 +72,7 @@ class Learner:
             raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self.agent: Agent = as_agent(agent)
+        self.classifier = classifier
         self.seed, self.reward, self.percepts = seed, reward, percepts
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
@@ -85,7 +90,7 @@ class Learner:
 
     @property
     def lessons(self) -> tuple[Lesson, ...]:
-        """What people told, in the order in which they did."""
+        """What people told, in order."""
         return tuple(self._lessons.values())
 
     @property
@@ -119,25 +124,21 @@ class Learner:
         found = data.domain
         if (found.attributes, found.behaviors) != (self.domain.attributes, self.domain.behaviors):
             raise SettingsError(
-                f"The data are of the domain {found.name!r}, whose attributes or behaviors differ "
-                f"from those of {self.domain.name!r}; load them for this domain."
+                f"Attributes or behaviors of the data's domain {found.name!r} differ from those of "
+                f"{self.domain.name!r}; load the data for this domain."
             )
         if isinstance(data, PerceptTable):
             self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
         else:
-            self._source = Fitted(data, self.agent, self.seed, self.reward)
+            self._source = Fitted(data, self.agent, self.classifier, self.seed, self.reward)
         return self.refit()
 
     def resume(
         self, data: Dataset | PerceptTable, lessons: Sequence[Lesson], refitted: Sequence[bool]
     ) -> Self:
-        """Come to the state of a learner that was saved.
+        """Come to the state of a learner with this data and these lessons, in order.
 
-        Parameters
-        ----------
-        data : what it was fitted on.
-        lessons : what it was told, in order.
-        refitted : of each lesson, whether its last refit had learned from it.
+        `refitted` tells of each lesson whether the last refit had learned from it.
         """
         pairs = list(zip(lessons, refitted, strict=True))
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
@@ -152,14 +153,13 @@ class Learner:
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
 
-        Classifiers are refitted where the data are recordings, with the features of the trials that
-        people spoke of.
+        Classifiers are fitted on the data and on the features of trials that people spoke of.
         """
         source = self.source
         if isinstance(source, Replayed):
             source.learn(self.lessons)
             return self
-        kept = [lesson for lesson in self.lessons if _has_features(lesson)]
+        kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
         for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
@@ -167,7 +167,7 @@ class Learner:
         return self
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what is known; of a percept table, what is known without an object of it."""
+        """Return what is known; of a percept table, what is known without one of its objects."""
         source = self.source
         if isinstance(source, Fitted):
             return source.knowledge
@@ -202,19 +202,14 @@ class Learner:
 
         Raises
         ------
-        QueryError : a question that names no attribute, an unknown one, or one twice.
+        QueryError : a question that cannot be understood.
         SettingsError : no data were fitted, or not of the kind that the robot needs.
         RobotError : the robot came to a state that the domain does not know.
         """
         query = question if isinstance(question, Query) else read_query(question, self.domain)
         source = self.source
         if isinstance(robot, str):
-            if isinstance(source, Fitted):
-                raise SettingsError(
-                    "Objects are replayed from a percept table; make one with "
-                    "build_percept_table, or give a robot."
-                )
-            task = replay_task(query, source.table, robot)
+            task = replay_task(query, self._replayed().table, robot)
             if log is None:
                 return self.replay(task, on_step=on_step)
             header = self._header(question)
@@ -245,10 +240,11 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        source = self.source
-        if isinstance(source, Fitted):
-            raise SettingsError("Recordings are not replayed; fit a percept table of them.")
-        return source.run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+
+    def problem(self, task: Task) -> MOMDP:
+        """Return the decision problem of a task about an object of the percept table."""
+        return self._replayed().problem(task)
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn what the object of a trial is; the posterior is updated at once.
@@ -263,18 +259,14 @@ class Learner:
         ------
         QueryError : an attribute that the domain does not have.
         """
-        source, key = self.source, trial.task.key
+        source, key, name = self.source, trial.task.key, trial.task.object_name
         told = checked_values(values, self.domain)
         if not told:
             return
-        name = trial.task.object_name
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError(
-                f"The trial has percepts of {trial.momdp.levels} levels, this agent "
-                f"{self.agent.levels}; tell it of its own trials."
-            )
+            raise SettingsError("The trial is of an agent with other levels; tell of one's own.")
         percepts = self._met.pop(key, None)
         if key in self._lessons:
             percepts = self._lessons.pop(key).percepts
@@ -296,29 +288,34 @@ class Learner:
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, which `load` reads back; see `saved`."""
-        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415  it needs this class
+        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
 
     @classmethod
     def load(
-        cls, path: str | Path, *, agent: object = None, logs: str | Path | None = "logs"
+        cls,
+        path: str | Path,
+        *,
+        agent: object = None,
+        classifier: object = None,
+        logs: str | Path | None = "logs",
     ) -> "Learner":
         """Read a learner from a file; classifiers are fitted again, with equal results.
 
         Parameters
         ----------
         path : written by `save`.
-        agent : an agent of one's own, of the name that was saved; shipped ones are found by name.
+        agent, classifier : one's own are given again; shipped agents are found by name.
         logs : as of a new learner.
 
         Raises
         ------
         DataError : a file that is not a learner, is torn, or of another version.
         """
-        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415  it needs this class
+        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
-        return load_learner(Path(path), agent=agent, logs=logs)
+        return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
 
     def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
         if isinstance(source, Replayed):
@@ -341,10 +338,15 @@ class Learner:
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
         return labels_of(own, self.domain).get(object_name, unknown)
 
+    def _replayed(self) -> Replayed:
+        source = self.source
+        if isinstance(source, Fitted):
+            raise SettingsError(
+                "Objects are replayed from a percept table; make one with build_percept_table, or "
+                "give a robot."
+            )
+        return source
+
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
         return {"config": config, "seed": self.seed, "data": self.domain.data}
-
-
-def _has_features(lesson: Lesson) -> bool:
-    return bool(lesson.percepts) and all(p.features is not None for p in lesson.percepts)

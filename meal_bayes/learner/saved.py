@@ -5,6 +5,7 @@ features of lessons another; a percept table is the .npz of `save_percepts`. Wha
 kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
 """
 
+import contextlib
 import io
 import json
 import lzma
@@ -43,11 +44,11 @@ def save_learner(learner: Learner, path: Path) -> None:
     """Write a learner; the file is there whole or not at all."""
     source = learner.source
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    path.parent.mkdir(parents=True, exist_ok=True)
     meta: dict[str, Any] = {
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
         "agent": learner.agent.name,
+        "classifier": None if learner.classifier is None else type(learner.classifier).__name__,
         "seed": learner.seed,
         "reward": learner.reward,
         "percepts": learner.percepts,
@@ -56,6 +57,7 @@ def save_learner(learner: Learner, path: Path) -> None:
         "lessons": [],
     }
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             rows = _Rows(learner.domain)
             for lesson in learner.lessons:
@@ -76,10 +78,13 @@ def save_learner(learner: Learner, path: Path) -> None:
     except OSError as fault:
         raise DataError(f"{path} cannot be written: {fault}.") from fault
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
-def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learner:
+def load_learner(
+    path: Path, *, agent: object, classifier: object, logs: str | Path | None
+) -> Learner:
     """Read a learner; raises as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
@@ -89,7 +94,7 @@ def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learn
             if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
                 found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
                 raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
-            learner = _learner(meta, agent, logs)
+            learner = _learner(meta, agent, classifier, logs)
             if _TABLE in archive.namelist():
                 data: Any = _read_table(archive, learner.domain)
                 arrays = None
@@ -114,8 +119,15 @@ def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learn
     return learner.resume(data, lessons, refitted)
 
 
-def _learner(meta: dict[str, Any], agent: object, logs: str | Path | None) -> Learner:
+def _learner(
+    meta: dict[str, Any], agent: object, classifier: object, logs: str | Path | None
+) -> Learner:
     name = meta["agent"]
+    if (classifier is None) != (meta["classifier"] is None):
+        raise SettingsError(
+            f"The learner perceives by {meta['classifier'] or 'our own classifiers'}; give the "
+            "same as load(path, classifier=...)."
+        )
     if agent is None and name not in AGENTS:
         raise SettingsError(
             f"The learner's agent {str(name)!r} is not one of the shipped ones; give it as "
@@ -124,6 +136,7 @@ def _learner(meta: dict[str, Any], agent: object, logs: str | Path | None) -> Le
     learner = Learner(
         domain_from_table(meta["domain"]),
         agent=name if agent is None else agent,
+        classifier=classifier,
         seed=int(meta["seed"]),
         reward=None if meta["reward"] is None else float(meta["reward"]),
         percepts=str(meta["percepts"]),

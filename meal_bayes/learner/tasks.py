@@ -15,7 +15,7 @@ def replay_task(query: Query, table: PerceptTable, name: str) -> Task:
 def live_task(query: Query, domain: Domain, number: int, object_name: str | None) -> Task:
     """Make the task of a query about the object in front of a robot; `number` names its streams."""
     name = f"object {number}" if object_name is None else object_name
-    key = (domain.data, "live", number, name, *query.attributes)
+    key: tuple[str | int, ...] = (domain.data, "live", number, name, *query.attributes)
     return Task(_question(query), query, -1, name, key)
 
 

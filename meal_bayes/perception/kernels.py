@@ -110,8 +110,8 @@ def fit_and_score(
     for e, (place, recordings) in gathered.items():
         fit, believed, told = fit_behavior(recordings.widened(width), settings, shape[0])
         counts[:, :, e] = told.counts[:, :, 0]
-        outputs = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
-        outputs = round_log_odds(np.where(believed, outputs, 0.0))
+        said = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
+        outputs = round_log_odds(np.where(believed, said, 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     log_odds[np.arange(dataset.recordings)[:, None] >= dataset.recording_counts[:, None]] = np.nan
     return log_odds, ConfusionCounts(counts)

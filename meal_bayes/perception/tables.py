@@ -2,6 +2,7 @@
 
 import hashlib
 import inspect
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from functools import partial
@@ -184,7 +185,10 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
         digest.update(values.tobytes())
     data = dataset.domain.data
     home = SOURCES.get(data)
-    option = {"paper": " --perception paper", "classifier": " --classifier ..."}
+    option = {"paper": " --perception paper"}
+    if settings.classifier is not None:
+        kind = type(settings.classifier)
+        option["classifier"] = f" --classifier {kind.__module__}:{kind.__qualname__}"
     return {
         "package": f"meal-bayes {_version()}",
         "perception": _told(settings),
@@ -212,10 +216,10 @@ def _classifier_provenance(classifier: Any) -> dict[str, str]:
         "classifier": f"{kind.__module__}:{kind.__qualname__}",
         "classifier_parameters": ", ".join(f"{name}={text}" for name, text in parameters.items()),
     }
-    try:
-        return {**found, "classifier_package": f"{package} {metadata.version(package)}"}
-    except metadata.PackageNotFoundError:  # one's own, or of another name than its package
-        return {**found, "classifier_source_sha256": _source_digest(kind)}
+    version = getattr(sys.modules.get(package), "__version__", None)
+    if isinstance(version, str):
+        return {**found, "classifier_package": f"{package} {version}"}
+    return {**found, "classifier_source_sha256": _source_digest(kind)}
 
 
 def _source_digest(kind: type) -> str:

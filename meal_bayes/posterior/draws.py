@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.display import short_repr
+from meal_bayes.display import level_names, short_repr
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
@@ -22,7 +22,6 @@ from meal_bayes.posterior.dirichlet import ConfusionPosterior
 Array = NDArray[np.float64]
 
 TRUTHS = ("false", "true")
-_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
 _ROW = ("attribute", "behavior", "truth")
 _DIMENSIONS = 5  # (O,P,E,2,K)
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
@@ -116,11 +115,9 @@ class Draws:
 
     def select(self, attributes: Sequence[str], behaviors: Sequence[str]) -> "Draws":
         """Keep some attributes and behaviors, in this order."""
-        place = np.ix_(
-            [self.attributes.index(name) for name in attributes],
-            [self.behaviors.index(name) for name in behaviors],
-        )
-        mean, dispersion = self.mean[:, :, *place], self.dispersion[:, :, *place]
+        p = [self.attributes.index(name) for name in attributes]
+        e = [self.behaviors.index(name) for name in behaviors]
+        mean, dispersion = self.mean[:, :, p][:, :, :, e], self.dispersion[:, :, p][:, :, :, e]
         return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
 
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
@@ -145,11 +142,6 @@ class Draws:
         concentration[:, columns] = weight[..., None] * center
         dispersion[:, columns] = share / (1 - share)
         return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
-
-
-def level_names(levels: int) -> tuple[str, ...]:
-    """Name the K levels of a percept."""
-    return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))
 
 
 def sensing(counts: ArrayLike) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """The log-likelihood of each object's percepts under each draw: what leave-one-out checks need.
 
 An object's percepts of one attribute, of all behaviors together, are one unit, so that models which
-let them err together can be compared with models that do not. Its own rows theta are integrated out.
+let them err together can be compared with models that do not. Its rows theta are integrated out.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ def pointwise_log_likelihood(
     """
     array = np.asarray(counts)
     kept = array[:, :, sensing(array)]
-    by_truth = kept.any(axis=(2, 4))  # (O,P,2)
+    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
     evidence = _evidence(draws, kept.sum(axis=3), o, p)  # (C*S,U,2)
     truth, unit = by_truth[o, p, 1].astype(int), np.arange(len(o))
@@ -41,7 +41,9 @@ def pointwise_log_likelihood(
     epsilon = draws.epsilon[:, None]
     with np.errstate(divide="ignore"):
         values = np.logaddexp(np.log1p(-epsilon) + right, np.log(epsilon) + wrong)
-    names = [f"{objects[i]}: {draws.attributes[j]}" for i, j in zip(o, p, strict=True)]
+    names = [
+        f"{objects[i]}: {draws.attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)
+    ]
     return values.reshape(*draws.mean.shape[:2], -1), names
 
 
