@@ -1,6 +1,7 @@
 """What objects show of themselves: short texts, tables for a notebook, data frames."""
 
 import dataclasses
+import inspect
 from html.parser import HTMLParser
 
 import numpy as np
@@ -144,8 +145,9 @@ def test_empty_lists_are_frames_too():
 
 def test_help_tells_the_shapes():
     for kind in (meal_bayes.Dataset, type(load_percepts("roc36")), meal_bayes.ConfusionPosterior):
-        assert "Attributes\n    ----------" in (kind.__doc__ or "")
-        assert "(O," in kind.__doc__ or "(P,E" in kind.__doc__
+        text = inspect.getdoc(kind)
+        assert "Attributes\n----------" in text
+        assert "(O," in text or "(P,E" in text
 
 
 def test_arrays_are_shown_by_their_shapes():
