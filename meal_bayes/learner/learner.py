@@ -34,6 +34,8 @@ class Learner:
         Who decides: see `meal_bayes.agents.as_agent`.
     seed : int
         Of planning, and of what is drawn in replays.
+    classifier : scikit-learn classifier, optional
+        Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
@@ -57,6 +59,7 @@ class Learner:
         domain: str | Path | Domain,
         *,
         agent: object = "bayes",
+        classifier: object = None,
         seed: int = 0,
         reward: float | None = None,
         percepts: str = "recorded",
@@ -69,6 +72,7 @@ class Learner:
             raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self.agent: Agent = as_agent(agent)
+        self.classifier = classifier
         self.seed, self.reward, self.percepts = seed, reward, percepts
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
@@ -120,13 +124,13 @@ class Learner:
         found = data.domain
         if (found.attributes, found.behaviors) != (self.domain.attributes, self.domain.behaviors):
             raise SettingsError(
-                f"The data are of the domain {found.name!r}, whose attributes or behaviors differ "
-                f"from those of {self.domain.name!r}; load them for this domain."
+                f"Attributes or behaviors of the data's domain {found.name!r} differ from those of "
+                f"{self.domain.name!r}; load the data for this domain."
             )
         if isinstance(data, PerceptTable):
             self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
         else:
-            self._source = Fitted(data, self.agent, self.seed, self.reward)
+            self._source = Fitted(data, self.agent, self.classifier, self.seed, self.reward)
         return self.refit()
 
     def resume(
@@ -155,7 +159,7 @@ class Learner:
         if isinstance(source, Replayed):
             source.learn(self.lessons)
             return self
-        kept = [lesson for lesson in self.lessons if _has_features(lesson)]
+        kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
         for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
@@ -198,7 +202,7 @@ class Learner:
 
         Raises
         ------
-        QueryError : a question that names no attribute, an unknown one, or one twice.
+        QueryError : a question that cannot be understood.
         SettingsError : no data were fitted, or not of the kind that the robot needs.
         RobotError : the robot came to a state that the domain does not know.
         """
@@ -262,10 +266,7 @@ class Learner:
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError(
-                f"The trial has percepts of {trial.momdp.levels} levels, this agent "
-                f"{self.agent.levels}; tell it of its own trials."
-            )
+            raise SettingsError("The trial is of an agent with other levels; tell of one's own.")
         percepts = self._met.pop(key, None)
         if key in self._lessons:
             percepts = self._lessons.pop(key).percepts
@@ -287,29 +288,34 @@ class Learner:
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, which `load` reads back; see `saved`."""
-        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415  it needs this class
+        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
 
     @classmethod
     def load(
-        cls, path: str | Path, *, agent: object = None, logs: str | Path | None = "logs"
+        cls,
+        path: str | Path,
+        *,
+        agent: object = None,
+        classifier: object = None,
+        logs: str | Path | None = "logs",
     ) -> "Learner":
         """Read a learner from a file; classifiers are fitted again, with equal results.
 
         Parameters
         ----------
         path : written by `save`.
-        agent : an agent of one's own, of the name that was saved; shipped ones are found by name.
+        agent, classifier : one's own are given again; shipped agents are found by name.
         logs : as of a new learner.
 
         Raises
         ------
         DataError : a file that is not a learner, is torn, or of another version.
         """
-        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415  it needs this class
+        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
-        return load_learner(Path(path), agent=agent, logs=logs)
+        return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
 
     def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
         if isinstance(source, Replayed):
@@ -344,7 +350,3 @@ class Learner:
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
         return {"config": config, "seed": self.seed, "data": self.domain.data}
-
-
-def _has_features(lesson: Lesson) -> bool:
-    return bool(lesson.percepts) and all(p.features is not None for p in lesson.percepts)
