@@ -80,8 +80,8 @@ def test_every_public_object_shows_itself_briefly(things):
 
 
 def test_main_objects_show_themselves_in_a_few_lines(things):
-    for name in ("Trial", "MOMDP", "Belief", "Dataset", "PerceptTable"):
-        (thing,) = (thing for thing in things if type(thing).__name__ == name)
+    for name in ("Trial", "MOMDP", "Belief", "Dataset", "PerceptTable", "Domain"):
+        thing = next(thing for thing in things if type(thing).__name__ == name)
         assert 3 <= len(repr(thing).splitlines()) <= 6
         assert Outline(thing._repr_html_()).count["table"] == 1
 
