@@ -126,7 +126,7 @@ class Compiled(NamedTuple):
 
     @property
     def branch_sense(self) -> NDArray[np.bool_]:
-        """(X,E,B) do the outcomes come with a percept?"""
+        """(X,E,B) whether the outcomes come with a percept."""
         return np.asarray(self.dynamics.branch["senses"])
 
     @property

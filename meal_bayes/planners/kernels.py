@@ -52,7 +52,7 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     return compiled
 
 
-class _Watch(event.Listener):
+class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
     def __init__(self, begin: Callable[[], None], end: Callable[[], None]) -> None:
         self._begin, self._end, self._depth = begin, end, 0
 

@@ -87,7 +87,7 @@ def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...])
 
 @kernel
 def _probable(affinity, uses, chance, b):
-    """Estimate Pr(right report) after the percepts of a plan (E,), from the affinity of their counts.
+    """Estimate Pr(right report) after the percepts of a plan (E,), from their affinity.
 
     Percepts of affinity r = sum_z sqrt(p1 p0) leave an error of about
     (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; affinities multiply.

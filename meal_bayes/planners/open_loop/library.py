@@ -54,7 +54,7 @@ class Candidates(NamedTuple):
 
     def take(self, rows: NDArray[np.intp]) -> "Candidates":
         """Take some of them."""
-        return Candidates(*(part[rows] for part in self))
+        return Candidates._make(part[rows] for part in self)
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,15 @@ class Diagram:
     @cached_property
     def simple(self) -> Candidates:
         """Every legal behavior; one or two percepts of one, then none, one or two of another."""
-        legal, paths = self.dynamics.step["legal"], set()
+        legal = self.dynamics.step["legal"]
+        paths: set[tuple[int, tuple[int, ...]]] = set()
         for x, a in np.argwhere(legal).tolist():
             paths.add((x, (a,)))
-        size, n = legal.shape
-        for x in range(size):
+        for x in range(len(legal)):
             goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
             for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
-                path, here = (), x
+                path: tuple[int, ...] = ()
+                here = x
                 for goal in [e] * k + [f] * more:
                     way = self.ways.path(here, goal)
                     path, here = (*path, *way), int(self.ways.end[here, goal])
@@ -150,7 +151,10 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
 
 
 def _affinity(problem: Compiled) -> Floats:
-    """Log sum_j sqrt(Pr(j yes of k | true) Pr(j | false)) (N,E,U); 0 where percepts tell nothing."""
+    """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U.
+
+    It is 0 where percepts tell nothing.
+    """
     percepts = problem.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
     s, j = percepts.precision[..., None], np.arange(_COUNTED)
@@ -186,8 +190,8 @@ def _promising(
 ) -> NDArray[np.intp]:
     """Screen candidates by an estimate of their values at beliefs (B,N,C).
 
-    An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best few from each x at each belief stay, and the
-    best two of each first behavior.
+    An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best
+    few from each x at each belief stay, and the best two of each first behavior.
     """
     uses = np.minimum(candidates.uses, _COUNTED - 1)
     every = np.arange(uses.shape[1])

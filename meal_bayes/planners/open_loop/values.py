@@ -64,7 +64,7 @@ def stop_value(model, x, prob):
 
 @kernel
 def _bonus(model, plans, j, scratch):
-    """What shaping pays along a plan, discounted."""
+    """Sum what shaping pays along a plan, discounted."""
     total = 0.0
     for e in range(plans.uses.shape[1]):
         uses = plans.uses[j, e]

@@ -24,6 +24,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
+from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
@@ -124,28 +125,23 @@ class POMCPPolicy:
         if certain is not None:
             return certain
         tree, leaf, sampled = self._prepare(belief)
-        decision = self._settled(belief, leaf)
-        return self._search(end, belief, tree, leaf, sampled, rng) if decision is None else decision
+        settled = self._settled(belief, leaf)
+        return settled or self._search(end, belief, tree, leaf, sampled, rng)
 
     def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
-        """Decide by bounds alone: one action is worth at least what any other is at most."""
+        """Decide by bounds alone, where an action is worth at least what any other is at most."""
         x, problem = belief.x, self.problem
-        few = problem.legal[x].sum() <= 1
-        if not few and self.tables is None:
+        alone, tables = problem.legal[x].sum() == 1, self.tables
+        if not alone and tables is None:
             return None
         lower = self._lower_bounds(belief, leaf)
-        exit_value = float(problem.exit_value[x])
-        action, values = choose(self.momdp, belief, lower, exit_value)
-        others = (
-            np.full(len(lower) + 1, -np.inf)
-            if few
-            else np.append(self.tables.upper_bounds(x, belief.positive), values[-1])
-        )
-        chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
-        if few and chosen < 0 and problem.legal[x].any():
-            return None  # the search may yet raise the behavior
-        others[chosen] = -np.inf
-        return Decision.exact(action, values) if values[chosen] >= others.max() else None
+        action, values = choose(self.momdp, belief, lower, float(problem.exit_value[x]))
+        chosen = action if action < len(lower) and problem.legal[x, action] else -1
+        if alone or tables is None:  # the search can only raise its value
+            return Decision.exact(action, values) if chosen >= 0 else None
+        upper = np.append(tables.upper_bounds(x, belief.positive), values[-1])
+        upper[chosen] = -np.inf
+        return Decision.exact(action, values) if values[chosen] >= upper.max() else None
 
     def _lower_bounds(self, belief: Belief, leaf: Leaf) -> NDArray[np.float64]:
         """Value of the best plan by first behavior, (E,)."""
@@ -171,10 +167,7 @@ class POMCPPolicy:
         def grow(simulations: int) -> int:
             return int(search(self.problem, leaf, tree, sampled, simulations, options, rng))
 
-        if end is None:
-            done = grow(settings.simulations)
-        else:
-            done = _within(end, grow)
+        done = grow(settings.simulations) if end is None else _within(end, grow)
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0] = self._lower_bounds(belief, leaf), 0
             tree.edge["first"][0] = -1
@@ -208,9 +201,7 @@ class POMCPPolicy:
         return tree, Leaf(plans, table, scratch, grid.make_scratch(table, momdp.levels)), sampled
 
 
-_EMPTY = grid.make_table([np.ones(1)], np.zeros((0, 1)))._replace(
-    value=np.zeros((0, 1), np.float32)
-)
+_EMPTY = Table(np.ones((1, 1)), np.ones(1, np.int64), np.zeros((0, 1), np.float32))
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:

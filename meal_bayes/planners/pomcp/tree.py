@@ -57,7 +57,7 @@ def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int
 
 
 def standard_errors(tree: Tree) -> NDArray[np.float64]:
-    """Compute the standard error (E,) that as many sampled returns of the root's edges would have."""
+    """Compute the standard errors (E,) that averages of the root's sampled returns would have."""
     errors = np.zeros(tree.edge.shape[1])
     for a in np.flatnonzero(tree.edge["first"][0] >= 0):
         edge = tree.edge[0, a]
