@@ -1,6 +1,7 @@
 """Planners on query problems: value, accuracy, cost, CPU time, the gap to an upper bound, peers.
 
-Models are in `planner_models.py`, policies in `planner_policies.py`.
+Models are in `planner_models.py`, policies in `planner_policies.py`, and what planning costs
+(`--costs`) in `planner_costs.py`.
 
 Values are mean discounted returns with the report's reward as its expectation given all percepts.
 Episode i of every policy meets the same object and the same luck, as long as it does the same;
@@ -26,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from planner_costs import measure_costs, table_of
 from planner_models import LARGE, MODELS, momdp_of
 from planner_policies import PLANNERS, TABLED, Planner, believed_in, planners_for, solver_of
 
@@ -259,6 +261,7 @@ def parse() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--json", action="store_true", help="print JSON in place of the table")
+    parser.add_argument("--costs", action="store_true", help="measure costs in place of values")
     parser.add_argument("--quick", action="store_true", help="A1, A2, 200 episodes, cheap policies")
     parser.add_argument("--models", type=_list(MODELS), metavar="A1,A2,...")
     parser.add_argument(
@@ -292,6 +295,10 @@ def _list(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
 def main() -> None:
     """Measure, print the rows as they are ready, and JSON in the end."""
     options, rows = parse(), []
+    if options.costs:
+        found = measure_costs()
+        print(json.dumps(found, indent=2) if options.json else table_of(found))
+        return
     shown = sys.stderr if options.json else sys.stdout
     print(head(), file=shown, flush=True)
     for row in measure(options):

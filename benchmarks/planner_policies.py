@@ -33,7 +33,10 @@ class Planner(NamedTuple):
         return self.policy if self.budget is None else f"{self.policy}:{self.budget}"
 
 
-SEARCHES = tuple(Planner("pomcp", budget) for budget in ("1ms", "10ms", "1500 simulations"))
+SEARCHES = (
+    *(Planner("pomcp", budget) for budget in ("1ms", "10ms", "1500 simulations")),
+    Planner("pomcp-sampled", "1500 simulations"),
+)
 BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
 PLANNERS = (  # those that others are compared with come first
     Planner("olfc"),
@@ -83,6 +86,7 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "factored": Factored,
         "pbvi": PBVI,
         "pomcp": lambda: _search(str(planner.budget)),
+        "pomcp-sampled": lambda: replace(_search(str(planner.budget)), backup="sampled"),
         "greedy": Greedy,
         "predefined_plus": lambda: Predefined(sequence, persistent=True),
         "random_legal": lambda: RandomLegal(50.0),

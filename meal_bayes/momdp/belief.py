@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import card
-from meal_bayes.errors import ImpossibleObservation
+from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp.display import belief_facts, belief_html
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
@@ -125,7 +125,9 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     Raises
     ------
     ImpossibleObservation : the percept has probability zero under every value still believed in.
+    SettingsError : an action, x or level that the MOMDP does not have, or not a level each attribute.
     """
+    _check(momdp, transition)
     if transition.observation is None or transition.action >= momdp.n_behaviors:
         return belief.at(transition.next_x)
     e, levels = transition.action, np.asarray(transition.observation, dtype=np.intp)
@@ -147,6 +149,23 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     counted = belief.seen.copy()
     counted[attributes, e, levels] += 1
     return Belief(transition.next_x, weight - total_weight[:, None], counted, belief.log_share)
+
+
+def _check(momdp: MOMDP, transition: Transition) -> None:
+    """Check what comes from a robot or caller, before it becomes an index."""
+    action, x, levels = transition
+    if not 0 <= action < momdp.n_actions:
+        raise SettingsError(f"Action {action} is none of 0 to {momdp.n_actions - 1}.")
+    if not 0 <= x < len(momdp.x_names):
+        raise SettingsError(f"x is {x}; expected 0 to {momdp.terminal}, one of {momdp.x_names}.")
+    if levels is not None:
+        found, n = np.asarray(levels), len(momdp.query)
+        whole = found.shape == (n,) and np.issubdtype(found.dtype, np.integer)
+        if not whole or found.min() < 0 or found.max() >= momdp.levels:
+            raise SettingsError(
+                f"A percept is {found.tolist()}; expected {n} whole numbers from 0 to "
+                f"{momdp.levels - 1}, one for each of {list(momdp.query.attributes)}."
+            )
 
 
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:

@@ -59,7 +59,7 @@ class POMCP:
     SettingsError : a negative budget or exploration constant, no capacity, an unknown backup.
     """
 
-    simulations: int = 300
+    simulations: int = 100
     milliseconds: float | None = None
     exploration: float = 0.03
     capacity: int = 4_000
