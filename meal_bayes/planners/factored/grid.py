@@ -110,9 +110,14 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 
 
+def axis_reach(inner: int) -> float:
+    """Return how far in log-odds an even axis of so many points reaches from the prior."""
+    return _NEAREST + _STEP * inner
+
+
 def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     """Build an axis even in log-odds, as far around the prior as the steps stay small."""
-    reach = _NEAREST + _STEP * inner
+    reach = axis_reach(inner)
     log_odds = _prior_log_odds(momdp, attribute) + np.linspace(-reach, reach, inner)
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 

@@ -11,7 +11,15 @@ from meal_bayes.arrays import set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.factored.grid import Table, even_axis, make_axis, make_table, refine
+from meal_bayes.planners.factored.grid import (
+    Table,
+    axis_reach,
+    even_axis,
+    informative_pairs,
+    make_axis,
+    make_table,
+    refine,
+)
 from meal_bayes.planners.factored.sweep import Edges, Percepts, make_backups, percepts_on, sweep
 
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
@@ -91,7 +99,7 @@ class ValueIteration:
         moving = np.flatnonzero(bounds.size > 1).tolist()
         if not moving:
             return bounds
-        inner = min(_INNER[min(len(moving), len(_INNER) - 1)], int(points ** (1 / len(moving))))
+        inner = _inner_points(len(moving), points)
         if inner < _LEAST:
             return bounds
         for i in moving:
@@ -173,3 +181,23 @@ class ValueIteration:
     def _gain(self, grid: _Grid, finer: _Grid) -> float:
         growth = finer.table.value.shape[1] / grid.table.value.shape[1]
         return self._fall(grid, finer) / math.log(growth)
+
+
+def _inner_points(n: int, points: int) -> int:
+    """Return how many uncertain beliefs each of n axes of the estimate has."""
+    return min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))
+
+
+def spans_percepts(momdp: MOMDP, points: int) -> bool:
+    """Whether the even axes of an estimate reach as far as a percept moves the log-odds.
+
+    Where the sharpest behavior moves an attribute further in the mean, beliefs soon lie between the
+    last point and certainty, where the estimate is a straight line and says little.
+    """
+    moving = informative_pairs(momdp)
+    n = int(moving.any(axis=1).sum())
+    if not n:
+        return True
+    false, true = np.clip(np.moveaxis(momdp.confusion, 2, 0), 1e-300, None)  # (N,E,K)
+    shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=2)  # (N,E)
+    return bool(np.where(moving, shift, 0.0).max() <= axis_reach(_inner_points(n, points)))

@@ -25,6 +25,7 @@ from meal_bayes.momdp import MOMDP, Belief, report_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
+from meal_bayes.planners.factored.iteration import spans_percepts
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
@@ -110,6 +111,8 @@ class POMCPPolicy:
         momdp, points = self.momdp, self.settings.points
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
         if not points or not known or not momdp.kind_is_truth:
+            return None
+        if not spans_percepts(momdp, points):  # plans know better than so coarse a grid
             return None
         try:
             return Factored(points).solve(momdp, np.random.default_rng(0))
