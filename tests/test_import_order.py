@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 LONGEST = 350  # lines of a file
 
-GROUND = {"errors", "arrays", "seeds"}
+GROUND = {"errors", "arrays", "seeds", "files", "cache", "processes"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -21,6 +21,9 @@ ROOMS: dict[str, set[str]] = {
     "errors": set(),
     "arrays": set(),
     "seeds": set(),
+    "files": set(),
+    "cache": set(),
+    "processes": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -45,8 +48,8 @@ LIBRARIES: dict[str, set[str]] = {
     "pymc": {"posterior.hierarchical"},
     "pytensor": {"posterior.hierarchical"},  # what PyMC models are written in
     "arviz": {"posterior.idata"},
-    # Kernels of planning are all made by one function; the nested stacking has a kernel of its own.
-    "numba": {"planners.bayes_error", "perception.stacking"},
+    # All kernels are made by one function.
+    "numba": {"planners.bayes_error", "cache"},
     "mcap": {"trial_log"},
     "google": {"trial_log"},
     "zstandard": {"trial_log"},
@@ -54,6 +57,7 @@ LIBRARIES: dict[str, set[str]] = {
     "matplotlib": {"evaluation.plots"},
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
+    "platformdirs": {"cache"},
     "pooch": {"datasets.download"},
     "click": {"cli"},
     "rich": {"cli"},

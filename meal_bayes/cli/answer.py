@@ -40,9 +40,11 @@ def answer(
     told : (O,P) what people told of objects before; -1 nothing.
     """
     from meal_bayes.agents import Morc, load_agent
+    from meal_bayes.files import check_folder
     from meal_bayes.trial_log import TrialWriter
 
     recipe = load_agent(agent)
+    check_folder(logs)
     if recipe.searches:
         prepare_planner()
     start = time.perf_counter()

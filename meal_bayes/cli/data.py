@@ -102,12 +102,13 @@ def percepts(dataset: str, perception: str, root: Path | None, out: Path | None)
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percepts import save_percepts
     from meal_bayes.errors import SettingsError
+    from meal_bayes.files import check_output
     from meal_bayes.perception import build_percept_table
 
     if out is not None:
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
-        out.parent.mkdir(parents=True, exist_ok=True)
+        check_output(out, inputs=[dataset])
     compared = dataset in _public() and perception == "default"
     if out is None and not compared:
         raise SettingsError(

@@ -25,6 +25,7 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.files import draft_of
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
@@ -146,6 +147,10 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 
     A domain of one's own is written along; of a shipped one the name is enough.
+
+    Raises
+    ------
+    OutputError : the file cannot be written; one that was there stays.
     """
     sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
     meta = {
@@ -165,7 +170,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "edges": table.edges,
         "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
     }
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
         for name, (dtype, _) in _MEMBERS.items():
             buffer = io.BytesIO()
             values = np.ascontiguousarray(arrays[name], dtype=dtype)

@@ -13,6 +13,8 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import NDArray
 
+from meal_bayes.cache import compile_kernel
+
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute
 BINS = 64  # to which they are merged, by likelihood ratio, before there would be more
 WIDEST = 12.0  # log likelihood ratios beyond are merged
@@ -47,8 +49,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     compile: callers bring the room (`Work`). numba's cache looks at the file of a kernel alone,
     but kernels call kernels of other files, so their digest is made part of its version.
     """
-    options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-    compiled: Callable[..., Any] = njit(**options)(function)
+    compiled = compile_kernel(function, nogil=True, error_model="numpy", _nrt=False)
     held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if held is not None:  # it is None where compilation is switched off
         held._version = f"{held._version} {_SOURCES}"

@@ -18,6 +18,7 @@ from typing import IO, Any, Self
 from rerun.experimental import ViewerClient
 
 from meal_bayes.errors import LogError, MealBayesError
+from meal_bayes.files import write_whole
 from meal_bayes.viewer.web import HERE, Page
 
 _SIZE = (1920, 1080)
@@ -156,8 +157,7 @@ def take_picture(
         picture = _settled(client, 0.0 if notices else _NOTICE)
         state = client.get_state()
     if path is not None:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(picture)
+        write_whole(path, picture)
     return picture, state
 
 
