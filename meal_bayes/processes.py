@@ -43,7 +43,7 @@ class EndingContext:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._context, name)
 
-    def Process(  # noqa: N802  the name of multiprocessing
+    def Process(
         self, *, target: Callable[..., object], args: tuple[Any, ...] = (), **options: Any
     ) -> Any:
         """Make a process that runs a function; options as of `multiprocessing.Process`."""

@@ -81,8 +81,10 @@ def test_children_end_with_a_killed_parent(code, count, kind):
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2)])
 def test_children_end_with_the_terminal(code, count):
     inside, outside = pty.openpty()[::-1]
-    with run(code, stdout=subprocess.PIPE, stdin=inside, stderr=inside, start_new_session=True,
-             preexec_fn=lambda: os.close(os.open(os.ttyname(inside), os.O_RDWR))) as parent:  # fmt: skip
+    with run(
+        code, stdout=subprocess.PIPE, stdin=inside, stderr=inside, start_new_session=True,
+        preexec_fn=lambda: os.close(os.open(os.ttyname(inside), os.O_RDWR)),  # which makes it ours
+    ) as parent:  # fmt: skip
         os.close(inside)
         children = [int(parent.stdout.readline()) for _ in range(count)]
         os.close(outside)

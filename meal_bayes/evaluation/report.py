@@ -67,7 +67,7 @@ def write_report(
         if on_progress is not None:
             on_progress(done, len(logs.files))
         batch = batch_of(header)
-        for number, trial in enumerate(trials):
+        for number, trial in trials:
             tally.add(trial, Place(file, number), batch)
     if not tally.trials:
         logs.complain_of_nothing()
