@@ -143,7 +143,13 @@ def online(
     prepare_planner()
     with resumed("batches") as advance:
         finished = run_online(
-            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            config,
+            logs=logs,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+            on_progress=advance,
+            on_note=note,
         )
     results = list(finished.results())
     rows, summary = learning_rows(results), summarize_learning(results)

@@ -128,7 +128,9 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
     if any(load_agent(name).searches for name in config.agents):
         prepare_planner()
     with resumed("trials") as advance:
-        return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance)
+        return run_offline(
+            config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance, on_note=note
+        )
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":

@@ -11,11 +11,11 @@ from pathlib import Path
 from meal_bayes.agents import Morc, Task, Trial, load_agent
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.claims import run_claimed
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import UNIT, Store, fingerprint
+from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
-from meal_bayes.trial_log import TrialWriter, read_trials
+from meal_bayes.trial_log import TrialWriter, read_seconds, read_trials, remove_drafts
 
 DEFAULT_AGENTS = (
     "random",
@@ -85,6 +85,13 @@ class _Unit:
     agent: str
     first: int  # trial
     path: Path
+    fresh: bool = False  # is it run again although it is there?
+
+    @property
+    def done(self) -> bool:
+        """Whether its file is there and sound."""
+        trials = min(UNIT, self.config.trials - self.first)
+        return not self.fresh and is_whole(self.path, trials=trials)
 
 
 def run_offline(
@@ -94,16 +101,25 @@ def run_offline(
     jobs: int = 1,
     fresh: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
     """Run an offline experiment; units that are already whole are not run again.
+
+    Any number of processes may run it on one folder of logs at a time: they share the work.
 
     Parameters
     ----------
     config : what to run; tasks, failures and recordings are the same for all its agents.
     logs : folder for the trials.
     jobs : processes.
-    fresh : run again what is there already.
+    fresh : run again what is there already; it is replaced unit by unit.
     on_progress : called with (trials done, trials in all).
+    on_note : called with a line that says which other process is waited for; logged by default.
+
+    Raises
+    ------
+    SettingsError : settings that cannot be run.
+    OutputError, LogError : logs that cannot be written.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
@@ -112,22 +128,20 @@ def run_offline(
     shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
     shared["table"] = fingerprint(config.dataset)
     store = Store.of(logs, name, shared)
-    if fresh:
-        for agent in config.agents:
-            Store(store.folder / agent).clear()
     units = [
-        _Unit(config, agent, first, store.unit(agent, first // UNIT))
+        _Unit(config, agent, first, store.unit(agent, first // UNIT), fresh)
         for first in range(0, len(tasks), UNIT)
         for agent in config.agents
     ]
-    todo = [unit for unit in units if not unit.path.is_file()]
+    todo = [unit for unit in units if not unit.done]
     total = len(tasks) * len(config.agents)
     done = total - sum(len(_slice(tasks, unit)) for unit in todo)
     if on_progress is not None:
         on_progress(done, total)
     for agent in {unit.agent for unit in todo}:
         load_agent(agent).warm_up()  # once, before every process would
-    for finished in in_parallel(_run_unit, todo, jobs=jobs):
+    work = [(unit, unit.path) for unit in todo]
+    for finished in run_claimed(_run_unit, work, jobs=jobs, on_note=on_note):
         done += finished
         if on_progress is not None:
             on_progress(done, total)
@@ -142,6 +156,8 @@ def run_offline(
 def _run_unit(unit: _Unit) -> int:
     tasks = _slice(_tasks(unit.config), unit)
     config = unit.config
+    if unit.done:  # by another process, meanwhile
+        return len(tasks)
     morc = Morc(
         _table(config),
         load_agent(unit.agent),
@@ -155,6 +171,7 @@ def _run_unit(unit: _Unit) -> int:
             start = time.perf_counter()
             trial = morc.run(task)
             log.write(trial, seconds=time.perf_counter() - start)
+    remove_drafts(unit.path)  # of processes that were killed
     return len(tasks)
 
 
@@ -177,11 +194,5 @@ def _loaded(dataset: str, perception: str, content: str) -> PerceptTable:
 
 def _seconds(paths: Iterator[Path]) -> float:
     """Sum of the timing tables beside the logs, s; nan where one has been removed."""
-    total = 0.0
-    for path in paths:
-        timing = path.with_name(path.stem + ".timing.csv")
-        if not timing.is_file():
-            return math.nan
-        rows = timing.read_text(encoding="utf-8").splitlines()
-        total += sum(float(row.split(",")[1]) for row in rows[1:])
-    return total
+    found = [read_seconds(path) for path in paths]
+    return math.fsum(map(math.fsum, found)) if all(found) else math.nan
