@@ -180,6 +180,7 @@ def run_online(
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
+    _body(domain, dict(config.success))  # the same
     store = Store.of(logs, f"online-{domain.name}-n{config.attributes}", _shared(config))
     units = [
         _Unit(config, agent, repeat, store.folder.absolute(), fresh)  # workers live elsewhere
