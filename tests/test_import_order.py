@@ -54,6 +54,7 @@ LIBRARIES: dict[str, set[str]] = {
     "google": {"trial_log"},
     "zstandard": {"trial_log"},
     "rerun": {"viewer"},
+    "rerun_bindings": {"viewer.replay"},
     "matplotlib": {"evaluation.plots"},
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},

@@ -78,8 +78,7 @@ def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeyp
 
     monkeypatch.setattr(claims.time, "sleep", let_go)
     work = [("held", tmp_path / "unit"), ("a", tmp_path / "a"), ("b", tmp_path / "b")]
-    for piece in run_claimed(str, work, jobs=1, on_note=told.append):
-        done.append(piece)
+    done.extend(run_claimed(str, work, jobs=1, on_note=told.append))
     assert done == ["a", "b", "held"]
     assert len(told) == 1
     assert f"unit is being made by process {other.pid} on" in told[0]
