@@ -50,9 +50,7 @@ class EndingContext:
         # a fork server's children have the server as their parent, which ends with us
         direct = self._context.get_start_method() != "forkserver"
         parent = os.getpid() if direct else None
-        return self._context.Process(
-            target=_run_and_end, args=(parent, target, args), **options
-        )
+        return self._context.Process(target=_run_and_end, args=(parent, target, args), **options)
 
 
 def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":

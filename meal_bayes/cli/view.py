@@ -62,7 +62,7 @@ def view(
         with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
             recording = Path(folder) / f"{log.resolve().name.partition('.')[0]}.rrd"
-            _record(log, recording, number)
+            _record(log, _open(log, number), recording, number)
             _picture(log, recording, screenshot, number, step)
     elif web:
         _serve(log, number)
@@ -90,25 +90,32 @@ def _save(log: Path, path: Path, number: int | None) -> None:
     from meal_bayes.viewer.window import check_recording_name
 
     check_recording_name(path)
-    with draft_of(path, inputs=[log]) as draft:
-        trials = _record(log, draft, number)
+    logs = _open(log, number)
+    with draft_of(path, inputs=logs.files) as draft:
+        trials = _record(log, logs, draft, number)
     click.echo(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
 
 
-def _record(log: Path, to: "Target", number: int | None) -> int:
-    """Make the recording and tell what could not be read."""
+def _open(log: Path, number: int | None) -> "Logs":
+    """Find the logs, or say what is wrong before a viewer opens."""
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import Logs
-    from meal_bayes.viewer import send_recording
 
     logs = Logs(log)
-    header, total = logs.header, _count(logs)
+    total = _count(logs)
     if number is not None and total is not None and number >= total:
         raise SettingsError(f"{log} holds {total} trials; give --trial 0 to {total - 1}.")
+    return logs
+
+
+def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
+    """Make the recording and tell what could not be read."""
+    from meal_bayes.errors import SettingsError
+    from meal_bayes.viewer import send_recording
+
     with progress("reading", "trials") as advance:
-        trials = send_recording(
-            _counted(logs, advance, total), to, header, name=log.resolve().name, only=number
-        )
+        given = _counted(logs, advance, _count(logs))
+        trials = send_recording(given, to, logs.header, name=log.resolve().name, only=number)
     for problem in logs.problems:
         note(f"warning: {problem}; {trials} whole trials are shown")
     if number is not None and number >= trials:
@@ -150,17 +157,19 @@ def _show(log: Path, number: int | None) -> None:
     """Show a recording in a window; it is sent there, so that no file is left behind."""
     from meal_bayes.viewer import Viewer
 
+    logs = _open(log, number)
     with Viewer() as viewer:
         viewer.wait_until_ready()
-        _record(log, viewer.url, number)
+        _record(log, logs, viewer.url, number)
         viewer.wait()
 
 
 def _serve(log: Path, number: int | None) -> None:
     from meal_bayes.viewer import WebViewer
 
+    logs = _open(log, number)
     with WebViewer() as viewer:
-        _record(log, viewer.recording, number)
+        _record(log, logs, viewer.recording, number)
         click.echo(f"open {viewer.address}\nCtrl-C ends it")
         viewer.wait()
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
 import rerun_bindings
 
 from meal_bayes.agents.trial import Trial
@@ -78,7 +79,22 @@ class Replay:
             run_first=run_first,
             live=live,
         )
-        self._stream.send_blueprint(layout)
+        send_layout(self._stream, layout)
+
+
+def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Send a layout as `stream.send_blueprint` does, which leaves two threads behind each time.
+
+    They belong to a stream in memory, which rerun 0.41 never disconnects.
+    """
+    made = rr.RecordingStream._from_native(
+        rerun_bindings.new_blueprint(APPLICATION, make_default=False, make_thread_default=False)
+    )
+    made.set_time("blueprint", sequence=0)
+    layout._log_to_stream(made)
+    held = made.memory_recording()
+    rerun_bindings.send_blueprint(held.storage, True, True, recording=stream.to_native())
+    made.disconnect()
 
 
 @contextlib.contextmanager
