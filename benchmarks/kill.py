@@ -1,4 +1,4 @@
-"""Kill runs at random and run them again: do the same tables come out, and is anything left?
+"""Kill runs at random and run them again: the same tables must come out, and nothing be left.
 
 Each round starts the same command twice at once on one new folder of logs, each with two processes,
 kills both at random moments (one by SIGKILL, one by SIGTERM), waits that all their children are

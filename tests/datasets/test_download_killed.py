@@ -1,4 +1,4 @@
-"""A fetch that is killed leaves nothing that a later one takes for whole; links are not followed."""
+"""A killed fetch leaves nothing that a later one takes for whole; links are not followed."""
 
 import functools
 import os
