@@ -111,12 +111,13 @@ def percepts(
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.errors import SettingsError
+    from meal_bayes.files import check_output
     from meal_bayes.perception import build_percept_table
 
     if out is not None:
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
-        out.parent.mkdir(parents=True, exist_ok=True)
+        check_output(out, inputs=[dataset])
     estimator = None if classifier is None else named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
     own = dataset not in _public()

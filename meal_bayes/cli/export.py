@@ -68,6 +68,7 @@ def export(
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
+    from meal_bayes.files import check_output
     from meal_bayes.momdp.pomdp_file import write_pomdp
     from meal_bayes.momdp.pomdpx_file import write_pomdpx
 
@@ -80,6 +81,7 @@ def export(
         raise click.UsageError("A reference model knows no objects; leave --object out.")
     if model is None and reference is not None:
         raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
+    check_output(file, inputs=[dataset])
     momdp = (
         _query(table_of(dataset, root), question, name)
         if question

@@ -142,7 +142,13 @@ def online(
         warm_up_online(config)
     with resumed("batches") as advance:
         finished = run_online(
-            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            config,
+            logs=logs,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+            on_progress=advance,
+            on_note=note,
         )
     results = list(finished.results())
     rows, summary = learning_rows(results), summarize_learning(results)

@@ -73,6 +73,7 @@ def posterior(
     the beliefs after one behavior and after all.
     """
     from meal_bayes.errors import SettingsError
+    from meal_bayes.files import check_folder
 
     if method == "grid" and model != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
@@ -82,9 +83,9 @@ def posterior(
         "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
         "tune": tune, "chains": chains, "seed": seed,
     }  # fmt: skip
+    folder = check_folder(out or Path("posteriors") / _folder(config))
     table, columns, counts = _counts(dataset, attributes, held_out, levels)
     drawn = _fit(table, columns, counts, config)
-    folder = out or Path("posteriors") / _folder(config)
     facts = _write(drawn, counts, table.objects, seed, folder)
     if as_json:
         told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
@@ -159,6 +160,7 @@ def _write(
 
     from meal_bayes.evaluation.plots import reliability_diagram, save
     from meal_bayes.evaluation.posterior_plots import forest, predictive
+    from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
     from meal_bayes.posterior.draws import sensing
@@ -182,7 +184,7 @@ def _write(
             coords={"number": np.arange(n), "object": objects, "unit": units},
         )
         idata.save_netcdf(made, folder / "posterior.nc")
-        (folder / "summary.csv").write_text(idata.summary_csv(made), encoding="utf-8")
+        write_whole(folder / "summary.csv", idata.summary_csv(made))
         low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
         save(forest(middle, low, high, draws.attributes, draws.behaviors), folder / "forest.png")
         save(predictive(check.observed, check.predicted), folder / "predictive.png")

@@ -139,7 +139,13 @@ def _run(
         warm_up_offline(config)
     with resumed("trials") as advance:
         return run_offline(
-            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            config,
+            logs=logs,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+            on_progress=advance,
+            on_note=note,
         )
 
 

@@ -23,6 +23,7 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.files import draft_of
 
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
@@ -47,6 +48,10 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 
     A domain of one's own is written along; of a shipped one the name is enough.
+
+    Raises
+    ------
+    OutputError : the file cannot be written; one that was there stays.
     """
     sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
     meta = {
@@ -69,7 +74,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     members = {name: dtype for name, (dtype, _) in _MEMBERS.items()}
     if table.ragged:
         members[_COUNTS], arrays[_COUNTS] = "<u2", table.recording_counts[:, sensing]
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
         for name, dtype in members.items():
             buffer = io.BytesIO()
             values = np.ascontiguousarray(arrays[name], dtype=dtype)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import LogError
+from meal_bayes.files import write_whole
 
 _KINDS = {"object_index": np.int64, "success": np.bool_, "truth": np.bool_, "column": np.int64}
 
@@ -57,15 +58,13 @@ class Marks:
         return cls(*(np.array(part) for part in zip(*rows, strict=True)))
 
     def save(self, path: Path) -> None:
-        """Write a table, which is there whole or not at all."""
+        """Write a table, which is there whole or not at all; `OutputError` where it cannot be."""
         single = [self.object_index, self.success, self.cost, self.reward, self.claimed]
         parts = [*(part[:, None] for part in single), self.positive, self.truth, self.column]
         lines = [_header(self.truth.shape[1])]
         rows = zip(*(part.tolist() for part in parts), strict=True)
         lines += [",".join(_text(value) for part in row for value in part) for row in rows]
-        draft = path.with_name(path.name + ".part")
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        draft.replace(path)
+        write_whole(path, "\n".join(lines) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> "Marks":

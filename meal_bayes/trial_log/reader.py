@@ -22,6 +22,7 @@ from meal_bayes.trial_log.container import (
     read_summary,
 )
 from meal_bayes.trial_log.decode import TrialBuilder, decode_header
+from meal_bayes.trial_log.names import drafts_of
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
@@ -97,6 +98,20 @@ def log_info(path: str | Path) -> LogInfo:
         momdps=counts.get(MOMDPS, 0),
         header=header,
     )
+
+
+def count_whole(path: str | Path) -> int:
+    """Count the trials of a log after every byte of it has been checked, none decoded.
+
+    Raises
+    ------
+    LogError : there is no such file; it is unfinished, torn or changed; or of another version.
+    """
+    path = find_log(path)
+    with opened(path) as (file, size):
+        for _ in read_records(file, size):
+            pass
+    return log_info(path).trials
 
 
 class Scan:
@@ -185,9 +200,8 @@ def find_log(path: str | Path) -> Path:
     path = Path(path)
     if path.is_file():
         return path
-    active = path.with_name(path.name + ACTIVE)
-    if active.is_file():
-        raise LogError(f"There is no {path}, but its unfinished {active.name}; {_way_out(active)}")
+    for draft in drafts_of(path):
+        raise LogError(f"There is no {path}, but its unfinished {draft.name}; {_way_out(draft)}")
     raise LogError(f"There is no log {path}; expected the name of a {SUFFIX} file.")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, OutputError, SettingsError
 from meal_bayes.momdp import FlatPOMDP, build_momdp, exchange, flatten
 from meal_bayes.momdp.pomdp_file import write_pomdp
 from meal_bayes.momdp.pomdp_reader import read_pomdp
@@ -246,7 +246,7 @@ def test_folders_are_made_and_no_place_is_told(tmp_path):
     write_pomdp(momdp_of("toy", 1), tmp_path / "new" / "own.pomdp")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["own.pomdp"]
     (tmp_path / "file").touch()
-    with pytest.raises(SettingsError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         write_pomdp(momdp_of("toy", 1), tmp_path / "file" / "own.pomdp")
 
 

@@ -103,16 +103,6 @@ def test_a_trial_without_its_end_leaves_the_file_unfinished(make, tmp_path):
     assert not check_log(log.active_path).whole
 
 
-def test_additive_rewards_come_back(make, tmp_path):
-    (trial,) = make.trials(1, 5)
-    for additive in (False, True):
-        momdp = dataclasses.replace(trial.momdp, additive=additive)
-        path = tmp_path / f"{additive}.mcap"
-        write_trials(path, [dataclasses.replace(trial, momdp=momdp)], header={})
-        (back,) = read_trials(path)
-        assert back.momdp.additive is additive
-
-
 def unpacked(data):
     """Read a PNG with a palette, by its chunks: (h,w,3)."""
     assert data[:8] == b"\x89PNG\r\n\x1a\n"

@@ -110,7 +110,7 @@ def test_what_it_is_started_with(monkeypatch):
     started = {}
 
     class Process:
-        def __init__(self, command, env, **kinds):
+        def __init__(self, command, *, env, **kinds):
             started.update(command=command, env=env)
 
         def kill(self):
@@ -120,12 +120,11 @@ def test_what_it_is_started_with(monkeypatch):
             return 0
 
     monkeypatch.setattr(subprocess, "Popen", Process)
-    with Viewer(["a.rrd"], web=True) as viewer:
-        assert viewer.address.startswith("http://127.0.0.1:")
+    with Viewer(["a.rrd"]) as viewer:
+        assert viewer.url.startswith("rerun+http://127.0.0.1:")
     assert started["env"]["CI"] == "1"  # which turns its telemetry off
     command = started["command"]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
-    assert "--serve-web" in command
     assert "a.rrd" in command
 
 
