@@ -25,6 +25,7 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.untrusted import read_json
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
@@ -133,8 +134,8 @@ _MEMBERS = {  # name -> dtype, axes
     "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
 }
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = 2**28  # bytes a member may unpack to
-_MOST = 1000  # behaviors or states of a domain in a file; trial logs hold no more
+_LARGEST = 2**26  # bytes that a member may unpack to, half of what they may be laid out to
+_HEADER = 2**16 + 10  # bytes of the longest header of an array
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
@@ -223,20 +224,20 @@ def _domain_of(meta: dict[str, Any], where: str) -> Domain:
             )
         return load_domain(meta["domain"])
     try:
-        domain = domain_from_table(meta["domain_table"])
+        return domain_from_table(meta["domain_table"])
     except DomainError as error:
         raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
-    if max(len(domain.behaviors), len(domain.diagram.states)) > _MOST:
-        raise DataError(f"{where} holds a domain of more than {_MOST} behaviors or states.")
-    return domain
 
 
 def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
+    size = file.seek(0, io.SEEK_END)
+    if size > 2 * _LARGEST:
+        raise DataError(f"{where} has {size:,} bytes; percept tables have at most {2 * _LARGEST:,}.")
     try:
         with zipfile.ZipFile(file) as archive:
             arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
-        meta = json.loads(arrays.pop("meta").tobytes())
+        meta = read_json(arrays.pop("meta").tobytes())
     except _UNREADABLE as error:
         raise DataError(
             f"{where} is not a whole percept table ({error}); make it again with "
@@ -264,13 +265,14 @@ def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArr
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > _LARGEST:
         raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-    buffer: BinaryIO = io.BytesIO(archive.read(info))
+    data = archive.read(info)
+    buffer: BinaryIO = io.BytesIO(data[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):
         raise ValueError(f"{name} is of another array format than 1.0")
     shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
     if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
         raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-    return np.frombuffer(buffer.read(), dtype).reshape(shape)
+    return np.frombuffer(data, dtype, offset=buffer.tell()).reshape(shape)
 
 
 def _lay_out(
@@ -294,6 +296,8 @@ def _lay_out(
     if (labels.shape, log_odds.shape) != expected or bins.shape[:4] != (objects, p, e, objects):
         raise DataError(f"{where}: names and arrays differ in number; make the table again.")
     n_behaviors = len(domain.behaviors)
+    if bins.size // max(p * e, 1) * len(columns) * n_behaviors > 2 * _LARGEST:
+        raise DataError(f"{where}: {n_behaviors} behaviors make a table that fits in no memory.")
     all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
     all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
     all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)

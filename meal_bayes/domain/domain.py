@@ -56,6 +56,11 @@ class Domain:
             raise DomainError(
                 f"report_reward is {self.report_reward}; give a finite number, 0 or more."
             )
+        if not self.legal_budget or not all(0 <= each < math.inf for each in self.legal_budget):
+            raise DomainError(
+                f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
+                "seconds, 0 or more, or leave it out."
+            )
         _check_unique("attribute", tuple(name.lower() for name in self.attributes))
         _check_unique("behavior", self.behavior_names)
         for behavior in self.behaviors:
