@@ -135,6 +135,7 @@ _MEMBERS = {  # name -> dtype, axes
 }
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
 _LARGEST = 2**26  # bytes that a member may unpack to, half of what they may be laid out to
+_FILE = 2**27  # bytes of a file
 _HEADER = 2**16 + 10  # bytes of the longest header of an array
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
 _UNREADABLE = (
@@ -232,8 +233,8 @@ def _domain_of(meta: dict[str, Any], where: str) -> Domain:
 def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
     size = file.seek(0, io.SEEK_END)
-    if size > 2 * _LARGEST:
-        raise DataError(f"{where} has {size:,} bytes; percept tables have at most {2 * _LARGEST:,}.")
+    if size > _FILE:
+        raise DataError(f"{where} has {size:,} bytes; a percept table has at most {_FILE:,}.")
     try:
         with zipfile.ZipFile(file) as archive:
             arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}

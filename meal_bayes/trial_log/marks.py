@@ -4,6 +4,7 @@ A learning curve is made of millions of trials; their measures must not wait for
 read back. A table holds one row a trial, in numbers that a text file keeps exactly.
 """
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import LogError
+from meal_bayes.untrusted import read_bytes
 
+_SEAL = "# sha256 "  # begins the last line: a changed digit is a number like any other
 _KINDS = {"object_index": np.int64, "success": np.bool_, "truth": np.bool_, "column": np.int64}
 
 
@@ -64,7 +67,7 @@ class Marks:
         rows = zip(*(part.tolist() for part in parts), strict=True)
         lines += [",".join(_text(value) for part in row for value in part) for row in rows]
         draft = path.with_name(path.name + ".part")
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        draft.write_text(_sealed("\n".join(lines) + "\n"), encoding="utf-8")
         draft.replace(path)
 
     @classmethod
@@ -76,10 +79,14 @@ class Marks:
         LogError : a file that is no such table.
         """
         try:
-            header, _, body = path.read_text(encoding="utf-8").partition("\n")
+            whole = read_bytes(path).decode("utf-8")
+            text = whole.rpartition(_SEAL)[0]
+            header, _, body = text.partition("\n")
             n = header.count("truth_")
-            if header != _header(n) or not body.strip() or not body.endswith("\n"):
-                raise ValueError("its header or its end is missing")  # noqa: TRY301
+            if whole != _sealed(text):
+                raise ValueError("it was changed or torn")  # noqa: TRY301
+            if header != _header(n) or not body.strip():
+                raise ValueError("its header or its rows are missing")  # noqa: TRY301
             values = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
             if values.shape[1] != 5 + 3 * n:
                 raise ValueError(f"{values.shape[1]} columns")  # noqa: TRY301
@@ -103,6 +110,10 @@ class BatchMarks(NamedTuple):
     batch: int
     hours: float  # of exploration so far: summed cost of the training trials
     marks: Marks
+
+
+def _sealed(text: str) -> str:
+    return f"{text}{_SEAL}{hashlib.sha256(text.encode()).hexdigest()}\n"
 
 
 def _header(n: int) -> str:

@@ -67,6 +67,7 @@ DAMAGE = {
     "bytes": lambda path: path.write_bytes(bytes(range(128, 256))),
     "half a number": lambda path: path.write_text(path.read_text()[:-1]),
     "another table": lines("trial,seconds\n0,1.5\n"),
+    "a digit": lambda path: path.write_text(path.read_text().replace("12.5", "12.6")),
     "as wide": lines("a,b,c,d,e,f,g,h\n1,1,1,1,1,1,1,1\n"),
     "a column less": lambda path: path.write_text(
         "\n".join(line.rsplit(",", 1)[0] for line in path.read_text().splitlines()) + "\n"
