@@ -18,6 +18,7 @@ from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import LogError
 from meal_bayes.untrusted import read_bytes
 
+_MOST = 1 << 31  # objects
 _SEAL = "# sha256 "  # begins the last line: a changed digit is a number like any other
 _KINDS = {"object_index": np.int64, "success": np.bool_, "truth": np.bool_, "column": np.int64}
 
@@ -90,6 +91,7 @@ class Marks:
             values = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
             if values.shape[1] != 5 + 3 * n:
                 raise ValueError(f"{values.shape[1]} columns")  # noqa: TRY301
+            _check(values, n)
         except (OSError, ValueError) as fault:
             raise LogError(
                 f"{path} is not a table of marks ({fault}); remove it, and run again."
@@ -110,6 +112,18 @@ class BatchMarks(NamedTuple):
     batch: int
     hours: float  # of exploration so far: summed cost of the training trials
     marks: Marks
+
+
+def _check(values: NDArray[np.float64], n: int) -> None:
+    """Check the ranges of what a trial can measure."""
+    whole = values[:, [0, 1, *range(5 + n, 5 + 3 * n)]]
+    if not ((whole >= 0) & (whole < _MOST) & (whole == np.round(whole))).all():
+        raise ValueError("an index or a truth that is no whole number, 0 or more")
+    if not ((values[:, [1, *range(5 + n, 5 + 2 * n)]]) <= 1).all():
+        raise ValueError("a truth that is neither 0 nor 1")
+    shares = values[:, 4 : 5 + n]
+    if not ((shares >= 0) & (shares <= 1)).all() or not np.isfinite(values[:, 2:4]).all():
+        raise ValueError("a probability outside [0, 1], or a cost or reward that is not finite")
 
 
 def _sealed(text: str) -> str:

@@ -11,6 +11,7 @@ from meal_bayes.errors import LogError
 from meal_bayes.trial_log import Marks
 
 number = st.floats(allow_nan=False, allow_infinity=False)
+share = st.floats(0, 1)
 
 
 @st.composite
@@ -26,8 +27,8 @@ def some_marks(draw):
         success=array(st.booleans(), trials),
         cost=array(number, trials),
         reward=array(number, trials),
-        claimed=array(number, trials),
-        positive=array(number, trials, n),
+        claimed=array(share, trials),
+        positive=array(share, trials, n),
         truth=array(st.booleans(), trials, n),
         column=array(st.integers(0, 80), trials, n),
     )
