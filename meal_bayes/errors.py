@@ -28,6 +28,10 @@ class DownloadError(MealBayesError):
     """A file that cannot be had: no network and no cache, or a checksum that differs."""
 
 
+class OutputError(MealBayesError):
+    """A file that cannot be written: its place, the disk, or what it would replace."""
+
+
 class LogError(MealBayesError):
     """A trial log that cannot be used."""
 

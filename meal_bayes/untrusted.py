@@ -15,6 +15,7 @@ TABLE_LIMIT = 1 << 18  # bytes of a domain's TOML
 LINE_LIMIT = 10_000  # characters of a line of it
 JSON_LIMIT = 4 << 20  # bytes of one JSON text
 DEPTH_LIMIT = 32  # lists and tables inside each other
+LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come to an end
 NAME_LIMIT = 1000  # attributes, behaviors or states of one domain, each
 LETTER_LIMIT = 200  # characters of such a name
 DIAGRAM_LIMIT = 1_000_000  # entries (E,X,X) of a transition table

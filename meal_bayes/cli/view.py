@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.screen import note, progress
+from meal_bayes.cli.screen import note, progress, say
+from meal_bayes.cli.values import MOST_TRIALS, Whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(short_help="See trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
-    "--trial", "number", type=click.IntRange(min=0), metavar="N",
+    "--trial", "number", type=Whole(0, MOST_TRIALS), metavar="N",
     help="Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
 @click.option(
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     help="Write a picture of the viewer and open no window.",
 )  # fmt: skip
 @click.option(
-    "--step", type=click.IntRange(min=0), metavar="S",
+    "--step", type=Whole(0, MOST_TRIALS), metavar="S",
     help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
@@ -57,7 +58,7 @@ def view(
         from meal_bayes.viewer.window import check_recording_name
 
         trials = _record(log, check_recording_name(save), number)
-        click.echo(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
+        say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
     else:
         with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
@@ -134,7 +135,7 @@ def _picture(log: Path, recording: Path, path: Path, number: int | None, step: i
             if number is None or count == number:
                 break
     take_picture(recording, path, row=step or 0)
-    click.echo(f"{path}: {path.stat().st_size:,} bytes")
+    say(f"{path}: {path.stat().st_size:,} bytes")
 
 
 def _show(recording: Path, *, web: bool) -> None:

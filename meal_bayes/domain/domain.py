@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
+from meal_bayes.untrusted import LARGEST
 
 _SHOWN = 40  # names that a message lists at most
 
@@ -52,9 +53,9 @@ class Domain:
     def __post_init__(self) -> None:
         if not self.data:
             object.__setattr__(self, "data", self.name)
-        if not 0 <= self.report_reward < math.inf:
+        if not 0 <= self.report_reward <= LARGEST:
             raise DomainError(
-                f"report_reward is {self.report_reward}; give a finite number, 0 or more."
+                f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
             )
         if not self.legal_budget or not all(0 <= each < math.inf for each in self.legal_budget):
             raise DomainError(
@@ -122,9 +123,9 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def _check_behavior(behavior: Behavior) -> None:
-    if not (behavior.cost >= 0 and math.isfinite(behavior.cost)):
+    if not 0 <= behavior.cost <= LARGEST:
         raise DomainError(
-            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 or more."
+            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 to {LARGEST:g}."
         )
     accuracy = behavior.answer_accuracy
     if accuracy is not None and not 0 < accuracy <= 1:

@@ -16,6 +16,7 @@ from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.experiments.store import UNIT, Store, fingerprint
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.trial_log import TrialWriter, read_trials
+from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
     "random",
@@ -54,8 +55,10 @@ class OfflineConfig:
                 raise SettingsError(f"Agent {name!r} is named twice; name each once.")
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
-        if self.reward is not None and not 0 < self.reward < math.inf:
-            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
+        if self.reward is not None and not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
         if not self.agents:
             raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
