@@ -1,6 +1,7 @@
 """How the program ends: quietly, or with one line that teaches."""
 
 import contextlib
+import io
 import logging
 import os
 import sys
@@ -83,6 +84,9 @@ def _hold_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123
+    if sys.stderr is sys.__stderr__:
+        encoding = sys.stderr.encoding
+        sys.stderr = _Notes(sys.stderr.buffer, encoding, "replace", line_buffering=True)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
@@ -104,7 +108,36 @@ def _check_text(arguments: Sequence[str]) -> None:
             raise click.UsageError(f"{text!r} holds a zero byte; leave it out.")
 
 
-class _Notes(logging.Handler):
+class _Notes(io.TextIOWrapper):
+    """Standard error that nobody has to take: work goes on where the disk of its log is full."""
+
+    def write(self, text: str) -> int:
+        """Write, or let it go."""
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            raise
+        except OSError:
+            self._let_go()
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush, or let it go."""
+        try:
+            super().flush()
+        except BrokenPipeError:
+            raise
+        except OSError:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        """Send the rest nowhere, or the interpreter would try again at its end."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno())
+        os.close(nowhere)
+
+
+class _Warnings(logging.Handler):
     """Prints what the rooms warn of in one line."""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -116,8 +149,8 @@ class _Notes(logging.Handler):
 
 def _tell_warnings() -> None:
     log = logging.getLogger("meal_bayes")
-    if not any(isinstance(handler, _Notes) for handler in log.handlers):
-        log.addHandler(_Notes(logging.WARNING))
+    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
+        log.addHandler(_Warnings(logging.WARNING))
 
 
 def _world(fault: OSError) -> str:
