@@ -71,12 +71,13 @@ def read_json(text: str | bytes) -> object:
         raise ValueError(deep) from None
     level, depth = [found], 0
     while level:
-        if depth > DEPTH_LIMIT:
-            raise ValueError(deep)
         for value in level:
             _check_leaf(value)
         tables = [value for value in level if isinstance(value, dict)]
-        level = [entry for value in level if isinstance(value, list) for entry in value]
+        lists = [value for value in level if isinstance(value, list)]
+        if depth == DEPTH_LIMIT and (tables or lists):
+            raise ValueError(deep)
+        level = [entry for value in lists for entry in value]
         level += [entry for table in tables for pair in table.items() for entry in pair]
         depth += 1
     return found
