@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.momdp.flat import MAX_ENTRIES, FlatPOMDP
+from meal_bayes.momdp.flat import FlatPOMDP
 
 _LARGEST = 2**26  # bytes of a file
 _LINE = 2**20  # characters of a line
 _STATEMENT = 4_000_000  # words
+_ENTRIES = 10_000_000  # (A,S,S,Z) of a dense table, 80 MB; there are four of them at the end
 _NAMES = 10_000  # states, actions or observations: a dense table has no room for more
 _WORK = 2_000_000_000  # entries set in all, as one short statement may set a whole table
 _ROUNDED = 1e-4  # rows of published files add to 1 within this
@@ -195,9 +196,9 @@ def _empty(preamble: _Preamble) -> _Tables:
         if keyword not in preamble.names:
             raise _Fault(f"the file names no {keyword} before its first T, O or R")
     s, a, z = (len(preamble.names[keyword]) for keyword in _LISTS)
-    if a * s * s * z > MAX_ENTRIES:
+    if a * s * s * z > _ENTRIES:
         raise _Fault(
-            f"{s} states, {a} actions and {z} observations make more than {MAX_ENTRIES:.0e} "
+            f"{s} states, {a} actions and {z} observations make more than {_ENTRIES:.0e} "
             "entries of a dense table"
         )
     places = {key: {n: i for i, n in enumerate(names)} for key, names in preamble.names.items()}
@@ -238,7 +239,7 @@ def _finish(preamble: _Preamble, tables: _Tables) -> FlatPOMDP:
     shape = (*transition.shape, observation.shape[-1])
     expected = tables.R[:, :, 0, 0].T
     if tables.R.shape == shape:  # (A,S,S,Z)
-        expected = np.einsum("ast,atz,astz->sa", transition, observation, tables.R, optimize=True)
+        expected = np.einsum("ast,atz,astz->sa", transition, observation, tables.R)
     if not np.isfinite(expected).all():
         raise _Fault("rewards are too large to add")
     return FlatPOMDP(
@@ -257,7 +258,8 @@ def _rows(name: str, table: _Floats) -> _Floats:
     total = table.sum(axis=-1, keepdims=True)
     if (table < 0).any() or (np.abs(total - 1) > _ROUNDED).any():
         raise _Fault(f"rows of {name} must be probabilities that add to 1")
-    return np.asarray(table / total)
+    table /= total
+    return table
 
 
 def _start(keyword: str, words: list[str], states: dict[str, int]) -> _Floats:

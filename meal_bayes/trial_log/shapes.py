@@ -50,7 +50,7 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     if belief.weight.shape != (n, momdp.n_kinds):
         found = belief.weight.shape
         yield f"{where} has weight of shape {found}, expected {(n, momdp.n_kinds)}"
-    elif np.isnan(belief.weight).any() or np.isposinf(belief.weight).any():
+    elif np.isnan(belief.weight).any() or not np.isfinite(belief.weight.max(axis=1)).all():
         yield f"{where} has weights that are no logarithms of probabilities"
     shared = belief.log_share is momdp.log_share
     if not (shared or np.array_equal(belief.log_share, momdp.log_share)):

@@ -9,7 +9,7 @@ from meal_bayes.trial_log import TrialWriter
 from meal_bayes.viewer import live
 
 
-def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
+def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
     path, sent = tmp_path / "run.mcap", []
     stream = rr.RecordingStream("test", make_default=False)
     saved = tmp_path / "seen.rrd"
@@ -22,9 +22,7 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
         with TrialWriter(path, {"seed": 1}) as log:
             for number, trial in enumerate(trials):
                 log.write(trial)
-                end = time.monotonic() + 20
-                while seen[-1:] != [number + 1] and time.monotonic() < end:
-                    time.sleep(0.01)
+                eventually(lambda number=number: seen[-1:] == [number + 1])
         landed.set()
 
     writer = threading.Thread(target=write)
