@@ -22,6 +22,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from click.testing import CliRunner
+from fuzz_crafted import make_crafted
+from fuzz_damage import SOUND, damages, make_sound
+from fuzz_oracles import Wrong, readers, refused
+
+from meal_bayes.cli import main as program
+
 FOUND = ("inputs", "silent", "hangs", "tracebacks", "changed")
 PATIENCE = 5.0  # s of CPU
 MEMORY = 500.0  # MB
@@ -39,7 +46,7 @@ COMMANDS = {
 
 
 class Hang(BaseException):
-    """Raised by the clock; not an `Exception`, so that no reader takes it for a fault of its own."""
+    """Raised by the clock; no `Exception`, so that no reader takes it for a fault of its own."""
 
 
 class Tally:
@@ -58,8 +65,6 @@ class Tally:
 
     def run(self, name: str, action: Callable[[], object]) -> None:
         """Run one reading under the clock."""
-        from fuzz_oracles import Wrong, refused
-
         begin = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, PATIENCE)
         try:
@@ -82,11 +87,7 @@ class Tally:
 
 def command(arguments: tuple[str, ...], path: Path, tally: Tally) -> None:
     """Call the command line in this process; it may end with 0, 1 or 2 and one line of error."""
-    from click.testing import CliRunner
-
-    from meal_bayes.cli import main
-
-    result = CliRunner().invoke(main, [*arguments, str(path)])
+    result = CliRunner().invoke(program, [*arguments, str(path)])
     name = f"{' '.join(arguments)} {path.name}"
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         if isinstance(result.exception, Hang):
@@ -116,9 +117,6 @@ def _bytes(path: Path) -> bytes:
 
 def damaged(kind: str, count: int, seed: int, folder: Path, tally: Tally) -> None:
     """Damage one sound file over and over."""
-    from fuzz_damage import SOUND, damages, make_sound
-    from fuzz_oracles import readers
-
     make_sound(folder)
     path = folder / SOUND[kind]
     data = path.read_bytes()
@@ -138,9 +136,6 @@ def damaged(kind: str, count: int, seed: int, folder: Path, tally: Tally) -> Non
 
 def crafted(count: int, seed: int, folder: Path, tally: Tally) -> None:
     """Read files that no accident makes."""
-    from fuzz_crafted import make_crafted
-    from fuzz_damage import make_sound
-
     sound = folder / "sound"
     sound.mkdir()
     make_sound(sound)
@@ -217,7 +212,7 @@ def main() -> int:
     if options.kind:
         one_kind(options.kind, options)
         return 0
-    total: Counter[str] = Counter({key: 0 for key in FOUND})
+    total: Counter[str] = Counter(dict.fromkeys(FOUND, 0))
     peak, told, by_kind = 0, [], {}
     for kind in options.only or KINDS:
         numbers = [f"--{key}={getattr(options, key)}" for key in ("inputs", "crafted", "seed")]

@@ -1,240 +1,36 @@
-"""Files that no accident makes: right checksums around claims that ask for memory, time or trust."""
+"""Files that no accident makes: claims that ask for memory, time or trust."""
 
+import hashlib
+import io
 import itertools
 import json
 import os
 import random
-import struct
 import zipfile
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import zstandard
+from fuzz_cases import Case, sparse, writes
+from fuzz_logs import Log, logs, read_log
 from fuzz_oracles import Wrong
-from mcap.data_stream import RecordBuilder
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Header, Schema
-from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import read_pomdp
-from meal_bayes.trial_log import Logs, check_log, log_info, schema
-from meal_bayes.trial_log.encode import digest, trial_digest
 from meal_bayes.trial_log.marks import Marks
-
-HUGE = 1 << 40  # bytes of a sparse file
-Messages = list[tuple[str, bytes]]  # topic, data
-_KINDS = {
-    schema.RUN: schema.RunMessage, schema.MOMDPS: schema.MomdpMessage,
-    schema.TRIAL: schema.TrialMessage, schema.STEP: schema.StepMessage,
-    schema.OUTCOME: schema.OutcomeMessage,
-}  # fmt: skip
-
-
-class Case(NamedTuple):
-    """One crafted file."""
-
-    kind: str
-    told: str  # what it is
-    name: str  # of the file
-    make: Callable[[Path], object]
-    read: Callable[[Path], object]
-    frequent: bool = False  # one of many alike
 
 
 def make_crafted(sound: Path, count: int, seed: int) -> Iterator[Case]:
     """Yield so many cases: all that have names, then random ones."""
     rng = random.Random(f"crafted {seed}")
     log = Log(sound / "run.mcap")
-    named = [*_logs(log), *_tables(sound), *_texts(sound), *_places()]
+    named = [*logs(log), *_tables(sound), *_texts(sound), *_places()]
     yield from itertools.islice(named, count)
     for index in range(count - len(named)):
         yield Case("log", f"random fields {index}", "a.mcap", log.garbled(rng), read_log, True)
-
-
-class Log:
-    """The messages of a sound log, to be changed and sealed again."""
-
-    def __init__(self, path: Path) -> None:
-        with path.open("rb") as file:
-            found = [(c.topic, m.data) for _, c, m in make_reader(file).iter_messages(
-                log_time_order=False)]  # fmt: skip
-        self.run = next(data for topic, data in found if topic == schema.RUN)
-        self.momdp = next(data for topic, data in found if topic == schema.MOMDPS)
-        end = [topic for topic, _ in found].index(schema.OUTCOME)
-        own = [one for one in found[: end + 1] if one[0] in _KINDS]
-        self.trial = [one for one in own if one[0] not in (schema.RUN, schema.MOMDPS)]
-
-    def sealed(self, change: Callable[[str, Any], object], steps: int | None = None) -> Messages:
-        """Change the first trial's messages, and give it digests that are right."""
-        momdp = self._changed(schema.MOMDPS, self.momdp, change)
-        start, *between, (_, last) = self.trial
-        if steps is not None:
-            between = [between[0]] * steps
-        made = [self._changed(*start, change)]
-        for number, (topic, data) in enumerate(between):
-            message = _KINDS[topic].FromString(data)
-            message.step = number if steps is not None else message.step
-            made.append(self._changed(topic, message.SerializeToString(), change))
-        outcome = schema.OutcomeMessage.FromString(last)
-        outcome.steps = len(between)
-        change(schema.OUTCOME, outcome)
-        outcome.digest = trial_digest(digest((momdp,)), made[0], made[1:], outcome)
-        topics = [schema.TRIAL, *(topic for topic, _ in between)]
-        return [
-            (schema.RUN, self.run), (schema.MOMDPS, momdp), *zip(topics, made, strict=True),
-            (schema.OUTCOME, outcome.SerializeToString()),
-        ]  # fmt: skip
-
-    def changing(self, change: Callable[[str, Any], object], steps: int | None = None) -> Any:
-        """Write a log of one such trial."""
-        return lambda path: path.write_bytes(packed([self.sealed(change, steps)]))
-
-    def header(self, text: str) -> Any:
-        """Write a log with another header."""
-        run = schema.RunMessage(format_version=schema.FORMAT_VERSION, header=text)
-        trial = self.sealed(lambda *_: None)[1:]
-        return lambda path: path.write_bytes(
-            packed([[(schema.RUN, run.SerializeToString()), *trial]])
-        )
-
-    def garbled(self, rng: random.Random) -> Any:
-        """Write a log where some fields of the trial are what they may not be."""
-        fields = [(topic, f.name) for topic in _KINDS for f in _KINDS[topic].DESCRIPTOR.fields]
-        chosen = rng.sample(fields, rng.choice((1, 1, 1, 2, 5)))
-
-        def change(topic: str, message: Any) -> None:
-            for one, name in chosen:
-                if one == topic:
-                    _garble(message, name, rng)
-
-        return self.changing(change, rng.choice((None, None, 1, 3)))
-
-    @staticmethod
-    def _changed(topic: str, data: bytes, change: Callable[[str, Any], object]) -> bytes:
-        message = _KINDS[topic].FromString(data)
-        change(topic, message)
-        return bytes(message.SerializeToString())
-
-
-def _garble(message: Any, name: str, rng: random.Random) -> None:
-    """Set a field to a value that its type allows."""
-    field = message.DESCRIPTOR.fields_by_name[name]
-    many = isinstance(old := getattr(message, name), (type(message.DESCRIPTOR.fields),)) or (
-        hasattr(old, "append")
-    )
-    kinds = {
-        field.TYPE_DOUBLE: (float("nan"), float("inf"), -float("inf"), -1.0, 0.0, 1e308, 5e-324),
-        field.TYPE_INT64: (-1, 0, 1, 2, 127, 128, 2**31, 2**62, -(2**63), 2**63 - 1),
-        field.TYPE_BOOL: (True, False),
-        field.TYPE_STRING: ("", "\x1b[2J", "a" * 5000, "\u202ecba", "red", '["x"]', "[1e999]", "{}"),
-        field.TYPE_BYTES: (b"", b"\xff" * 16),
-    }
-    value = rng.choice(kinds[field.type])
-    if not many:
-        setattr(message, name, value)
-    elif rng.random() < 0.5 and len(old):  # noqa: PLR2004  a coin
-        old[rng.randrange(len(old))] = value
-    else:
-        old.extend([value] * rng.choice((1, 2, 1000)))
-
-
-def packed(chunks: list[Messages], repeat: int = 1) -> bytes:
-    """Write an MCAP file, without its closing records, of chunks whose checksums are right."""
-    topics = [(topic, name, data) for topic, name, data in schema.channels()]
-    out = RecordBuilder()
-    Header(schema.PROFILE, "").write(out)
-    for number, messages in enumerate(chunks):
-        inner = RecordBuilder()
-        for index, (topic, name, data) in enumerate(topics if number == 0 else (), 1):
-            Schema(data=data, encoding="protobuf", id=index, name=name).write(inner)
-            Channel(id=index, topic=topic, message_encoding="protobuf", metadata={},
-                    schema_id=index).write(inner)  # fmt: skip
-        places = {topic: index for index, (topic, _, _) in enumerate(topics, 1)}
-        body = b"".join(_record(places[topic], data) for topic, data in messages)
-        plain = inner.end() + body * repeat
-        Chunk("zstd", zstandard.compress(plain), 0, 0, zlib.crc32(plain), len(plain)).write(out)
-    return MCAP0_MAGIC + out.end()
-
-
-def _record(channel: int, data: bytes) -> bytes:
-    return struct.pack("<BQHIQQ", 5, len(data) + 22, channel, 0, 0, 0) + data
-
-
-def read_log(path: Path) -> None:
-    """Read all that can be read; a log without its closing records must never pass as whole."""
-    logs = Logs(path)
-    try:
-        for trial in logs.trials():
-            json.dumps([trial.cost, trial.reward, trial.task.object_name], allow_nan=False)
-    finally:
-        report = check_log(path)
-        if report.whole:
-            raise Wrong("it passes as whole")
-    log_info(path)
-
-
-def _logs(log: Log) -> Iterator[Case]:
-    def case(told: str, make: Any) -> Case:
-        return Case("log", told, "a.mcap", make, read_log)
-
-    for depth in (31, 33, 900, 50_000, 1_000_000):
-        yield case(f"header {depth} deep", log.header('{"a":' + "[" * depth + "]" * depth + "}"))
-        yield case(f"objects {depth} deep", log.header('{"a":' * depth + "1" + "}" * depth))
-    for text in ("NaN", "1e999", "-Infinity", '"\\ud800"', '"\\udcff\\ud800"', "9" * 5000, "[]"):
-        yield case(f"header value {text[:12]}", log.header(f'{{"config": {text}, "seed": {text}}}'))
-    for text in ("\x1b]0;owned\x07", "a\rb", "\u202e", "\x9b31m", "a\nverdict right", "\u2028"):
-        name = json.dumps({"config": {"dataset": text}, text: text})
-        yield case(f"header text {text!r}", log.header(name))
-        yield case(f"names {text!r}", log.changing(_names(text)))
-    yield case("flat header of 4 MB", log.header(json.dumps({str(i): [] for i in range(300_000)})))
-    arrays = {"visits": 1, "values": 0.0, "observation": 0, "seen": 1, "tree_level": 1, "weight": 0.0}
-    for name, value in arrays.items():
-        yield case(f"long {name}", log.changing(_long(schema.STEP, name, value, 900_000)))
-    yield case("long truth", log.changing(_long(schema.TRIAL, "truth", True, 7_000_000)))
-    yield case("long legal", log.changing(_long(schema.MOMDPS, "legal", True, 7_000_000)))
-    for edges, steps in ((100_000, 1), (60_000, 8)):
-        yield case(f"{edges} edges, {steps} steps", log.changing(_edges(edges), steps))
-    yield case("100,000 steps", log.changing(lambda *_: None, 100_000))
-    for n in (20, 60, 1000):
-        yield case(f"{n} attributes", log.changing(_wide(n), 50))
-    for name in ("cost", "correct", "incorrect", "bonus", "prior", "precision", "limit", "confusion"):
-        for value in (float("nan"), float("inf"), -1.0):
-            yield case(f"MOMDP {name} {value}", log.changing(_all(schema.MOMDPS, name, value)))
-    for name in ("cost", "reward", "weight", "values", "value_se"):
-        for value in (float("nan"), float("inf"), -float("inf")):
-            yield case(f"step {name} {value}", log.changing(_all(schema.STEP, name, value)))
-    yield from _bombs(log, case)
-
-
-def _bombs(log: Log, case: Callable[[str, Any], Case]) -> Iterator[Case]:
-    trial = log.sealed(lambda *_: None)
-    empty = [(schema.LINES, b"")] * 1000
-    for times in (10, 400):
-        yield case(f"{times * 1000} empty messages", _writes(lambda t=times: packed([empty], t)))
-    many = [trial, *[trial[1:]] * 1000]
-    yield case("1,000 trials in chunks alike", _writes(lambda: packed(many)))
-    yield case("the run again and again", _writes(lambda: packed([[trial[0]] * 1000], 50)))
-    big = log.sealed(_long(schema.MOMDPS, "counts", 0.0, 900_000))[1]
-    yield case("40 MOMDPs of 7 MB", _writes(lambda: packed([[trial[0]], *[[big]] * 40])))
-    for size in (1 << 20, 1 << 34):
-        zeros = zstandard.compress(bytes(15 << 20))
-        chunk = RecordBuilder()
-        Header(schema.PROFILE, "").write(chunk)
-        for _ in range(200):
-            Chunk("zstd", zeros, 0, 0, 0, size).write(chunk)
-        data = MCAP0_MAGIC + chunk.end()
-        yield case(f"zeros that claim {size}", _writes(lambda data=data: data))
-    yield case("200 chunks of 15 MB of zeros", _writes(lambda: packed([[]] * 200, 1)))
-    for begin in (0, 8, 60, 5000):
-        whole = packed([trial])
-        yield case(f"a hole of 1 TB behind {begin}", _sparse(whole[:begin]))
-    yield case("1 TB between two halves", _sparse(packed([trial]), packed([trial])))
 
 
 def _tables(sound: Path) -> Iterator[Case]:
@@ -261,22 +57,28 @@ def _tables(sound: Path) -> Iterator[Case]:
         plain["diagram"]["states"] += [f"s{i}" for i in range(count)]
         text = json.dumps({**meta, "domain_table": plain}).encode()
         yield case(f"{count} behaviors and states more", meta=text)
-    for name, value in (("name", "\x1b[2J"), ("data", "../../../../etc/passwd"), ("name", "a" * 9999)):
+    for name, value in (
+        ("name", "\x1b[2J"),
+        ("data", "../../../../etc/passwd"),
+        ("name", "a" * 9999),
+    ):
         plain = {**meta["domain_table"], name: value}
-        yield case(f"{name} {value[:20]!r}", meta=json.dumps({**meta, "domain_table": plain}).encode())
+        yield case(
+            f"{name} {value[:20]!r}", meta=json.dumps({**meta, "domain_table": plain}).encode()
+        )
     for shape in ((4000, 4000, 1, 1, 1), (1, 1, 1, 1, 60_000_000)):
         yield case(f"bins {shape}", training_bins=np.zeros(shape, np.uint8))
     yield case("endless recordings", log_odds=np.zeros((6, 1_000_000, 2, 2), "<f2"))
     for value in (np.nan, np.inf):
         yield case(f"edges of {value}", edges=np.full(7, value))
-    yield case("objects with control characters",
-               meta=json.dumps({**meta, "objects": [f"\x1b[{i}m" for i in range(6)]}).encode())  # fmt: skip
+    yield case(
+        "objects with control characters",
+        meta=json.dumps({**meta, "objects": [f"\x1b[{i}m" for i in range(6)]}).encode(),
+    )
     yield case("objects alike", meta=json.dumps({**meta, "objects": ["a"] * 6}).encode())
 
 
 def _arrays(changed: dict[str, Any]) -> dict[str, bytes]:
-    import io
-
     made = {}
     for name, value in changed.items():
         array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
@@ -291,53 +93,90 @@ def _texts(sound: Path) -> Iterator[Case]:
     for depth in (40, 5000, 60_000):
         yield _domain(f"lists {depth} deep", f"x = {'[' * depth}{']' * depth}\n")
         yield _domain(f"a dotted key {depth} deep", f"{'.'.join('a' * depth)} = 1\n{toml}")
-        yield _domain(f"tables {depth} deep", "x = " + "{a=" * depth + "1" + "}" * depth + "\n" + toml)
-    for text in (toml.replace('"red"', '"\\u001b[2J"'), "extends = 'a.toml'\n", "extends = '/dev/zero'\n",
-                 "extends = '../a.toml'\n", toml.replace('"red"', f'"{"r" * 9000}"'),
-                 toml.replace("cost = 1", "cost = " + "9" * 4000), "a = 1\n" * 30_000,
-                 "\n".join(f"[t{i}]" for i in range(40_000)), toml.replace("\n", "\r\n"),
-                 f"attributes = [{','.join(f'{chr(34)}a{i}{chr(34)}' for i in range(20_000))}]"):  # fmt: skip
+        yield _domain(
+            f"tables {depth} deep", "x = " + "{a=" * depth + "1" + "}" * depth + "\n" + toml
+        )
+    for text in (
+        toml.replace('"red"', '"\\u001b[2J"'),
+        "extends = 'a.toml'\n",
+        "extends = '/dev/zero'\n",
+        "extends = '../a.toml'\n",
+        toml.replace('"red"', f'"{"r" * 9000}"'),
+        toml.replace("cost = 1", "cost = " + "9" * 4000),
+        "a = 1\n" * 30_000,
+        "\n".join(f"[t{i}]" for i in range(40_000)),
+        toml.replace("\n", "\r\n"),
+        f"attributes = [{','.join(f'{chr(34)}a{i}{chr(34)}' for i in range(20_000))}]",
+    ):
         yield _domain(f"{text[:30]!r} ...", text)
     for states, behaviors in ((990, 1), (300, 300), (1, 990)):
         yield _domain(f"{states} states, {behaviors} behaviors", _large(states, behaviors))
     header = "discount: 0.9\nvalues: reward\nstates: 2\nactions: 1\nobservations: 1\n"
     rest = "T: 0 identity\nO: 0\nuniform\n"
-    for text in (header.replace("states: 2", "states: 999999999"), header + "T: 0 : 0 : 0 ٣\n" + rest,
-                 header + rest + "R: * : * : * : * 1\n" * 100_000, header + "T : " * 200_000, ": " * 400_000,
-                 header.replace("states: 2", "states: 4000") + rest + "R: * : * : * : * 1\n" * 200,
-                 header + rest + "R: 0 : 0 : 0 : 0 1_0\n", header + rest + "R: 0 : 0 : 0 : 0 1e308\n" * 2,
-                 header.replace("states: 2", f"states: {' '.join(f's{i}' for i in range(90_000))}"),
-                 header.replace("0.9", "nan") + rest, header + rest + "start: 1e308 1e308\n"):  # fmt: skip
-        yield Case("pomdp", f"pomdp {text[-30:]!r}", "a.pomdp", _writes(lambda t=text: t.encode()), read_pomdp)
+    for text in (
+        header.replace("states: 2", "states: 999999999"),
+        header + "T: 0 : 0 : 0 \N{ARABIC-INDIC DIGIT THREE}\n" + rest,
+        header + rest + "R: * : * : * : * 1\n" * 100_000,
+        header + "T : " * 200_000,
+        ": " * 400_000,
+        header.replace("states: 2", "states: 4000") + rest + "R: * : * : * : * 1\n" * 200,
+        header + rest + "R: 0 : 0 : 0 : 0 1_0\n",
+        header + rest + "R: 0 : 0 : 0 : 0 1e308\n" * 2,
+        header.replace("states: 2", f"states: {' '.join(f's{i}' for i in range(90_000))}"),
+        header.replace("0.9", "nan") + rest,
+        header + rest + "start: 1e308 1e308\n",
+    ):
+        yield Case(
+            "pomdp",
+            f"pomdp {text[-30:]!r}",
+            "a.pomdp",
+            writes(lambda t=text: t.encode()),
+            read_pomdp,
+        )
     yield from _marks(sound)
-    for cell in ("3_4", "３", "nan", "1e39", "0x1p3", "1,2", '"1', "1" * 400_000, " 1", "\x1b[2J", "--1"):
+    for cell in (
+        "3_4",
+        "\N{FULLWIDTH DIGIT THREE}",
+        "nan",
+        "1e39",
+        "0x1p3",
+        "1,2",
+        '"1',
+        "1" * 400_000,
+        " 1",
+        "\x1b[2J",
+        "--1",
+    ):
         yield _features(sound, f"cell {cell[:20]!r}", cell)
 
 
 def _domain(told: str, text: str) -> Case:
-    return Case("toml", told, "a.toml", _writes(lambda: text.encode()), load_domain)
+    return Case("toml", told, "a.toml", writes(text.encode), load_domain)
 
 
 def _large(states: int, behaviors: int) -> str:
     names = ", ".join(f'"s{i}"' for i in range(states))
     rows = "\n".join(f'[[behaviors]]\nname = "b{i}"\ncost = 1' for i in range(behaviors))
-    effects = "\n".join(f'[[diagram.effects]]\nfrom = "*"\ndo = "b{i}"\nto = "*"' for i in range(behaviors))
-    return f'name = "large"\nattributes = ["red"]\n{rows}\n[diagram]\nstart = "s0"\nstates = [{names}]\n{effects}\n'  # fmt: skip
+    effects = "\n".join(
+        f'[[diagram.effects]]\nfrom = "*"\ndo = "b{i}"\nto = "*"' for i in range(behaviors)
+    )
+    head = f'name = "large"\nattributes = ["red"]\n{rows}\n[diagram]\nstart = "s0"\n'
+    return f"{head}states = [{names}]\n{effects}\n"
 
 
 def _marks(sound: Path) -> Iterator[Case]:
     """Tables of marks with a right seal around numbers that no trial has."""
-    import hashlib
-
     text, mark, _ = (sound / "own.marks.csv").read_text().partition("# sha256 ")
     header, first, *_ = text.splitlines()
-    for place, value in itertools.product(range(len(first.split(","))), ("nan", "1e300", "-5", "0.5")):
+    for place, value in itertools.product(
+        range(len(first.split(","))), ("nan", "1e300", "-5", "0.5")
+    ):
         cells = first.split(",")
         cells[place] = value
         body = f"{header}\n{','.join(cells)}\n"
         data = f"{body}{mark}{hashlib.sha256(body.encode()).hexdigest()}\n".encode()
         told = f"marks, column {place} {value}"
-        yield Case("marks", told, "a.marks.csv", _writes(lambda data=data: data), _load_marks)
+        yield Case("marks", told, "a.marks.csv", writes(lambda data=data: data), _load_marks)
 
 
 def _load_marks(path: Path) -> None:
@@ -349,7 +188,7 @@ def _load_marks(path: Path) -> None:
 
 
 def _features(sound: Path, told: str, cell: str) -> Case:
-    """A folder of one's own data with one cell changed; the file itself is a feature file."""
+    """Change one cell of a feature file, which is read with its whole folder."""
 
     def read(path: Path) -> None:
         folder = path.parent
@@ -377,7 +216,7 @@ def _features(sound: Path, told: str, cell: str) -> Case:
 def _places() -> Iterator[Case]:
     """Endless files, pipes that nobody writes to, links to devices, folders: by every reader."""
     makers = {
-        "1 TB of holes": _sparse(b"name = 1\n"),
+        "1 TB of holes": sparse(b"name = 1\n"),
         "a pipe": os.mkfifo,
         "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
         "a folder": lambda path: path.mkdir(),
@@ -385,86 +224,13 @@ def _places() -> Iterator[Case]:
         "a link to nothing": lambda path: path.symlink_to("/nowhere/at/all"),
         "no rights": lambda path: (path.write_bytes(b""), path.chmod(0)),
     }
-    files = (("log", "a.mcap", read_log), ("table", "a.npz", load_percepts), ("toml", "a.toml", load_domain),
-             ("pomdp", "a.pomdp", read_pomdp), ("marks", "a.marks.csv", Marks.load))  # fmt: skip
+    files = (
+        ("log", "a.mcap", read_log),
+        ("table", "a.npz", load_percepts),
+        ("toml", "a.toml", load_domain),
+        ("pomdp", "a.pomdp", read_pomdp),
+        ("marks", "a.marks.csv", Marks.load),
+    )
     for (told, make), (kind, name, read) in itertools.product(makers.items(), files):
         if told != "a folder" or kind != "log":  # a folder of logs may be empty
             yield Case(kind, f"{kind}: {told}", name, make, read)
-
-
-def _writes(data: Callable[[], bytes]) -> Any:
-    return lambda path: path.write_bytes(data())
-
-
-def _sparse(head: bytes, tail: bytes = b"") -> Any:
-    def make(path: Path) -> None:
-        path.write_bytes(head)
-        os.truncate(path, HUGE)
-        if tail:
-            with path.open("r+b") as file:
-                file.seek(0, os.SEEK_END)
-                file.write(tail)
-
-    return make
-
-
-def _names(text: str) -> Any:
-    def change(topic: str, message: Any) -> None:
-        if topic == schema.TRIAL:
-            message.object_name = message.name = message.agent = text
-        if topic == schema.MOMDPS:
-            message.behavior_names[0] = message.x_names[0] = text
-
-    return change
-
-
-def _long(topic: str, name: str, value: float, count: int) -> Any:
-    return lambda one, message: getattr(message, name).extend([value] * count) if one == topic else None
-
-
-def _all(topic: str, name: str, value: float) -> Any:
-    def change(one: str, message: Any) -> None:
-        if one == topic and hasattr(old := getattr(message, name), "append"):
-            old[:] = [value] * len(old)
-        elif one == topic:
-            setattr(message, name, value)
-
-    return change
-
-
-def _edges(count: int) -> Any:
-    columns = ("tree_level", "tree_parent", "tree_action", "tree_observation_size", "tree_visits")
-
-    def change(topic: str, message: Any) -> None:
-        if topic == schema.STEP:
-            for name in (*columns, "tree_value", "tree_observation"):
-                del getattr(message, name)[:]
-            for name in (*columns, "tree_value"):
-                getattr(message, name).extend([0] * count)
-
-    return change
-
-
-def _wide(n: int) -> Any:
-    """Many attributes, in the MOMDP and in the trial: every belief counts percepts of them all."""
-    names = [f"a{i}" for i in range(n)]
-
-    def change(topic: str, message: Any) -> None:
-        if topic == schema.MOMDPS:
-            e, old = len(message.behavior_names), len(message.attributes)
-            for name in ("confusion", "precision", "prior", "kinds", "bonus"):
-                values = list(getattr(message, name))
-                size = len(values) // old
-                getattr(message, name)[:] = values[:size] * n
-            message.attributes[:] = names
-            del message.counts[:]
-            assert e
-        elif topic == schema.TRIAL:
-            message.attributes[:] = names
-            message.truth[:] = [True] * n
-            message.weight[:] = list(message.weight[:2]) * n
-        elif topic == schema.STEP:
-            message.weight[:] = list(message.weight[:2]) * n
-            del message.observation[:]
-
-    return change

@@ -34,10 +34,43 @@ SOUND = {  # kind -> the file that is damaged
 }
 OBJECTS, RECORDINGS, TRIALS = 6, 3, 6
 _TOKENS = (
-    b"nan", b"inf", b"-inf", b"1e999", b"3_4", b"0x10", b"\xd9\xa3", b"\0", b"\xef\xbb\xbf", b"\xff",
-    b'"', b"'", b"[", b"]", b"{", b"}", b",", b";", b":", b"\n", b"\r", b"\t", b"#", b"=", b"*", b"<",
-    b">", b"&", b"-", b".", b"9" * 400, b"\x1b[31m", b" ", b"term", b"uniform", b"identity",
-)  # fmt: skip
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e999",
+    b"3_4",
+    b"0x10",
+    b"\xd9\xa3",
+    b"\0",
+    b"\xef\xbb\xbf",
+    b"\xff",
+    b'"',
+    b"'",
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b",",
+    b";",
+    b":",
+    b"\n",
+    b"\r",
+    b"\t",
+    b"#",
+    b"=",
+    b"*",
+    b"<",
+    b">",
+    b"&",
+    b"-",
+    b".",
+    b"9" * 400,
+    b"\x1b[31m",
+    b" ",
+    b"term",
+    b"uniform",
+    b"identity",
+)
 
 
 def make_sound(folder: Path) -> None:

@@ -31,14 +31,14 @@ from meal_bayes.trial_log.marks import Marks
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 
 
-class Wrong(Exception):  # noqa: N818  a finding, not a failure of the program
+class Wrong(Exception):
     """What was read is not what the file says."""
 
 
 Reader = Callable[[Path], None]  # raises `Wrong`, or what the package raises
 
 
-def readers(kind: str, sound: Path) -> tuple[Reader, ...]:
+def readers(kind: str, sound: Path) -> tuple[Reader, ...]:  # noqa: PLR0911  one a kind
     """Return the readings of a kind of file; `sound` is the undamaged one."""
     if kind == "log":
         trials = [pickle.dumps(trial) for trial in read_trials(sound)]
@@ -143,7 +143,9 @@ def _rows(path: Path) -> Iterator[list[str]]:
     text = path.read_bytes().decode("utf-8-sig")
     for line in text.split("\n"):
         if line.strip():
-            yield [cell.strip() for cell in next(csv.reader(io.StringIO(line.strip()), strict=True))]
+            yield [
+                cell.strip() for cell in next(csv.reader(io.StringIO(line.strip()), strict=True))
+            ]
 
 
 def _check_cells(cells: list[str], values: Any) -> None:
@@ -201,7 +203,10 @@ def _transitions(path: Path, found: Any) -> dict[tuple[int, int, int], float]:
                 for place, word in zip(places, (words[2], words[4], words[6]), strict=True)
             ]
             cells.update(
-                ((a, s, t), float(words[7])) for a in indices[0] for s in indices[1] for t in indices[2]
+                ((a, s, t), float(words[7]))
+                for a in indices[0]
+                for s in indices[1]
+                for t in indices[2]
             )
     return {} if any(min(cell) < 0 for cell in cells) else cells
 

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 LONGEST = 350  # lines of a file
 
-GROUND = {"errors", "arrays", "seeds"}
+GROUND = {"errors", "arrays", "seeds", "untrusted"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -21,6 +21,7 @@ ROOMS: dict[str, set[str]] = {
     "errors": set(),
     "arrays": set(),
     "seeds": set(),
+    "untrusted": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -54,6 +55,7 @@ LIBRARIES: dict[str, set[str]] = {
     "matplotlib": {"evaluation.plots"},
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
+    "platformdirs": {"cli.doctor"},
     "pooch": {"datasets.download"},
     "click": {"cli"},
     "rich": {"cli"},

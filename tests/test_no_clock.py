@@ -1,4 +1,4 @@
-"""No test reads a clock: a machine that is busy must not fail a newcomer. Speed is in benchmarks/."""
+"""No test reads a clock: a busy machine must not fail a newcomer. Speed is in benchmarks/."""
 
 import ast
 from pathlib import Path

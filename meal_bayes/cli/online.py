@@ -38,16 +38,33 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
 )  # fmt: skip
 @click.option(
-    "--attributes", type=Whole(1, NAME_LIMIT), default=1, show_default=True, metavar="N", help="Asked at a time."
+    "--attributes",
+    type=Whole(1, NAME_LIMIT),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Asked at a time.",
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
     help=f"{AGENTS}; may be repeated, or a comma list. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
-@click.option("--batches", type=Whole(1, MOST_TRIALS), default=10, show_default=True, metavar="B", help="Refits.")
 @click.option(
-    "--trials", type=Whole(1, MOST_TRIALS), default=40, show_default=True, metavar="T", help="Of training, a batch."
+    "--batches",
+    type=Whole(1, MOST_TRIALS),
+    default=10,
+    show_default=True,
+    metavar="B",
+    help="Refits.",
+)
+@click.option(
+    "--trials",
+    type=Whole(1, MOST_TRIALS),
+    default=40,
+    show_default=True,
+    metavar="T",
+    help="Of training, a batch.",
 )
 @click.option(
     "--repeats", type=Whole(1, MOST_TRIALS), default=1, show_default=True, metavar="R",
@@ -57,8 +74,12 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     "--split", type=Shares(), default="33/33/34", show_default=True, metavar="A/B/C",
     help="Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
-@click.option("--alpha", type=Finite(0, LARGEST), metavar="A", help="Of morc_itrs, s a bit; 6 by default.")
-@click.option("--beta", type=Finite(0, LARGEST), metavar="B", help="Of morc_itrs, s; 30 by default.")
+@click.option(
+    "--alpha", type=Finite(0, LARGEST), metavar="A", help="Of morc_itrs, s a bit; 6 by default."
+)
+@click.option(
+    "--beta", type=Finite(0, LARGEST), metavar="B", help="Of morc_itrs, s; 30 by default."
+)
 @click.option(
     "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
     help="Is the robot told right or wrong, or every attribute?",

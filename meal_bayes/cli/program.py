@@ -5,6 +5,7 @@ import io
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -84,9 +85,9 @@ def _hold_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123
-    if sys.stderr is sys.__stderr__:
-        encoding = sys.stderr.encoding
-        sys.stderr = _Notes(sys.stderr.buffer, encoding, "replace", line_buffering=True)
+    plain = sys.__stderr__
+    if plain is not None and sys.stderr is plain:
+        sys.stderr = _Notes(plain.buffer, plain.encoding, "replace", line_buffering=True)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
@@ -148,6 +149,8 @@ class _Warnings(logging.Handler):
 
 
 def _tell_warnings() -> None:
+    # Names are data: in figures, what the font does not have is drawn as a box.
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")
     log = logging.getLogger("meal_bayes")
     if not any(isinstance(handler, _Warnings) for handler in log.handlers):
         log.addHandler(_Warnings(logging.WARNING))

@@ -44,10 +44,20 @@ def run() -> None:
 @run.command(short_help="Agents answer the same queries about new objects.")
 @dataset_option
 @click.option(
-    "--attributes", type=Whole(1, NAME_LIMIT), default=2, show_default=True, metavar="N", help="Asked at a time."
+    "--attributes",
+    type=Whole(1, NAME_LIMIT),
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Asked at a time.",
 )
 @click.option(
-    "--trials", type=Whole(1, MOST_TRIALS), default=400, show_default=True, metavar="T", help="For each agent."
+    "--trials",
+    type=Whole(1, MOST_TRIALS),
+    default=400,
+    show_default=True,
+    metavar="T",
+    help="For each agent.",
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",

@@ -48,13 +48,13 @@ _ASCII = Signs("#", ".", "->", "+-", ">")
 
 
 def printable(text: str) -> str:
-    """Show what would otherwise command the terminal: names come from files that others wrote.
+    r"""Show what would otherwise command the terminal: names come from files that others wrote.
 
     Control characters become their pictures; what turns text around or is no character, a sign for
     the unknown. Line breaks stay.
 
-    >>> printable("mug\\x1b[2J")
-    'mug\N{SYMBOL FOR ESCAPE}[2J'
+    >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
+    True
     """
     return text if text.isprintable() else _HIDDEN.sub(_picture, text)
 

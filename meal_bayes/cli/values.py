@@ -13,49 +13,53 @@ MOST_JOBS = 1024
 LARGEST_SEED = 2**63 - 1
 _WHOLE = re.compile(r"\s*[+-]?\d{1,30}\s*", re.ASCII)
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?\s*", re.ASCII)
-_ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[\w.-]+:\d{1,5}|\[[\da-fA-F:]+\]:\d{1,5}", re.ASCII)
+_ADDRESS = re.compile(
+    r"((tcp|tls|ws|wss|ucx)://)?[\w.-]+:\d{1,5}|\[[\da-fA-F:]+\]:\d{1,5}", re.ASCII
+)
 
 
-class Whole(click.IntRange):
+class Whole(click.ParamType[int]):
     """A whole number in a range, in plain digits."""
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+    name = "integer"
+
+    def __init__(self, low: int, high: int) -> None:
+        self._low, self._high = low, high
+        self._expected = f"expected a whole number from {low} to {high}"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int:
         """Read the digits; Python alone would take 1_0, and digits of other scripts."""
         if isinstance(value, str) and not _WHOLE.fullmatch(value):
-            self.fail(f"{value!r} is not a valid integer; {self.expected}.", param, ctx)
-        if not self.min <= int(value) <= self.max:
-            self.fail(f"{value} is not in the range; {self.expected}.", param, ctx)
+            self.fail(f"{value!r} is not a valid integer; {self._expected}.", param, ctx)
+        if not self._low <= int(value) <= self._high:
+            self.fail(f"{value} is not in the range; {self._expected}.", param, ctx)
         return int(value)
 
-    @property
-    def expected(self) -> str:
-        """The range in words."""
-        return f"expected a whole number from {self.min} to {self.max}"
 
-
-class Finite(click.FloatRange):
+class Finite(click.ParamType[float]):
     """A finite number in a range; its bounds belong to it unless they are open."""
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+    name = "number"
+
+    def __init__(
+        self, low: float, high: float, *, min_open: bool = False, max_open: bool = False
+    ) -> None:
+        self._low, self._high, self._open = low, high, (min_open, max_open)
+        words = "above" if min_open else "not below", "below" if max_open else "not above"
+        self._expected = f"expected a finite number {words[0]} {low:g} and {words[1]} {high:g}"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Read the number; neither NaN nor infinity is one."""
         if isinstance(value, str) and not _NUMBER.fullmatch(value):
-            self.fail(f"{value!r} is not a valid number; {self.expected}.", param, ctx)
+            self.fail(f"{value!r} is not a valid number; {self._expected}.", param, ctx)
         number = float(value)
-        low = number > self.min if self.min_open else number >= self.min
-        high = number < self.max if self.max_open else number <= self.max
-        if not (low and high):
-            self.fail(f"{value} is not in the range; {self.expected}.", param, ctx)
+        at_end = (number == self._low and self._open[0]) or (number == self._high and self._open[1])
+        if at_end or not self._low <= number <= self._high:
+            self.fail(f"{value} is not in the range; {self._expected}.", param, ctx)
         return number
 
-    @property
-    def expected(self) -> str:
-        """The range in words."""
-        low = "above" if self.min_open else "not below"
-        high = "below" if self.max_open else "not above"
-        return f"expected a finite number {low} {self.min:g} and {high} {self.max:g}"
 
-
-class Shares(click.ParamType):
+class Shares(click.ParamType[Any]):
     """Three shares of the objects, such as 33/33/34."""
 
     name = "A/B/C"
@@ -73,7 +77,7 @@ class Shares(click.ParamType):
         return tuple(map(int, parts))
 
 
-class Chance(click.ParamType):
+class Chance(click.ParamType[Any]):
     """A behavior and its probability, such as grasp=0.5."""
 
     name = "BEHAVIOR=P"
@@ -90,7 +94,7 @@ class Chance(click.ParamType):
         return name.strip(), float(chance)
 
 
-class Address(click.ParamType):
+class Address(click.ParamType[Any]):
     """Where a Dask scheduler listens."""
 
     name = "ADDRESS"

@@ -108,7 +108,7 @@ def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "poo
 
 
 class _Body:
-    """A file that takes no more bytes than a published one has, whatever a server goes on to send."""
+    """A file that takes no more bytes than a published one has, whatever a server sends."""
 
     def __init__(self, file: BinaryIO, url: str) -> None:
         self._file, self._url, self._left = file, url, _LARGEST

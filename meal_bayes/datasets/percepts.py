@@ -253,7 +253,11 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
             raise DataError(f"{where} does not tell its {key}; make the table again.")
     log_odds, bins = arrays["log_odds"], arrays["training_bins"]
-    sound = np.isfinite(arrays["edges"]).all() and not (np.abs(log_odds) > LIMIT).any() and np.isin(arrays["labels"], (-1, 0, 1)).all()
+    sound = (
+        np.isfinite(arrays["edges"]).all()
+        and not (np.abs(log_odds) > LIMIT).any()
+        and np.isin(arrays["labels"], (-1, 0, 1)).all()
+    )
     if not sound or (bins.sum(axis=-1) > log_odds.shape[1]).any():
         raise DataError(
             f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "

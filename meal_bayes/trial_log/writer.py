@@ -21,7 +21,6 @@ from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
     FORMAT_VERSION,
-    MESSAGE_LIMIT,
     MOMDP_BYTES,
     MOMDP_MEMORY,
     MOMDPS,

@@ -1,4 +1,4 @@
-"""Values that no option takes: each is told in one line, with what was expected, before any work."""
+"""Values that no option takes: each is told in one line, before any work."""
 
 import itertools
 from pathlib import Path
@@ -20,32 +20,86 @@ WHOLE = [
 ]
 NO_WHOLE = ("", "x", "1.5", "-1", "1_0", "\N{ARABIC-INDIC DIGIT THREE}", "9" * 20, "9" * 5000)
 FINITE = [
-    (OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--beta"), (ONLINE, "--error"),
-    (EXPORT, "--discount"), (EXPORT, "--reward"),
-]  # fmt: skip
+    (OFFLINE, "--reward"),
+    (ONLINE, "--alpha"),
+    (ONLINE, "--beta"),
+    (ONLINE, "--error"),
+    (EXPORT, "--discount"),
+    (EXPORT, "--reward"),
+]
 NO_FINITE = ("", "x", "nan", "inf", "-1", "1e999", "1e100", "1_0", "0x10")
-OTHERS = [
-    (ONLINE, "--split", value)
-    for value in ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1/1/1/1", "\N{SUPERSCRIPT TWO}/3/3",
-                  f"{'9' * 30}/1/1", "1.5/1/1")
-] + [
-    (ONLINE, "--success", value)
-    for value in ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0",
-                  "grasp=-1", "grasp=1_0")
-] + [
-    (ONLINE, "--cluster", value)
-    for value in ("", "x", "http://a:1", "host", "host:", ":8786", "host:123456", "host:80/path", "a b:1")
-] + [
-    (OFFLINE, "--percepts", "x"), (OFFLINE, "--perception", ""), (ONLINE, "--feedback", "none"),
-    (ONLINE, "--log", "some"), (("posterior",), "--method", "nuts"), (("posterior",), "--model", "x"),
-    (EXPORT, "--format", "xml"), (OFFLINE, "--dataset", ""), (OFFLINE, "--dataset", "none.toml"),
-    (OFFLINE, "--agent", ""), (OFFLINE, "--agent", ",,"), (ASK, "--agent", "bayes,"),
-    (ASK, "--dataset", "a\0b"), (ASK, "--dataset", "\udcff.npz"), (ASK, "--dataset", "n" * 5000),
-    (ASK, "--dataset", "n" * 5000 + ".npz"), (ASK, "--dataset", "."), (ASK, "--dataset", "\x1b[2J"),
-]  # fmt: skip
+OTHERS = (
+    [
+        (ONLINE, "--split", value)
+        for value in (
+            "",
+            "33",
+            "1/2",
+            "a/b/c",
+            "0/1/1",
+            "-1/1/1",
+            "1/1/1/1",
+            "\N{SUPERSCRIPT TWO}/3/3",
+            f"{'9' * 30}/1/1",
+            "1.5/1/1",
+        )
+    ]
+    + [
+        (ONLINE, "--success", value)
+        for value in (
+            "",
+            "grasp",
+            "=0.5",
+            "grasp=",
+            "grasp=x",
+            "grasp=nan",
+            "grasp=1.5",
+            "grasp=0",
+            "grasp=-1",
+            "grasp=1_0",
+        )
+    ]
+    + [
+        (ONLINE, "--cluster", value)
+        for value in (
+            "",
+            "x",
+            "http://a:1",
+            "host",
+            "host:",
+            ":8786",
+            "host:123456",
+            "host:80/path",
+            "a b:1",
+        )
+    ]
+    + [
+        (OFFLINE, "--percepts", "x"),
+        (OFFLINE, "--perception", ""),
+        (ONLINE, "--feedback", "none"),
+        (ONLINE, "--log", "some"),
+        (("posterior",), "--method", "nuts"),
+        (("posterior",), "--model", "x"),
+        (EXPORT, "--format", "xml"),
+        (OFFLINE, "--dataset", ""),
+        (OFFLINE, "--dataset", "none.toml"),
+        (OFFLINE, "--agent", ""),
+        (OFFLINE, "--agent", ",,"),
+        (ASK, "--agent", "bayes,"),
+        (ASK, "--dataset", "a\0b"),
+        (ASK, "--dataset", "\udcff.npz"),
+        (ASK, "--dataset", "n" * 5000),
+        (ASK, "--dataset", "n" * 5000 + ".npz"),
+        (ASK, "--dataset", "."),
+        (ASK, "--dataset", "\x1b[2J"),
+    ]
+)
 CASES = [
     *((command, option, value) for (command, option), value in itertools.product(WHOLE, NO_WHOLE)),
-    *((command, option, value) for (command, option), value in itertools.product(FINITE, NO_FINITE)),
+    *(
+        (command, option, value)
+        for (command, option), value in itertools.product(FINITE, NO_FINITE)
+    ),
     *OTHERS,
 ]
 
@@ -55,9 +109,10 @@ def test_there_are_some_200():
 
 
 @pytest.mark.parametrize(
-    ("command", "option", "value"), CASES,
+    ("command", "option", "value"),
+    CASES,
     ids=[f"{' '.join(c[:2])} {option} {ascii(value)[:20]}" for c, option, value in CASES],
-)  # fmt: skip
+)
 def test_a_bad_value_is_told_in_one_line(fails, command, option, value, tmp_path):
     told = fails(*command, option, value)
     assert told.removesuffix("\n").isprintable()

@@ -25,7 +25,11 @@ GOOD = {
     "no TERM": ({"TERM": None}, LIST, ""),
     "TERM unknown": ({"TERM": "nonsense"}, LIST, ""),
     "LANG C": ({"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0"}, SHOW, ""),
-    "POSIX, no coercion": ({"LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}, SHOW, ""),
+    "POSIX, no coercion": (
+        {"LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+        SHOW,
+        "",
+    ),
     "LANG that is not installed": ({"LANG": "xx_YY.UTF-8", "LC_ALL": "xx_YY.UTF-8"}, LIST, ""),
     "latin-1": ({"PYTHONIOENCODING": "latin-1"}, LIST, ""),
     "ascii": ({"PYTHONIOENCODING": "ascii"}, SHOW, ""),
@@ -59,30 +63,48 @@ BAD = {
     "stdout full": ({}, LIST, ">/dev/full", 1, "No space left on device"),
     "stdout full, json": ({}, (*LIST, "--json"), ">/dev/full", 1, "No space left on device"),
     "cache is a file": (
-        {"MEAL_BAYES_DATA_DIR": str(SAMPLE), "MEAL_BAYES_DATA_URL": "/nowhere", "MEAL_BAYES_OFFLINE": None},
-        ("data", "fetch", "roc36"), "", 1, "MEAL_BAYES_DATA_DIR",
+        {
+            "MEAL_BAYES_DATA_DIR": str(SAMPLE),
+            "MEAL_BAYES_DATA_URL": "/nowhere",
+            "MEAL_BAYES_OFFLINE": None,
+        },
+        ("data", "fetch", "roc36"),
+        "",
+        1,
+        "MEAL_BAYES_DATA_DIR",
     ),
     "mirror that is not there": (
         {"MEAL_BAYES_DATA_URL": "/nowhere", "MEAL_BAYES_OFFLINE": None},
-        ("data", "fetch", "roc36"), "", 1, "set MEAL_BAYES_DATA_URL",
+        ("data", "fetch", "roc36"),
+        "",
+        1,
+        "set MEAL_BAYES_DATA_URL",
     ),
     "logs in /proc": ({}, (*ASK, "--logs", "/proc/logs"), "", None, "cannot be written"),
     "report into /proc": ({}, ("report", str(SAMPLE), "-o", "/proc/a.html"), "", 1, "/proc/a.html"),
     "no such mode": ({}, ("fly",), "", 2, "No such command"),
-}  # fmt: skip
+}
 
 
 def shell(folder, variables, arguments, redirections):
     """Run a command line in a shell, which can close streams."""
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    given = {"PYTHONPATH": paths, "MEAL_BAYES_OFFLINE": "1", "MEAL_BAYES_DATA_DIR": str(folder / "c")}
+    given = {
+        "PYTHONPATH": paths,
+        "MEAL_BAYES_OFFLINE": "1",
+        "MEAL_BAYES_DATA_DIR": str(folder / "c"),
+    }
     merged = {**os.environ, **given, **variables}
     environment = {name: value for name, value in merged.items() if value is not None}
     script = f'exec "$0" -m meal_bayes "$@" {redirections}'
     return subprocess.run(
-        ["/bin/sh", "-c", script, sys.executable, *arguments], cwd=folder, env=environment,
-        capture_output=True, check=False, timeout=300,
-    )  # fmt: skip
+        ["/bin/sh", "-c", script, sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        check=False,
+        timeout=300,
+    )
 
 
 def test_there_are_some_40():
@@ -122,9 +144,13 @@ def test_a_folder_that_is_gone_is_told(tmp_path):
     script = f'mkdir {gone} && cd {gone} && rmdir {gone} && exec "$0" -m meal_bayes "$@"'
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        ["/bin/sh", "-c", script, sys.executable, *ASK], cwd=tmp_path, env=environment,
-        capture_output=True, check=False, timeout=300,
-    )  # fmt: skip
+        ["/bin/sh", "-c", script, sys.executable, *ASK],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        check=False,
+        timeout=300,
+    )
     assert done.returncode in (1, 2)
     assert b"Traceback" not in done.stderr
     assert done.stderr.startswith(b"error: ")

@@ -75,9 +75,7 @@ def test_published_domains_read_the_same_recordings(
     assert homes == {"roc36", "ispy32", "cy101"}
 
 
-def test_repairs_are_told(
-    recordings: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_repairs_are_told(recordings: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
         load_dataset("cy101", root=recordings)
     told = caplog.text

@@ -74,7 +74,9 @@ def changed(messages, change, steps=None):
         if topic in KINDS:
             made[topic].append(KINDS[topic].FromString(data))
     if steps is not None:
-        made[STEP] = [KINDS[STEP].FromString(made[STEP][0].SerializeToString()) for _ in range(steps)]
+        made[STEP] = [
+            KINDS[STEP].FromString(made[STEP][0].SerializeToString()) for _ in range(steps)
+        ]
         for number, message in enumerate(made[STEP]):
             message.step = number
     for topic, every in made.items():
@@ -100,7 +102,7 @@ def test_a_header_that_is_no_json_is_told_and_costs_no_trial(messages, text, tmp
     run = schema.RunMessage(format_version=schema.FORMAT_VERSION, header=f'{{"config": {text}}}')
     path = tmp_path / "a.mcap"
     path.write_bytes(packed([(RUN, run.SerializeToString())], messages[1:]))
-    with pytest.raises(LogCorruptError, match="ValueError|UnicodeEncodeError"):
+    with pytest.raises(LogCorruptError, match=r"ValueError|UnicodeEncodeError"):
         read_header(path)
     report = check_log(path)
     assert (report.trials, report.whole) == (1, False)
@@ -255,4 +257,8 @@ def test_they_are_not_written_either(make, tmp_path):
         TrialWriter(tmp_path / "a.mcap", {}) as log,
         pytest.raises(LogError, match="no logarithms of probabilities"),
     ):
-        log.write(type(trial)(**{f: getattr(trial, f) for f in trial.__slots__} | {"first_belief": broken}))
+        log.write(
+            type(trial)(
+                **{f: getattr(trial, f) for f in trial.__slots__} | {"first_belief": broken}
+            )
+        )

@@ -1,7 +1,6 @@
 """Following a run: the real viewer's place is taken by a recording in memory."""
 
 import threading
-import time
 
 import rerun as rr
 
