@@ -134,7 +134,10 @@ _MEMBERS = {  # name -> dtype, axes
     "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
 }
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = 2**26  # bytes that a member may unpack to, half of what they may be laid out to
+_LARGEST = (
+    3 << 24
+)  # bytes that the training bins may unpack to, half of what they may be laid out to
+_REST = 1 << 24  # and each other member
 _FILE = 2**27  # bytes of a file
 _HEADER = 2**16 + 10  # bytes of the longest header of an array
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
@@ -268,8 +271,9 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
 
 def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
     info = archive.getinfo(f"{name}.npy")
-    if info.file_size > _LARGEST:
-        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
+    limit = _LARGEST if name == "training_bins" else min(_LARGEST, _REST)
+    if info.file_size > limit:
+        raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")
     data = archive.read(info)
     buffer: BinaryIO = io.BytesIO(data[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):
