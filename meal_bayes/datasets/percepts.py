@@ -134,9 +134,7 @@ _MEMBERS = {  # name -> dtype, axes
     "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
 }
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = (
-    3 << 24
-)  # bytes that the training bins may unpack to, half of what they may be laid out to
+_LARGEST = 2 << 24  # bytes that the training bins may unpack to
 _REST = 1 << 24  # and each other member
 _FILE = 2**27  # bytes of a file
 _HEADER = 2**16 + 10  # bytes of the longest header of an array
@@ -255,13 +253,15 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         inside = texts.values() if isinstance(texts, dict) else texts
         if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
             raise DataError(f"{where} does not tell its {key}; make the table again.")
+    if len(set(meta["objects"])) < len(meta["objects"]):
+        raise DataError(f"{where} names an object twice; make the table again.")
     log_odds, bins = arrays["log_odds"], arrays["training_bins"]
     sound = (
         np.isfinite(arrays["edges"]).all()
         and not (np.abs(log_odds) > LIMIT).any()
         and np.isin(arrays["labels"], (-1, 0, 1)).all()
     )
-    if not sound or (bins.sum(axis=-1) > log_odds.shape[1]).any():
+    if not sound or (bins.sum(axis=-1, dtype=np.uint32) > log_odds.shape[1]).any():
         raise DataError(
             f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "
             "counts than recordings; make the table again."

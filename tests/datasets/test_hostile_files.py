@@ -79,6 +79,16 @@ def test_its_text_is_read_within_limits(rewrite, text, found):
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_objects_of_one_name_are_refused(rewrite):
+    with zipfile.ZipFile(rewrite()) as archive:
+        data = archive.read("meta.npy")
+    meta = json.loads(data[data.index(b"{", 100) :])
+    meta["objects"][1] = meta["objects"][0]
+    with pytest.raises(DataError, match="names an object twice"):
+        load_percepts(rewrite(meta=np.frombuffer(json.dumps(meta).encode(), np.uint8)))
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_a_small_file_asks_for_no_great_memory(rewrite):
     path = rewrite(training_bins=np.zeros((70, 1000, 1000, 1, 1), np.uint8))
     assert path.stat().st_size < 10 << 20
