@@ -38,34 +38,22 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
 )  # fmt: skip
 @click.option(
-    "--attributes",
-    type=Whole(1, NAME_LIMIT),
-    default=1,
-    show_default=True,
-    metavar="N",
+    "--attributes", type=Whole(1, NAME_LIMIT), default=1, show_default=True, metavar="N",
     help="Asked at a time.",
-)
+)  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
     help=f"{AGENTS}; may be repeated, or a comma list. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option(
-    "--batches",
-    type=Whole(1, MOST_TRIALS),
-    default=10,
-    show_default=True,
-    metavar="B",
+    "--batches", type=Whole(1, MOST_TRIALS), default=10, show_default=True, metavar="B",
     help="Refits.",
-)
+)  # fmt: skip
 @click.option(
-    "--trials",
-    type=Whole(1, MOST_TRIALS),
-    default=40,
-    show_default=True,
-    metavar="T",
+    "--trials", type=Whole(1, MOST_TRIALS), default=40, show_default=True, metavar="T",
     help="Of training, a batch.",
-)
+)  # fmt: skip
 @click.option(
     "--repeats", type=Whole(1, MOST_TRIALS), default=1, show_default=True, metavar="R",
     help="Runs on other splits of the objects.",

@@ -38,13 +38,9 @@ _TOLD = 12  # pairs in the table
 @click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
 @click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
 @click.option(
-    "--levels",
-    type=Whole(2, 8),
-    default=2,
-    show_default=True,
-    metavar="K",
+    "--levels", type=Whole(2, 8), default=2, show_default=True, metavar="K",
     help="Of a percept: 2, 4 or 8.",
-)
+)  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
     help="Folder of what is written; one in posteriors/ by default.",

@@ -44,21 +44,13 @@ def run() -> None:
 @run.command(short_help="Agents answer the same queries about new objects.")
 @dataset_option
 @click.option(
-    "--attributes",
-    type=Whole(1, NAME_LIMIT),
-    default=2,
-    show_default=True,
-    metavar="N",
+    "--attributes", type=Whole(1, NAME_LIMIT), default=2, show_default=True, metavar="N",
     help="Asked at a time.",
-)
+)  # fmt: skip
 @click.option(
-    "--trials",
-    type=Whole(1, MOST_TRIALS),
-    default=400,
-    show_default=True,
-    metavar="T",
+    "--trials", type=Whole(1, MOST_TRIALS), default=400, show_default=True, metavar="T",
     help="For each agent.",
-)
+)  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
     help=f"{AGENTS}; may be repeated, or a comma list. All of them by default.",

@@ -86,7 +86,7 @@ BAD = {
 }
 
 
-def shell(folder, variables, arguments, redirections):
+def shell(folder, variables, arguments, redirections, before=""):
     """Run a command line in a shell, which can close streams."""
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     given = {
@@ -96,7 +96,7 @@ def shell(folder, variables, arguments, redirections):
     }
     merged = {**os.environ, **given, **variables}
     environment = {name: value for name, value in merged.items() if value is not None}
-    script = f'exec "$0" -m meal_bayes "$@" {redirections}'
+    script = f'{before} exec "$0" -m meal_bayes "$@" {redirections}'
     return subprocess.run(
         ["/bin/sh", "-c", script, sys.executable, *arguments],
         cwd=folder,
@@ -141,16 +141,7 @@ def test_a_folder_whose_name_is_no_text_can_be_worked_in(tmp_path):
 
 def test_a_folder_that_is_gone_is_told(tmp_path):
     gone = tmp_path / "gone"
-    script = f'mkdir {gone} && cd {gone} && rmdir {gone} && exec "$0" -m meal_bayes "$@"'
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        ["/bin/sh", "-c", script, sys.executable, *ASK],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        check=False,
-        timeout=300,
-    )
+    done = shell(tmp_path, {}, ASK, "", f"mkdir {gone} && cd {gone} && rmdir {gone} &&")
     assert done.returncode in (1, 2)
     assert b"Traceback" not in done.stderr
     assert done.stderr.startswith(b"error: ")
