@@ -1,5 +1,7 @@
 """`meal-bayes view`: trials seen step by step in rerun, live or from a log."""
 
+import contextlib
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,9 +57,10 @@ def view(
     if live:
         _live(log, web=web)
     elif save is not None:
-        from meal_bayes.viewer.window import check_recording_name
+        with _written(save):
+            from meal_bayes.viewer.window import check_recording_name
 
-        trials = _record(log, check_recording_name(save), number)
+            trials = _record(log, check_recording_name(save), number)
         say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
     else:
         with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
@@ -68,6 +71,22 @@ def view(
                 _picture(log, recording, screenshot, number, step)
             else:
                 _show(recording, web=web)
+
+
+@contextlib.contextmanager
+def _written(path: Path) -> "Iterator[None]":
+    """Tell in one line what rerun says of a place or a disk in many."""
+    from meal_bayes.errors import OutputError
+
+    before = os.environ.get("RUST_LOG")
+    os.environ["RUST_LOG"] = "off"  # read once, when rerun is loaded
+    import meal_bayes.viewer.window  # noqa: F401
+
+    os.environ.pop("RUST_LOG") if before is None else os.environ.update(RUST_LOG=before)
+    try:
+        yield
+    except RuntimeError as fault:  # the only kind that rerun knows
+        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
 
 
 def _check(

@@ -145,3 +145,13 @@ def test_a_folder_that_is_gone_is_told(tmp_path):
     assert done.returncode in (1, 2)
     assert b"Traceback" not in done.stderr
     assert done.stderr.startswith(b"error: ")
+
+
+@pytest.mark.parametrize(
+    ("target", "before"), [("/proc/a.rrd", ""), ("/proc/no/a.rrd", ""), ("a.rrd", "ulimit -f 8;")]
+)
+def test_a_recording_that_cannot_be_written_is_told(target, before, tmp_path):
+    done = shell(tmp_path, {}, ("view", str(SAMPLE), "--save", target), "", before)
+    assert done.returncode in (1, 2)
+    assert done.stderr.startswith(b"error: ")
+    assert done.stderr.count(b"\n") == 1
