@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 LONGEST = 350  # lines of a file
 
-GROUND = {"errors", "arrays", "seeds", "display", "files", "cache", "processes"}
+GROUND = {"errors", "arrays", "seeds", "display", "files", "cache", "processes", "untrusted"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -28,6 +28,7 @@ ROOMS: dict[str, set[str]] = {
     "files": set(),
     "cache": set(),
     "processes": set(),
+    "untrusted": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -63,7 +64,7 @@ LIBRARIES: dict[str, set[str]] = {
     "matplotlib": {"evaluation.plots"},
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
-    "platformdirs": {"cache"},
+    "platformdirs": {"cache", "cli.doctor"},
     "pooch": {"datasets.download"},
     "gymnasium": {"gym"},
     "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made

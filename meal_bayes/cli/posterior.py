@@ -11,6 +11,7 @@ from rich.table import Table
 from meal_bayes.cli.options import dataset_option, json_option, table_of
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
+from meal_bayes.cli.values import LARGEST_SEED, Whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,18 +38,19 @@ _TOLD = 12  # pairs in the table
 @click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
 @click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
 @click.option(
-    "--levels", type=int, default=2, show_default=True, metavar="K", help="Of a percept: 2, 4 or 8."
-)
+    "--levels", type=Whole(2, 8), default=2, show_default=True, metavar="K",
+    help="Of a percept: 2, 4 or 8.",
+)  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
     help="Folder of what is written; one in posteriors/ by default.",
 )  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=10), default=1000, show_default=True,
+@click.option("--draws", type=Whole(10, 100_000), default=1000, show_default=True,
               help="Of each chain.")  # fmt: skip
-@click.option("--tune", type=click.IntRange(min=10), default=1000, show_default=True,
+@click.option("--tune", type=Whole(10, 1_000_000), default=1000, show_default=True,
               help="Steps before them (pymc).")  # fmt: skip
-@click.option("--chains", type=click.IntRange(min=2), default=4, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S",
+@click.option("--chains", type=Whole(2, 64), default=4, show_default=True)
+@click.option("--seed", type=Whole(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
               help="Equal seeds give equal draws.")  # fmt: skip
 @json_option
 def posterior(

@@ -1,12 +1,15 @@
 """`meal-bayes view`: trials seen step by step in rerun, live or from a log."""
 
+import contextlib
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.screen import note, progress
+from meal_bayes.cli.screen import note, progress, say
+from meal_bayes.cli.values import MOST_TRIALS, Whole
 from meal_bayes.files import check_output, draft_of
 
 if TYPE_CHECKING:
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 @click.command(short_help="See trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
-    "--trial", "number", type=click.IntRange(min=0), metavar="N",
+    "--trial", "number", type=Whole(0, MOST_TRIALS), metavar="N",
     help="Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
 @click.option(
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
     help="Write a picture of the viewer and open no window.",
 )  # fmt: skip
 @click.option(
-    "--step", type=click.IntRange(min=0), metavar="S",
+    "--step", type=Whole(0, MOST_TRIALS), metavar="S",
     help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
@@ -70,6 +73,22 @@ def view(
         _show(log, number)
 
 
+@contextlib.contextmanager
+def _written(path: Path) -> "Iterator[None]":
+    """Tell in one line what rerun says of a place or a disk in many."""
+    from meal_bayes.errors import OutputError
+
+    before = os.environ.get("RUST_LOG")
+    os.environ["RUST_LOG"] = "off"  # read once, when rerun is loaded
+    import meal_bayes.viewer.window  # noqa: F401
+
+    os.environ.pop("RUST_LOG") if before is None else os.environ.update(RUST_LOG=before)
+    try:
+        yield
+    except RuntimeError as fault:  # the only kind that rerun knows
+        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
+
+
 def _check(
     number: int | None,
     save: Path | None,
@@ -87,13 +106,14 @@ def _check(
 
 
 def _save(log: Path, path: Path, number: int | None) -> None:
-    from meal_bayes.viewer.window import check_recording_name
+    with _written(path):
+        from meal_bayes.viewer.window import check_recording_name
 
-    check_recording_name(path)
-    logs = _open(log, number)
-    with draft_of(path, inputs=logs.files) as draft:
-        trials = _record(log, logs, draft, number)
-    click.echo(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
+        check_recording_name(path)
+        logs = _open(log, number)
+        with draft_of(path, inputs=logs.files) as draft:
+            trials = _record(log, logs, draft, number)
+    say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
 
 
 def _open(log: Path, number: int | None) -> "Logs":
@@ -150,7 +170,7 @@ def _picture(log: Path, recording: Path, path: Path, number: int | None, step: i
             if number is None or count == number:
                 break
     take_picture(recording, path, row=step or 0)
-    click.echo(f"{path}: {path.stat().st_size:,} bytes")
+    say(f"{path}: {path.stat().st_size:,} bytes")
 
 
 def _show(log: Path, number: int | None) -> None:

@@ -21,6 +21,7 @@ from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, read_seconds, read_trials, remove_drafts
+from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
     "random",
@@ -57,8 +58,12 @@ class OfflineConfig:
         object.__setattr__(self, "agents", found)
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
-        if self.reward is not None and not 0 < self.reward < math.inf:
-            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
+        if self.reward is not None and not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
+        if not self.agents:
+            raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for headers and JSON."""

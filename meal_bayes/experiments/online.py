@@ -1,7 +1,6 @@
 """ONLINE-MEAL (Sect. 7.3): robots that learn while they work, tested after every batch."""
 
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials, remove_drafts
+from meal_bayes.untrusted import LARGEST
 
 _LOGS = ("all", "train")
 _REWARD = 300.0  # of the paper (Sect. 7.3)
@@ -79,8 +79,10 @@ class OnlineConfig:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
         if self.seed < 0 or self.first < 0:
             raise SettingsError("seed and first are whole numbers, 0 or more.")
-        if self.reward is not None and not 0 < self.reward < math.inf:
-            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
+        if self.reward is not None and not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
         if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
         if self.log not in _LOGS:
@@ -90,8 +92,8 @@ class OnlineConfig:
                 raise SettingsError(unknown("published variant", name, PUBLISHED))
         for name in ("alpha", "beta"):
             value = getattr(self, name)
-            if value is not None and not 0 <= value < math.inf:
-                raise SettingsError(f"{name} is {value}; give a finite number, 0 or more.")
+            if value is not None and not 0 <= value <= LARGEST:
+                raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
         Feedback(self.answers, self.error)
 
     def as_dict(self) -> dict[str, object]:

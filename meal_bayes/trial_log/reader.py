@@ -16,6 +16,7 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import (
     FAULTS,
+    Budget,
     Record,
     chunk_messages,
     read_records,
@@ -126,10 +127,12 @@ class Scan:
         names = (topic for topic, _, _ in channels()) if tolerant else ()
         self._channels = dict(enumerate(names, start=1))
         self._end: dict[str, str] = {}
+        self._budget = Budget(0)
 
     def trials(self) -> Iterator[Trial]:
         """Yield every whole trial."""
         with opened(self.path) as (file, size):
+            self._budget = Budget(size)
             records = read_records(file, size)
             while (record := self._next(records)) is not None:
                 yield from self._read(record)
@@ -153,7 +156,7 @@ class Scan:
     def _read(self, record: Record) -> Iterator[Trial]:
         try:
             if record.opcode == Opcode.CHUNK:
-                for topic, data in chunk_messages(record.content, self._channels):
+                for topic, data in chunk_messages(record.content, self._channels, self._budget):
                     trial = self.builder.add(topic, data)
                     if trial is not None:
                         yield trial

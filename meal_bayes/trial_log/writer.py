@@ -24,7 +24,7 @@ from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     END,
     FORMAT_VERSION,
-    MESSAGE_LIMIT,
+    MOMDP_BYTES,
     MOMDP_MEMORY,
     MOMDPS,
     PROFILE,
@@ -34,6 +34,7 @@ from meal_bayes.trial_log.schema import (
     channels,
     log_time,
 )
+from meal_bayes.untrusted import read_json
 
 Value = TypeVar("Value")
 Result = TypeVar("Result")
@@ -45,6 +46,7 @@ class _Placed(NamedTuple):
     number: int
     digest: bytes
     content: bytes  # digest of what it says, whatever its number
+    size: int  # bytes of its message
 
 
 class TrialWriter:
@@ -237,15 +239,16 @@ class TrialWriter:
         if content in self._known:
             return self._known[content], b""
         data = numbered(self._momdps, packed)
-        return _Placed(self._momdps, digest((data,)), content), data
+        return _Placed(self._momdps, digest((data,)), content, len(data)), data
 
     def _remember(self, momdp: MOMDP, placed: _Placed) -> None:
         self._last = momdp, placed
         if placed.content not in self._known:
             self._known[placed.content] = placed
             self._momdps += 1
-            if len(self._known) > MOMDP_MEMORY:
-                del self._known[next(iter(self._known))]
+            sizes = [one.size for one in self._known.values()]
+            while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+                del self._known[next(iter(self._known))], sizes[0]
 
     def _note_seconds(self, number: int, seconds: float) -> None:
         if self._timing is None:
@@ -291,10 +294,9 @@ def _json(value: object) -> str:
         raise SettingsError(f"Names in a log's header must be text; found {list(value)}.")
     try:
         text = json.dumps(value, sort_keys=True, allow_nan=False)
+        read_json(text)  # a reader must take it
     except (TypeError, ValueError) as fault:
         raise SettingsError(
             f"A log's header holds JSON values (text, finite numbers, lists, tables); {fault}."
         ) from fault
-    if len(text) > MESSAGE_LIMIT // 2:
-        raise SettingsError(f"A log's header of {len(text)} bytes; at most {MESSAGE_LIMIT // 2}.")
     return text

