@@ -9,6 +9,7 @@ import numpy as np
 
 from meal_bayes.agents import Morc, load_agent
 from meal_bayes.datasets import load_percepts
+from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
 from meal_bayes.datasets.synthetic import make_synthetic_model
 from meal_bayes.domain import load_domain
@@ -16,11 +17,6 @@ from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
 from meal_bayes.trial_log import write_trials
 from meal_bayes.trial_log.marks import Marks
-
-try:
-    from meal_bayes.datasets.percept_file import save_percepts
-except ImportError:
-    from meal_bayes.datasets.percept_file import save_percepts
 
 SOUND = {  # kind -> the file that is damaged
     "log": "run.mcap",

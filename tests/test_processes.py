@@ -16,10 +16,9 @@ ROOT = Path(processes.__file__).resolve().parents[1]
 PATIENCE = 100  # looks, a tenth of a second apart
 
 FOREIGN = """
-import sys, time
+import time
 from meal_bayes.processes import start
-child = start(["/bin/sleep", "1000"])
-print(child.pid, flush=True)
+start(["/bin/sh", "-c", "echo $$; exec sleep 1000"])
 time.sleep(1000)
 """
 PYTHON = """

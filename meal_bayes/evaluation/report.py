@@ -66,9 +66,8 @@ def write_report(
     for done, (file, (header, trials)) in enumerate(zip(logs.files, logs.parts(), strict=True)):
         if on_progress is not None:
             on_progress(done, len(logs.files))
-        batch = batch_of(header)
         for number, trial in trials:
-            tally.add(trial, Place(file, number), batch)
+            tally.add(trial, Place(file, number), batch_of(header))
     if not tally.trials:
         logs.complain_of_nothing()
     write_whole(path, report_page(tally, logs), inputs=logs.files)

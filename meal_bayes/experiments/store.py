@@ -1,8 +1,6 @@
 """Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is sound."""
 
-import ast
 import hashlib
-import inspect
 import json
 import logging
 import platform
@@ -13,12 +11,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
-from types import ModuleType
 
 from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError
 from meal_bayes.trial_log import Marks, count_whole
 
 log = logging.getLogger("meal_bayes.experiments")
@@ -73,13 +70,7 @@ def digest_of(*parts: object) -> str:
 
     Parameters
     ----------
-    parts : JSON values; paths, by the contents of the file or of all files of the folder; modules,
-        and classes, functions and other objects of modules: by the source of the module and of
-        all that it imports from beside it.
-
-    Raises
-    ------
-    SettingsError : an object whose source is not in a file.
+    parts : JSON values; paths, by the contents of the file or of all files of the folder.
     """
     digest = hashlib.sha256()
     for part in parts:
@@ -130,47 +121,8 @@ def _pieces(part: object) -> Iterator[bytes]:
         for file in files:
             yield file.relative_to(part).as_posix().encode()
             yield file.read_bytes()
-    elif part is None or isinstance(part, str | bool | int | float | list | tuple | dict):
-        yield json.dumps(part, sort_keys=True).encode()
     else:
-        for file in _sources(part):
-            yield file.name.encode()
-            yield file.read_bytes()
-
-
-def _sources(thing: object) -> list[Path]:
-    """List the files that an object's code is in: its module's, and those it imports from there."""
-    known = isinstance(thing, ModuleType) or hasattr(thing, "__qualname__")
-    module = inspect.getmodule(thing if known else type(thing))
-    file = getattr(module, "__file__", None)
-    if module is None or file is None:
-        raise SettingsError(f"The source of {thing!r} is in no file; put it into a module.")
-    depth = module.__name__.count(".") + (Path(file).name == "__init__.py")
-    folder = Path(file).resolve().parents[depth]
-    found, todo = set[Path](), {Path(file).resolve()}
-    while todo:
-        path = todo.pop()
-        found.add(path)
-        todo |= set(_imported(path, folder)) - found
-    return sorted(found)
-
-
-def _imported(path: Path, folder: Path) -> Iterator[Path]:
-    """Find the modules below a folder that a file imports."""
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        names = [alias.name for alias in getattr(node, "names", [])]
-        if isinstance(node, ast.ImportFrom):
-            above = path.parents[node.level - 1] if node.level else folder
-            places = [above.joinpath(*(node.module or "").split("."))]
-            places += [places[0] / name for name in names]
-        elif isinstance(node, ast.Import):
-            places = [folder.joinpath(*name.split(".")) for name in names]
-        else:
-            continue
-        for place in places:
-            for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
-                if file.is_file() and "site-packages" not in file.parts:
-                    yield file.resolve()
+        yield json.dumps(part, sort_keys=True).encode()
 
 
 def _versions() -> dict[str, str]:

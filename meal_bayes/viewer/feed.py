@@ -32,7 +32,7 @@ class Feed:
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Say that no more comes; readers end where they have read all."""
+        """Mark the end; readers end where they have read all."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()

@@ -119,7 +119,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        """Give what is asked for, to those who may have it."""
+        """Send what is asked for, to those who may have it."""
         name = self._allowed()
         if name is None:
             self._answer(HTTPStatus.FORBIDDEN)
@@ -180,7 +180,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _assets() -> dict[str, Asset]:
-    """Get the page from rerun's program, which serves it on a port of this machine for a moment."""
+    """Fetch the page from rerun's program, which serves it on a port of this machine for a moment."""
     (port,) = free_ports(1)
     # given a recording's address it serves the page alone, and no data
     words = [f"http://{HERE}:{port}/{_RECORDING}", "--serve-web", "--web-viewer-port", str(port)]

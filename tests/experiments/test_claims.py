@@ -120,3 +120,20 @@ def test_many_threads_never_hold_one_claim_together(tmp_path):
     for thread in threads:
         thread.join()
     assert set(most) == {1}
+
+
+def test_a_claim_that_its_holder_removes_meanwhile_is_made_anew(tmp_path, monkeypatch):
+    path, lock, calls = tmp_path / "unit", claims._lock, []
+
+    def slow(descriptor):
+        if not calls:
+            (tmp_path / "unit.claim").unlink()  # between our opening and our locking
+        calls.append(descriptor)
+        return lock(descriptor)
+
+    monkeypatch.setattr(claims, "_lock", slow)
+    with claimed(path) as first:
+        assert first is None
+        with claimed(path) as second:
+            assert second.pid == os.getpid()
+    assert len(calls) == 3

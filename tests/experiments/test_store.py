@@ -1,10 +1,8 @@
 """What names a run's folder, and when a unit of it counts as done."""
 
-import sys
-
 import pytest
 
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError
 from meal_bayes.experiments import OfflineConfig, run_offline, store
 from meal_bayes.experiments.store import Store, digest_of, fingerprint, is_whole
 
@@ -54,7 +52,7 @@ def test_fresh_replaces_and_never_deletes(unit, kept, monkeypatch):
     def killed(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("meal_bayes.experiments.offline.Morc", killed)
+    monkeypatch.setattr("meal_bayes.experiments.offline.Learner", killed)
     with pytest.raises(KeyboardInterrupt):
         run_offline(CONFIG, logs=unit.parents[2], fresh=True)
     assert unit.read_bytes() == kept
@@ -109,40 +107,6 @@ def test_versions_of_libraries_are_another_run(tmp_path, monkeypatch):
     monkeypatch.setattr(store.metadata, "version", lambda name: "0.1")
     folders.append(Store.of(tmp_path, "run", {"seed": 1}).folder)
     assert len(set(folders)) == 2
-
-
-class TestOnesOwnModules:
-    @pytest.fixture
-    def package(self, tmp_path, monkeypatch):
-        """A package of two modules and one beside them that nobody imports."""
-        folder = tmp_path / "mine"
-        folder.mkdir()
-        (folder / "__init__.py").write_text("")
-        (folder / "planner.py").write_text("from mine.rules import best\nclass Planner: pass\n")
-        (folder / "rules.py").write_text("import numpy\nfrom . import deep\nbest = 1\n")
-        (folder / "deep.py").write_text("depth = 3\n")
-        (folder / "other.py").write_text("")
-        monkeypatch.syspath_prepend(tmp_path)
-        for name in [name for name in sys.modules if name.partition(".")[0] == "mine"]:
-            monkeypatch.delitem(sys.modules, name)
-        return folder
-
-    @pytest.mark.parametrize(
-        ("changed", "matters"),
-        [("planner.py", True), ("rules.py", True), ("deep.py", True), ("other.py", False)],
-    )
-    def test_what_a_planner_is_made_of_is_in_the_digest(self, package, changed, matters):
-        from mine.planner import Planner  # noqa: PLC0415  made by the fixture
-
-        before = digest_of(Planner)
-        assert digest_of(Planner()) == digest_of(sys.modules["mine.planner"]) == before
-        with (package / changed).open("a") as file:
-            file.write("\nmore = 1\n")
-        assert (digest_of(Planner) != before) == matters
-
-    def test_what_is_in_no_file_is_refused(self):
-        with pytest.raises(SettingsError, match="is in no file"):
-            digest_of(len)
 
 
 def test_parts_do_not_run_together(tmp_path):
