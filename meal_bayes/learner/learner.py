@@ -324,16 +324,18 @@ class Learner:
             self._relearn(source, object_name)
 
     def _relearn(self, source: Fitted, *names: str) -> None:
-        """Learn what came after the last refit, or was not for it; of all objects by default."""
-        pending = [lesson for lesson in self.lessons if lesson.key not in self._refitted]
+        pending = self._pending()
         for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
             source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
 
+    def _pending(self) -> list[Lesson]:
+        """Return the lessons that came after the last refit, or that it could not learn from."""
+        return [lesson for lesson in self.lessons if lesson.key not in self._refitted]
+
     def _told_of(self, object_name: str) -> NDArray[np.int8]:
         """Return what people told of an object, (P,)."""
-        own = [lesson for lesson in self.lessons if lesson.object_name == object_name]
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
-        return labels_of(own, self.domain).get(object_name, unknown)
+        return labels_of(self.lessons, self.domain).get(object_name, unknown)
 
     def _replayed(self) -> Replayed:
         source = self.source

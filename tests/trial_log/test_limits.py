@@ -158,7 +158,7 @@ def wide(n):
         if topic in (TRIAL, STEP):
             m.weight[:] = list(m.weight)[: len(m.weight) // 2] * n
         if topic == TRIAL:
-            m.truth[:] = [True] * n
+            m.truth[:] = [1] * n
         if topic == STEP:
             del m.observation[:]
 
