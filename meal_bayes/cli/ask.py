@@ -8,7 +8,7 @@ import click
 
 from meal_bayes.cli.answer import answer, trial_facts
 from meal_bayes.cli.options import AGENTS, dataset_option, json_option, logs_option, seed_option
-from meal_bayes.cli.screen import note, output
+from meal_bayes.cli.screen import note, output, printable
 from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
@@ -108,7 +108,9 @@ def _listen(trial: "Trial", path: Path, number: int) -> None:
 def _prompt(text: str, choices: tuple[str, ...]) -> str:
     """Ask on standard error; what has no more lines to say skips."""
     try:
-        reply: str = click.prompt(text, type=click.Choice(choices), err=True, default="skip")
+        reply: str = click.prompt(
+            printable(text), type=click.Choice(choices), err=True, default="skip"
+        )
     except click.Abort:
         click.echo(err=True)
         return "skip"
