@@ -155,7 +155,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         yield _lines(console, what, unit)
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
         MofNCompleteColumn(),
         TextColumn(f"{unit},"),
@@ -163,7 +163,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         TextColumn("left"),
     )
     with Progress(*columns, console=console, transient=True, expand=True) as bars:
-        task = bars.add_task(what, total=None)
+        task = bars.add_task(printable(what), total=None)
 
         def advance(done: int, total: int) -> None:
             if bars.tasks[0].total is None:  # what was there before must not count as speed

@@ -304,8 +304,7 @@ class Learner:
         Parameters
         ----------
         path : written by `save`.
-        agent, classifier : one's own are given again; shipped agents are found by name.
-        logs : as of a new learner.
+        agent, classifier, logs : as of a new learner; agents that ship are found by name.
 
         Raises
         ------

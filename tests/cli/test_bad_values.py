@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OfflineConfig
+from meal_bayes.experiments.online import OnlineConfig
+
 OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
 EXPORT = ("export", "a.pomdp", "--query", "heavy")
@@ -144,3 +148,14 @@ def test_settings_of_a_domain_have_ranges_too(fails, key, kitchen):
     told = fails("data", "percepts", "--dataset", table, "--root", kitchen, "--out", "a.npz")
     assert key.partition(" ")[0] in told
     assert not Path("a.npz").exists()
+
+
+@pytest.mark.parametrize("reward", [0.0, -1.0, 1e100, float("inf"), float("nan")])
+def test_the_library_has_the_same_ranges(reward):
+    for make in (
+        lambda: OfflineConfig("roc36", reward=reward),
+        lambda: OnlineConfig("roc36", reward=reward),
+        lambda: OnlineConfig("roc36", alpha=reward or -1.0),
+    ):
+        with pytest.raises(SettingsError, match=r"reward is|alpha is"):
+            make()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+from importlib import import_module
 
 import pytest
 
@@ -65,3 +66,11 @@ def test_notes_are_shown(capsys):
     told = capsys.readouterr().err
     assert safe(told)
     assert SHOWN in told
+
+
+def test_a_question_is_shown(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    ask = import_module("meal_bayes.cli.ask")  # in the package it is the command's name
+    assert ask._prompt(f"Is it {ESCAPE}?", ("yes", "no", "skip")) == "yes"
+    out = capsys.readouterr()
+    assert safe(out.err + out.out)
