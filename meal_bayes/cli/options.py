@@ -127,6 +127,7 @@ def named_value(name: str) -> Any:
         ) from fault
     for part in attribute.split("."):
         if not hasattr(found, part):
-            raise SettingsError(unknown(f"name in {module}", part, dir(found)))
+            public = [one for one in dir(found) if not one.startswith("_")]
+            raise SettingsError(unknown(f"name in {module}", part, public))
         found = getattr(found, part)
     return found

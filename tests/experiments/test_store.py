@@ -49,7 +49,7 @@ def test_a_unit_of_fewer_trials_is_made_again(unit, kept, caplog):
 def test_fresh_replaces_and_never_deletes(unit, kept, monkeypatch):
     """As when it is killed before it has made anything."""
 
-    def killed(*arguments):
+    def killed(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("meal_bayes.experiments.offline.Learner", killed)
