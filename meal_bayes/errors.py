@@ -32,6 +32,10 @@ class RobotError(MealBayesError):
     """A robot that does not do what its driver promises, such as a state that is not known."""
 
 
+class OutputError(MealBayesError):
+    """A file that cannot be written: its place, the disk, or what it would replace."""
+
+
 class LogError(MealBayesError):
     """A trial log that cannot be used."""
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
+from meal_bayes.files import write_whole
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
@@ -191,16 +192,15 @@ def command(item: str, setting: Setting) -> str:
 def write(result: Result, setting: Setting) -> dict[str, Any]:
     """Write a result: to results/ what git keeps, beside the logs what is quick or partial."""
     folder = RESULTS if setting.committed else setting.logs / "paper_repro"
-    folder.mkdir(parents=True, exist_ok=True)
     told = facts(result, setting)
     text = json.dumps(told, indent=1, allow_nan=False) + "\n"
-    (folder / f"{result.item}.json").write_text(text, encoding="utf-8")
+    write_whole(folder / f"{result.item}.json", text)
     for end, figure in result.figures.items():
         plots.save(figure, folder / f"{result.item}{end}.png")
     timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[result.item] = {"seconds": round(result.seconds, 1), "told": result.timing}
-    timing.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
     return told
 
 

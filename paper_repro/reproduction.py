@@ -9,6 +9,7 @@ from pages import errata, readme
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.files import write_whole
 
 ITEMS = (
     "table2",
@@ -45,5 +46,5 @@ def write_pages() -> list[str]:
     """Write README.md and ERRATA.md from the results that are there; gives their paths."""
     paths = HERE / "README.md", HERE / "ERRATA.md"
     for path, text in zip(paths, (readme(ITEMS), errata(ITEMS)), strict=True):
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
     return [str(path) for path in paths]

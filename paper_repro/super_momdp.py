@@ -25,6 +25,7 @@ from meal_bayes.evaluation import clustered_se
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import Store
+from meal_bayes.files import write_whole
 from meal_bayes.momdp import MOMDP, Belief, FlatPOMDP, percept_probabilities
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import PBVI, AlphaVectors, Decision, Factored, History, Policy, unvalued
@@ -238,10 +239,7 @@ def _run_or_read(unit: _Unit) -> tuple[_Unit, list[dict[str, float]]]:
     store = Store.of(unit.logs, f"fig9-{point.planner}-{point.irrelevant}", config)
     path = store.folder / f"trials-{unit.first:04d}.json"
     if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_suffix(".part")
-        draft.write_text(json.dumps(_run(point, unit.first, unit.seed)), encoding="utf-8")
-        draft.replace(path)  # whole or not at all
+        write_whole(path, json.dumps(_run(point, unit.first, unit.seed)))
     return unit, json.loads(path.read_text(encoding="utf-8"))
 
 

@@ -1,9 +1,11 @@
 """What all tests share: recordings and reference models, where they are at hand."""
 
 import os
+from collections.abc import Callable
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -12,6 +14,16 @@ from meal_bayes.datasets.synthetic import make_synthetic_model
 from meal_bayes.domain import load_domain
 
 OBJECTS, RECORDINGS = 24, 3
+LOOKS, PAUSE = 12_000, 0.01  # s between looks: two minutes of patience on a quiet machine
+
+
+def wait_until(condition: Callable[[], object], what: str = "it did not come about") -> None:
+    """Look again and again until a condition holds; no test asks a clock how long that took."""
+    for _ in range(LOOKS):
+        if condition():
+            return
+        sleep(PAUSE)
+    pytest.fail(what)
 
 
 def missing(reason: str) -> None:
@@ -28,6 +40,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.skip(reason="long; set MEAL_BAYES_REQUIRE_ALL=1"))
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[..., None]:
+    """Return `wait_until`."""
+    return wait_until
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 LONGEST = 350  # lines of a file
 
-GROUND = {"errors", "arrays", "seeds", "display"}
+GROUND = {"errors", "arrays", "seeds", "display", "files", "cache", "processes", "untrusted"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -25,6 +25,10 @@ ROOMS: dict[str, set[str]] = {
     "arrays": set(),
     "seeds": set(),
     "display": set(),
+    "files": set(),
+    "cache": set(),
+    "processes": set(),
+    "untrusted": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -51,15 +55,16 @@ LIBRARIES: dict[str, set[str]] = {
     "pymc": {"posterior.hierarchical"},
     "pytensor": {"posterior.hierarchical"},  # what PyMC models are written in
     "arviz": {"posterior.idata"},
-    # Kernels of planning are all made by one function; the nested stacking has a kernel of its own.
-    "numba": {"planners.kernels", "perception.stacking"},
+    "numba": {"planners.kernels", "cache"},  # all kernels are made by one function
     "mcap": {"trial_log"},
     "google": {"trial_log"},
     "zstandard": {"trial_log"},
     "rerun": {"viewer"},
+    "rerun_bindings": {"viewer.replay"},
     "matplotlib": {"evaluation.plots"},
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
+    "platformdirs": {"cache", "cli.doctor"},
     "pooch": {"datasets.download"},
     "gymnasium": {"gym"},
     "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made

@@ -1,5 +1,6 @@
 """Where the code of an agent given as a value comes from: what decides its results, beside ours."""
 
+import ast
 import functools
 import hashlib
 import inspect
@@ -23,7 +24,7 @@ class Origin:
 
     Attributes
     ----------
-    modules : top-level modules and packages, by name.
+    modules : top-level modules and packages, by name, and those that they import from beside them.
     folders : where they are imported from.
     digest : of their files and of the agent's settings; empty where all code is this package's.
     """
@@ -46,15 +47,18 @@ def origin_of(agent: Agent) -> Origin:
         if not files:
             digest.update(_typed_in(part).encode())
         for file in files:
-            digest.update(file.name.encode() + file.read_bytes())
-        if module is not None and files and name != "__main__":
-            modules[module.__name__] = None
-            folders[str(_root(module, files[0]))] = None
+            digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+        if module is not None and files:
+            root, main = _root(module), str(module.__file__) if name == "__main__" else ""
+            found = [file for file in files if file != Path(main).resolve()]
+            modules |= dict.fromkeys(file.relative_to(root).parts[0] for file in found)
+            folders |= dict.fromkeys([str(root)] if found else [])
     if digest.digest() == hashlib.sha256().digest():
         return Origin((), (), "")
     flags = {field: getattr(agent, field) for field in agent.__slots__}
     digest.update(_ADDRESS.sub("", repr(flags)).encode())
-    return Origin(tuple(modules), tuple(folders), digest.hexdigest()[:16])
+    names = tuple(name.removesuffix(".py") for name in modules)
+    return Origin(names, tuple(folders), digest.hexdigest()[:16])
 
 
 def _parts(agent: Agent) -> Iterator[object]:
@@ -83,16 +87,49 @@ def _settings(part: object) -> str:
 
 
 def _files(module: ModuleType) -> list[Path]:
-    """List the source files of a module, or of a whole package."""
+    """List the source files of a module or package, and of what it imports from beside it."""
     file = getattr(module, "__file__", None)
     if file is None or not Path(file).is_file():
         return []
-    if hasattr(module, "__path__"):
-        return sorted(Path(file).parent.rglob("*.py"))
-    return [Path(file)]
+    own = Path(file).resolve()
+    todo = set(own.parent.rglob("*.py")) if hasattr(module, "__path__") else {own}
+    found, root = set[Path](), _root(module)
+    while todo:
+        path = todo.pop()
+        found.add(path)
+        todo |= set(_imported(path, root)) - found
+    return sorted(found)
 
 
-def _root(module: ModuleType, file: Path) -> Path:
+def _imported(path: Path, root: Path) -> Iterator[Path]:
+    """Find the files below a folder that a file imports, but what is installed, and ours."""
+    try:
+        nodes = list(ast.walk(ast.parse(path.read_bytes())))
+    except (SyntaxError, ValueError):  # a file of a package that is no Python
+        return
+    for node in nodes:
+        names = [alias.name for alias in getattr(node, "names", [])]
+        if isinstance(node, ast.ImportFrom):
+            above = path.parents[node.level - 1] if node.level else root
+            places = [above.joinpath(*(node.module or "").split("."))]
+            places += [places[0] / name for name in names]
+        elif isinstance(node, ast.Import):
+            places = [root.joinpath(*name.split(".")) for name in names]
+        else:
+            continue
+        for place in places:
+            for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
+                if file.is_file() and _beside(file.resolve(), root):
+                    yield file.resolve()
+
+
+def _beside(file: Path, root: Path) -> bool:
+    """Check that a file is below a folder, and neither installed nor ours."""
+    below = file.is_relative_to(root) and file.relative_to(root).parts[0] != _OWN
+    return below and "site-packages" not in file.parts
+
+
+def _root(module: ModuleType) -> Path:
     folder = Path(str(module.__file__)).resolve().parent
     return folder.parent if hasattr(module, "__path__") else folder
 

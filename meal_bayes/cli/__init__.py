@@ -9,6 +9,7 @@ import click
 from meal_bayes.cli.ask import ask
 from meal_bayes.cli.data import data
 from meal_bayes.cli.demo import demo
+from meal_bayes.cli.doctor import doctor
 from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log
 from meal_bayes.cli.memory import memory
@@ -33,14 +34,31 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 
 @click.group(
     cls=Program,
-    commands=[demo, ask, memory, run, reproduce, view, report, posterior, data, log, export],
+    commands=[
+        demo,
+        ask,
+        memory,
+        run,
+        reproduce,
+        view,
+        report,
+        posterior,
+        data,
+        log,
+        export,
+        doctor,
+    ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
 )
 @click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
     help="Show the version and exit.",
-)  # fmt: skip
+)
 def main() -> None:
     """Let a robot choose which behaviors to try before it answers a question about an object."""
 

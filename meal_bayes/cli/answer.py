@@ -40,9 +40,11 @@ def answer(
     console : where the trial is told as it happens.
     lessons : what people told of objects before.
     """
+    from meal_bayes.files import check_folder
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
 
+    check_folder(logs)
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
     start = time.perf_counter()
     learner.resume(table, lessons, [False] * len(lessons))

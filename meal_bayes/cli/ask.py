@@ -17,7 +17,7 @@ from meal_bayes.cli.options import (
     seed_option,
     table_of,
 )
-from meal_bayes.cli.screen import note, output
+from meal_bayes.cli.screen import note, output, printable
 from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
@@ -151,11 +151,10 @@ def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
 def _prompt(text: str) -> bool | None:
     """Ask on standard error for y or n; Enter, or no more lines to read, tells nothing."""
     replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
+    asked = f"{printable(text)} [y/n, Enter: do not know]"
     while True:
         try:
-            reply: str = click.prompt(
-                f"{text} [y/n, Enter: do not know]", err=True, default="", show_default=False
-            )
+            reply: str = click.prompt(asked, err=True, default="", show_default=False)
         except click.Abort:
             click.echo(err=True)
             return None

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from meal_bayes.cli.options import json_option, named_value, perception_option, root_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, patience, progress
+from meal_bayes.cli.screen import note, output, patience, progress, say
 from meal_bayes.cli.story import print_facts
 from meal_bayes.display import listed
 
@@ -69,7 +69,7 @@ def fetch(dataset: str) -> None:
     total = len(datasets.registry(dataset))
     with patience(f"fetching {total} files of {dataset} ..."):
         folder = datasets.fetch(dataset)
-    click.echo(f"{dataset}: {total} files in {folder}")
+    say(f"{dataset}: {total} files in {folder}")
 
 
 @data.command(short_help="Compare the files in the cache with their digests.")
@@ -80,12 +80,12 @@ def verify(dataset: str) -> None:
 
     states = datasets.verify(dataset)
     bad = [(path, state) for path, state in states if state != "ok"]
-    click.echo(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
+    say(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
     for path, state in bad[:_TOLD]:
-        click.echo(f"  {state}: {path}")
+        say(f"  {state}: {path}")
     if bad:
         more = f"  and {len(bad) - _TOLD} more; " if len(bad) > _TOLD else "  "
-        click.echo(f"{more}get them with: meal-bayes data fetch {dataset}")
+        say(f"{more}get them with: meal-bayes data fetch {dataset}")
         click.get_current_context().exit(_UNSOUND)
 
 
@@ -111,12 +111,13 @@ def percepts(
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.errors import SettingsError
+    from meal_bayes.files import check_output
     from meal_bayes.perception import build_percept_table
 
     if out is not None:
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
-        out.parent.mkdir(parents=True, exist_ok=True)
+        check_output(out, inputs=[dataset])
     estimator = None if classifier is None else named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
     own = dataset not in _public()
@@ -137,7 +138,7 @@ def percepts(
         )
     if out is not None:
         save_percepts(table, out)
-        click.echo(f"{out}: {_size(table)}")
+        say(f"{out}: {_size(table)}")
     if compared:
         _compare(table, dataset)
 
@@ -195,12 +196,12 @@ def _compare(table: "PerceptTable", name: str) -> None:
     shipped = load_percepts(name)
     new, old = table.log_odds.astype(float), shipped.log_odds.astype(float)
     if new.shape != old.shape or (np.isnan(new) != np.isnan(old)).any():
-        click.echo(f"the table that ships for {name} holds other objects, behaviors or attributes")
+        say(f"the table that ships for {name} holds other objects, behaviors or attributes")
         click.get_current_context().exit(_UNSOUND)
     difference = float(np.nanmax(np.abs(new - old)))
     bins = float((table.training_bins != shipped.training_bins).mean())
     same = difference <= _TOLERANCE
-    click.echo(
+    say(
         f"against the table that ships for {name}: log-odds differ by at most {difference:.2g} "
         f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.options import dataset_option, json_option, table_of
-from meal_bayes.cli.screen import note
+from meal_bayes.cli.screen import note, say
+from meal_bayes.cli.values import LARGEST, Finite
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -31,10 +32,10 @@ _FORMATS = ("pomdp", "pomdpx")
     help="Learn without this object, as for a trial about it; from all by default.",
 )  # fmt: skip
 @click.option(
-    "--discount", type=click.FloatRange(0, 1, min_open=True), metavar="G", help="Of a step.  [0.99]"
+    "--discount", type=Finite(0, 1, min_open=True), metavar="G", help="Of a step.  [0.99]"
 )
 @click.option(
-    "--reward", type=click.FloatRange(min=0, min_open=True), metavar="R",
+    "--reward", type=Finite(0, LARGEST, min_open=True), metavar="R",
     help="For a right report, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @click.option(
@@ -68,6 +69,7 @@ def export(
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
+    from meal_bayes.files import check_output
     from meal_bayes.momdp.pomdp_file import write_pomdp
     from meal_bayes.momdp.pomdpx_file import write_pomdpx
 
@@ -80,6 +82,7 @@ def export(
         raise click.UsageError("A reference model knows no objects; leave --object out.")
     if model is None and reference is not None:
         raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
+    check_output(file, inputs=[dataset])
     momdp = (
         _query(table_of(dataset, root), question, name)
         if question
@@ -103,7 +106,7 @@ def export(
     if as_json:
         click.echo(json.dumps(facts))
         return
-    click.echo(
+    say(
         f"{file}: {facts['states']} states, {facts['actions']} actions, "
         f"{facts['observations']} observations, {facts['bytes']:,} bytes"
     )

@@ -8,8 +8,9 @@ import click
 
 from meal_bayes.cli.options import json_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import output
+from meal_bayes.cli.screen import output, say
 from meal_bayes.cli.story import print_facts, tell_trial
+from meal_bayes.cli.values import MOST_TRIALS, Whole
 
 _UNSOUND = 1  # exit code of `check` where something is wrong
 
@@ -45,7 +46,7 @@ def info(file: Path, as_json: bool) -> None:
 @log.command()
 @_file
 @click.option(
-    "--trial", "number", type=click.IntRange(min=0), default=0, show_default=True,
+    "--trial", "number", type=Whole(0, MOST_TRIALS), default=0, show_default=True,
     help="Which trial, counted from 0.",
 )  # fmt: skip
 def show(file: Path, number: int) -> None:
@@ -106,7 +107,7 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps({"path": str(saved.path), "trials": saved.trials}))
         return
-    click.echo(f"{saved.path}: {saved.trials} whole trials saved")
+    say(f"{saved.path}: {saved.trials} whole trials saved")
 
 
 def _in_words(value: object) -> str:

@@ -24,7 +24,8 @@ from meal_bayes.cli.options import (
     seed_option,
 )
 from meal_bayes.cli.screen import note, output, resumed, showing_compilation, signs_of
-from meal_bayes.errors import SettingsError
+from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares, Whole
+from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningRow, LearningSummary
@@ -35,37 +36,46 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 @click.command(short_help="Agents learn while they work, tested after every batch.")
 @dataset_option
 @click.option(
-    "--attributes", type=int, default=1, show_default=True, metavar="N", help="Asked at a time."
-)
+    "--attributes", type=Whole(1, NAME_LIMIT), default=1, show_default=True, metavar="N",
+    help="Asked at a time.",
+)  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
     help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
-@click.option("--batches", type=int, default=10, show_default=True, metavar="B", help="Refits.")
 @click.option(
-    "--trials", type=int, default=40, show_default=True, metavar="T", help="Of training, a batch."
-)
+    "--batches", type=Whole(1, MOST_TRIALS), default=10, show_default=True, metavar="B",
+    help="Refits.",
+)  # fmt: skip
 @click.option(
-    "--repeats", type=int, default=1, show_default=True, metavar="R",
+    "--trials", type=Whole(1, MOST_TRIALS), default=40, show_default=True, metavar="T",
+    help="Of training, a batch.",
+)  # fmt: skip
+@click.option(
+    "--repeats", type=Whole(1, MOST_TRIALS), default=1, show_default=True, metavar="R",
     help="Runs on other splits of the objects.",
 )  # fmt: skip
 @click.option(
-    "--split", default="33/33/34", show_default=True, metavar="A/B/C",
+    "--split", type=Shares(), default="33/33/34", show_default=True, metavar="A/B/C",
     help="Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
-@click.option("--alpha", type=float, metavar="A", help="Of morc_itrs, s a bit; 6 by default.")
-@click.option("--beta", type=float, metavar="B", help="Of morc_itrs, s; 30 by default.")
+@click.option(
+    "--alpha", type=Finite(0, LARGEST), metavar="A", help="Of morc_itrs, s a bit; 6 by default."
+)
+@click.option(
+    "--beta", type=Finite(0, LARGEST), metavar="B", help="Of morc_itrs, s; 30 by default."
+)
 @click.option(
     "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
     help="Is the robot told right or wrong, or every attribute?",
 )  # fmt: skip
 @click.option(
-    "--error", type=click.FloatRange(0, 1, max_open=True), default=0.0, show_default=True,
+    "--error", type=Finite(0, 1, max_open=True), default=0.0, show_default=True,
     help="Share of what a person tells that is wrong.",
 )  # fmt: skip
 @click.option(
-    "--success", multiple=True, metavar="BEHAVIOR=P",
+    "--success", type=Chance(), multiple=True, metavar="BEHAVIOR=P",
     help="How often a behavior of the robot's body succeeds; the data set's by default.",
 )  # fmt: skip
 @click.option("--learn-success", is_flag=True, help="Let agents learn how often behaviors succeed.")
@@ -92,12 +102,12 @@ def online(
     batches: int,
     trials: int,
     repeats: int,
-    split: str,
+    split: tuple[int, int, int],
     alpha: float | None,
     beta: float | None,
     feedback: str,
     error: float,
-    success: tuple[str, ...],
+    success: tuple[tuple[str, float], ...],
     learn_success: bool,
     published: str | None,
     seed: int,
@@ -125,12 +135,12 @@ def online(
         trials=trials,
         repeats=repeats,
         seed=seed,
-        split=_shares(split),
+        split=split,
         alpha=alpha,
         beta=beta,
         answers=feedback,
         error=error,
-        success=tuple(map(_probability, success)),
+        success=success,
         learn_success=learn_success,
         published=_variants(published),
         log=log,
@@ -142,7 +152,13 @@ def online(
         warm_up_online(config)
     with resumed("batches") as advance:
         finished = run_online(
-            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            config,
+            logs=logs,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+            on_progress=advance,
+            on_note=note,
         )
     results = list(finished.results())
     rows, summary = learning_rows(results), summarize_learning(results)
@@ -159,22 +175,6 @@ def online(
     note(f"trials in {finished.folder}")
     if log == "all":
         note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
-
-
-def _shares(text: str) -> tuple[int, int, int]:
-    parts = text.split("/")
-    if len(parts) != 3 or not all(part.strip().isdigit() for part in parts):  # noqa: PLR2004
-        raise SettingsError(f"split is {text!r}; give three whole numbers, such as 33/33/34.")
-    first, second, third = map(int, parts)
-    return first, second, third
-
-
-def _probability(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), float(value)
-    except ValueError as fault:
-        raise SettingsError(f"success is {text!r}; give it as grasp=0.5.") from fault
 
 
 def _variants(text: str | None) -> tuple[str, ...]:

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, Address, Whole
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 root_option = click.option(
@@ -51,7 +53,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Make the option --seed."""
     return click.option(
         "--seed",
-        type=click.IntRange(min=0),
+        type=Whole(0, LARGEST_SEED),
         default=default,
         show_default=True,
         metavar="S",
@@ -81,11 +83,12 @@ logs_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
 jobs_option = click.option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes."
+    "--jobs", type=Whole(1, MOST_JOBS), default=1, show_default=True, help="Processes."
 )
 cluster_option = click.option(
-    "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
-)
+    "--cluster", type=Address(), metavar="ADDRESS",
+    help="Of a Dask scheduler, whose workers run it instead.",
+)  # fmt: skip
 perception_option = click.option(
     "--perception",
     type=click.Choice(["default", "paper"]),
@@ -124,6 +127,7 @@ def named_value(name: str) -> Any:
         ) from fault
     for part in attribute.split("."):
         if not hasattr(found, part):
-            raise SettingsError(unknown(f"name in {module}", part, dir(found)))
+            public = [one for one in dir(found) if not one.startswith("_")]
+            raise SettingsError(unknown(f"name in {module}", part, public))
         found = getattr(found, part)
     return found

@@ -11,6 +11,7 @@ from rich.table import Table
 from meal_bayes.cli.options import dataset_option, json_option, table_of
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
+from meal_bayes.cli.values import LARGEST_SEED, Whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,18 +38,19 @@ _TOLD = 12  # pairs in the table
 @click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
 @click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
 @click.option(
-    "--levels", type=int, default=2, show_default=True, metavar="K", help="Of a percept: 2, 4 or 8."
-)
+    "--levels", type=Whole(2, 8), default=2, show_default=True, metavar="K",
+    help="Of a percept: 2, 4 or 8.",
+)  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
     help="Folder of what is written; one in posteriors/ by default.",
 )  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=10), default=1000, show_default=True,
+@click.option("--draws", type=Whole(10, 100_000), default=1000, show_default=True,
               help="Of each chain.")  # fmt: skip
-@click.option("--tune", type=click.IntRange(min=10), default=1000, show_default=True,
+@click.option("--tune", type=Whole(10, 1_000_000), default=1000, show_default=True,
               help="Steps before them (pymc).")  # fmt: skip
-@click.option("--chains", type=click.IntRange(min=2), default=4, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S",
+@click.option("--chains", type=Whole(2, 64), default=4, show_default=True)
+@click.option("--seed", type=Whole(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
               help="Equal seeds give equal draws.")  # fmt: skip
 @json_option
 def posterior(
@@ -73,6 +75,7 @@ def posterior(
     the beliefs after one behavior and after all.
     """
     from meal_bayes.errors import SettingsError
+    from meal_bayes.files import check_folder
 
     if method == "grid" and model != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
@@ -82,9 +85,9 @@ def posterior(
         "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
         "tune": tune, "chains": chains, "seed": seed,
     }  # fmt: skip
+    folder = check_folder(out or Path("posteriors") / _folder(config))
     table, columns, counts = _counts(dataset, attributes, held_out, levels)
     drawn = _fit(table, columns, counts, config)
-    folder = out or Path("posteriors") / _folder(config)
     facts = _write(drawn, counts, table.objects, seed, folder)
     if as_json:
         told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
@@ -159,6 +162,7 @@ def _write(
 
     from meal_bayes.evaluation.plots import reliability_diagram, save
     from meal_bayes.evaluation.posterior_plots import forest, predictive
+    from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
     from meal_bayes.posterior.draws import sensing
@@ -182,7 +186,7 @@ def _write(
             coords={"number": np.arange(n), "object": objects, "unit": units},
         )
         idata.save_netcdf(made, folder / "posterior.nc")
-        (folder / "summary.csv").write_text(idata.summary_csv(made), encoding="utf-8")
+        write_whole(folder / "summary.csv", idata.summary_csv(made))
         low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
         save(forest(middle, low, high, draws.attributes, draws.behaviors), folder / "forest.png")
         save(predictive(check.observed, check.predicted), folder / "predictive.png")

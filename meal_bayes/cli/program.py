@@ -1,17 +1,22 @@
 """How the program ends: quietly, or with one line that teaches."""
 
 import contextlib
+import io
+import logging
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import click
 
-from meal_bayes.errors import MealBayesError
+from meal_bayes.errors import DownloadError, MealBayesError, OutputError
 
-FAILED = 2  # exit code of every failure that is told in one line
+FAILED = 2  # exit code of what the user can mend: a value, a file that is not what it should be
+WORLD = 1  # of what the world did: a full disk, a place without rights, a closed stream
 INTERRUPTED = 130  # by Ctrl-C, or by a reader that went away
+_LONGEST = 2000  # characters of an error
 
 
 class Section(click.Group):
@@ -31,10 +36,10 @@ class Program(Section):
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run a command line and exit."""
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(AttributeError):  # a test's stream may not have it
-                stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+        _hold_streams()
+        _tell_warnings()
         try:
+            _check_text(sys.argv[1:] if args is None else args)
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort):
@@ -45,10 +50,14 @@ class Program(Section):
         except click.UsageError as fault:
             hint = f" Try: {fault.ctx.command_path} --help" if fault.ctx is not None else ""
             _fail(f"{fault.format_message()}{hint}")
+        except (OutputError, DownloadError) as fault:
+            _fail(str(fault), WORLD)
         except (MealBayesError, click.ClickException) as fault:
             _fail(str(fault))
         except OSError as fault:
-            _fail(f"{fault.filename}: {fault.strerror}." if fault.filename else str(fault))
+            _fail(_world(fault), WORLD)
+        except MemoryError:
+            _fail("There is not enough memory; ask for less at a time, or close others.", WORLD)
         _leave(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -62,15 +71,115 @@ class Program(Section):
             raise click.Abort from None
 
 
-def _fail(message: str) -> NoReturn:
-    click.echo(f"error: {' '.join(message.split())}", err=True)
-    _leave(FAILED)
+def _hold_streams() -> None:
+    """Make streams that can be used, whatever the program was started with.
+
+    A number that was closed would become the next file's, and be written into by whoever prints.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    closed = sys.stdout is None
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123
+    plain = sys.__stderr__
+    if plain is not None and sys.stderr is plain:
+        sys.stderr = _Notes(plain.buffer, plain.encoding, "replace", line_buffering=True)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError):  # a test's stream may not have it
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    if closed:
+        _fail("Standard output is closed, so nothing could be shown; give it a place.", WORLD)
+
+
+def _check_text(arguments: Sequence[str]) -> None:
+    """Refuse bytes that are no text: names go into logs and pages, which are UTF-8."""
+    for text in arguments:
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            shown = os.fsencode(text).decode("utf-8", "backslashreplace")
+            raise click.UsageError(
+                f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale."
+            ) from None
+        if "\0" in text:
+            raise click.UsageError(f"{text!r} holds a zero byte; leave it out.")
+
+
+class _Notes(io.TextIOWrapper):
+    """Standard error that nobody has to take: work goes on where the disk of its log is full."""
+
+    def write(self, text: str) -> int:
+        """Write, or let it go."""
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            raise
+        except OSError:
+            self._let_go()
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush, or let it go."""
+        try:
+            super().flush()
+        except BrokenPipeError:
+            raise
+        except OSError:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        """Send the rest nowhere, or the interpreter would try again at its end."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno())
+        os.close(nowhere)
+
+
+class _Warnings(logging.Handler):
+    """Prints what the rooms warn of in one line."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one record."""
+        from meal_bayes.cli.screen import note
+
+        note(f"{record.levelname.lower()}: {' '.join(record.getMessage().split())}")
+
+
+def _tell_warnings() -> None:
+    # Names are data: in figures, what the font does not have is drawn as a box.
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    log = logging.getLogger("meal_bayes")
+    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
+        log.addHandler(_Warnings(logging.WARNING))
+
+
+def _world(fault: OSError) -> str:
+    why = fault.strerror or str(fault) or type(fault).__name__
+    if fault.filename is not None:
+        return f"{fault.filename}: {why}; give another place, or mend this one."
+    return f"The output cannot be written, or a file read: {why}; give it another place."
+
+
+def _fail(message: str, code: int = FAILED) -> NoReturn:
+    from meal_bayes.cli.screen import printable
+
+    line = printable(" ".join(message.split()))
+    if len(line) > _LONGEST:
+        line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+    with contextlib.suppress(OSError):  # nobody may be there to read it
+        click.echo(f"error: {line}", err=True)
+    if code == WORLD:
+        _close_output()
+    _leave(code)
 
 
 def _close_output() -> None:
     """Let what is still buffered go nowhere, or the interpreter would complain at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    with contextlib.suppress(OSError, ValueError):
+    with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(nowhere, sys.stdout.fileno())
 
 

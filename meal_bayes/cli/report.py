@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from meal_bayes.cli.screen import note, progress
+from meal_bayes.cli.screen import note, progress, say
 
 
 @click.command(short_help="Make one page (HTML) of a run: tables, figures, worst trials.")
@@ -23,4 +23,4 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
         told = write_report(found, out, on_progress=advance)
     for problem in found.problems:
         note(f"warning: {problem}; the report tells of the whole trials")
-    click.echo(f"{out}: {told.trials} trials of {len(told.agents)} agents, {told.size:,} bytes")
+    say(f"{out}: {told.trials} trials of {len(told.agents)} agents, {told.size:,} bytes")

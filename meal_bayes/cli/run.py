@@ -26,6 +26,8 @@ from meal_bayes.cli.options import (
 )
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import note, output, progress, resumed, showing_compilation, signs_of
+from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite, Whole
+from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -46,11 +48,13 @@ def run() -> None:
 @run.command(short_help="Agents answer the same queries about new objects.")
 @dataset_option
 @click.option(
-    "--attributes", type=int, default=2, show_default=True, metavar="N", help="Asked at a time."
-)
+    "--attributes", type=Whole(1, NAME_LIMIT), default=2, show_default=True, metavar="N",
+    help="Asked at a time.",
+)  # fmt: skip
 @click.option(
-    "--trials", type=int, default=400, show_default=True, metavar="T", help="For each agent."
-)
+    "--trials", type=Whole(1, MOST_TRIALS), default=400, show_default=True, metavar="T",
+    help="For each agent.",
+)  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
     help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.",
@@ -64,7 +68,7 @@ def run() -> None:
 )  # fmt: skip
 @perception_option
 @click.option(
-    "--reward", type=click.FloatRange(min=0, min_open=True), metavar="R",
+    "--reward", type=Finite(0, LARGEST, min_open=True), metavar="R",
     help="For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @logs_option
@@ -139,7 +143,13 @@ def _run(
         warm_up_offline(config)
     with resumed("trials") as advance:
         return run_offline(
-            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+            config,
+            logs=logs,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+            on_progress=advance,
+            on_note=note,
         )
 
 

@@ -2,12 +2,15 @@
 
 import contextlib
 import itertools
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, NoReturn
 
-from rich.console import Console
+import click
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -15,7 +18,10 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 
+_PICTURES, _CONTROLS = 0x2400, 0x20  # pictures of the control characters below it
+_NARROWEST, _USUAL = 20, 80  # columns
 _PATIENCE = 2.0  # s until a wait is explained
 _EVERY = 15.0  # s between lines of progress where nobody watches
 
@@ -42,6 +48,59 @@ _UNICODE = Signs(
 _ASCII = Signs("#", ".", "->", "+-", ">")
 
 
+def printable(text: str) -> str:
+    r"""Show what would otherwise command the terminal: names come from files that others wrote.
+
+    Control characters become their pictures; what turns text around or is no character, a sign for
+    the unknown. Line breaks stay.
+
+    >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
+    True
+    """
+    return text if text.isprintable() else _HIDDEN.sub(_picture, text)
+
+
+def say(text: object) -> None:
+    """Print one result on standard output."""
+    click.echo(printable(str(text)))
+
+
+_HIDDEN = re.compile(r"[^\n]")
+
+
+def _picture(found: re.Match[str]) -> str:
+    sign = found.group()
+    if sign.isprintable():
+        return sign
+    code = ord(sign)
+    return chr(_PICTURES + code) if code < _CONTROLS else "\N{REPLACEMENT CHARACTER}"
+
+
+class _Shown(RenderHook):
+    """Makes all that a console prints printable."""
+
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        """Wrap what is to be printed."""
+        return [_Printable(one) for one in renderables]
+
+
+class _Printable:
+    """One thing that is printed."""
+
+    def __init__(self, inside: ConsoleRenderable) -> None:
+        self._inside = inside
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield its segments; those that move the cursor are the console's own."""
+        for segment in console.render(self._inside, options):
+            text = segment.text if segment.control else printable(segment.text)
+            yield Segment(text, segment.style, segment.control)
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        """Measure it."""
+        return Measurement.get(console, options, self._inside)
+
+
 class _Screen(Console):
     def on_broken_pipe(self) -> NoReturn:
         """Leave the broken pipe to the program, which knows the exit code."""
@@ -50,12 +109,20 @@ class _Screen(Console):
 
 def output() -> Console:
     """Make the console of results."""
-    return _Screen(highlight=False, markup=False, emoji=False)
+    return _console(stderr=False)
 
 
 def notes() -> Console:
     """Make the console of progress and notes, on standard error."""
-    return _Screen(stderr=True, highlight=False, markup=False, emoji=False)
+    return _console(stderr=True)
+
+
+def _console(*, stderr: bool) -> Console:
+    console = _Screen(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console.push_render_hook(_Shown())
+    if console.width < _NARROWEST:  # COLUMNS=0, or a terminal that does not tell
+        console.width = _USUAL
+    return console
 
 
 def signs_of(console: Console) -> Signs:
@@ -88,7 +155,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         yield _lines(console, what, unit)
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
         MofNCompleteColumn(),
         TextColumn(f"{unit},"),
@@ -96,7 +163,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         TextColumn("left"),
     )
     with Progress(*columns, console=console, transient=True, expand=True) as bars:
-        task = bars.add_task(what, total=None)
+        task = bars.add_task(printable(what), total=None)
 
         def advance(done: int, total: int) -> None:
             if bars.tasks[0].total is None:  # what was there before must not count as speed

@@ -1,25 +1,30 @@
 """`meal-bayes view`: trials seen step by step in rerun, live or from a log."""
 
+import contextlib
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.screen import note, progress
+from meal_bayes.cli.screen import note, progress, say
+from meal_bayes.cli.values import MOST_TRIALS, Whole
+from meal_bayes.files import check_output, draft_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from meal_bayes.agents import Trial
     from meal_bayes.cli.screen import Advance
     from meal_bayes.trial_log import Logs
+    from meal_bayes.viewer.replay import Target
 
 
 @click.command(short_help="See trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
-    "--trial", "number", type=click.IntRange(min=0), metavar="N",
+    "--trial", "number", type=Whole(0, MOST_TRIALS), metavar="N",
     help="Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
 @click.option(
@@ -31,7 +36,7 @@ if TYPE_CHECKING:
     help="Write a picture of the viewer and open no window.",
 )  # fmt: skip
 @click.option(
-    "--step", type=click.IntRange(min=0), metavar="S",
+    "--step", type=Whole(0, MOST_TRIALS), metavar="S",
     help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
@@ -54,19 +59,34 @@ def view(
     if live:
         _live(log, web=web)
     elif save is not None:
-        from meal_bayes.viewer.window import check_recording_name
-
-        trials = _record(log, check_recording_name(save), number)
-        click.echo(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
-    else:
+        _save(log, save, number)
+    elif screenshot is not None:
+        check_output(screenshot)
         with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
             recording = Path(folder) / f"{log.resolve().name.partition('.')[0]}.rrd"
-            _record(log, recording, number)
-            if screenshot is not None:
-                _picture(log, recording, screenshot, number, step)
-            else:
-                _show(recording, web=web)
+            _record(log, _open(log, number), recording, number)
+            _picture(log, recording, screenshot, number, step)
+    elif web:
+        _serve(log, number)
+    else:
+        _show(log, number)
+
+
+@contextlib.contextmanager
+def _written(path: Path) -> "Iterator[None]":
+    """Tell in one line what rerun says of a place or a disk in many."""
+    from meal_bayes.errors import OutputError
+
+    before = os.environ.get("RUST_LOG")
+    os.environ["RUST_LOG"] = "off"  # read once, when rerun is loaded
+    import meal_bayes.viewer.window  # noqa: F401
+
+    os.environ.pop("RUST_LOG") if before is None else os.environ.update(RUST_LOG=before)
+    try:
+        yield
+    except RuntimeError as fault:  # the only kind that rerun knows
+        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
 
 
 def _check(
@@ -85,21 +105,37 @@ def _check(
         raise click.UsageError("--step says which step a --screenshot shows.")
 
 
-def _record(log: Path, recording: Path, number: int | None) -> int:
-    """Make the recording and tell what could not be read."""
+def _save(log: Path, path: Path, number: int | None) -> None:
+    with _written(path):
+        from meal_bayes.viewer.window import check_recording_name
+
+        check_recording_name(path)
+        logs = _open(log, number)
+        with draft_of(path, inputs=logs.files) as draft:
+            trials = _record(log, logs, draft, number)
+    say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
+
+
+def _open(log: Path, number: int | None) -> "Logs":
+    """Find the logs, or say what is wrong before a viewer opens."""
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import Logs
-    from meal_bayes.viewer import write_recording
 
     logs = Logs(log)
-    header, total = logs.header, _count(logs)
-    recording.parent.mkdir(parents=True, exist_ok=True)
+    total = _count(logs)
     if number is not None and total is not None and number >= total:
         raise SettingsError(f"{log} holds {total} trials; give --trial 0 to {total - 1}.")
+    return logs
+
+
+def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
+    """Make the recording and tell what could not be read."""
+    from meal_bayes.errors import SettingsError
+    from meal_bayes.viewer import send_recording
+
     with progress("reading", "trials") as advance:
-        trials = write_recording(
-            _counted(logs, advance, total), recording, header, name=log.resolve().name, only=number
-        )
+        given = _counted(logs, advance, _count(logs))
+        trials = send_recording(given, to, logs.header, name=log.resolve().name, only=number)
     for problem in logs.problems:
         note(f"warning: {problem}; {trials} whole trials are shown")
     if number is not None and number >= trials:
@@ -134,34 +170,55 @@ def _picture(log: Path, recording: Path, path: Path, number: int | None, step: i
             if number is None or count == number:
                 break
     take_picture(recording, path, row=step or 0)
-    click.echo(f"{path}: {path.stat().st_size:,} bytes")
+    say(f"{path}: {path.stat().st_size:,} bytes")
 
 
-def _show(recording: Path, *, web: bool) -> None:
+def _show(log: Path, number: int | None) -> None:
+    """Show a recording in a window; it is sent there, so that no file is left behind."""
     from meal_bayes.viewer import Viewer
 
-    with Viewer([recording], web=web) as viewer:
-        if web:
-            viewer.wait_until_ready()
-            click.echo(f"open {viewer.address}\nCtrl-C ends it")
+    logs = _open(log, number)
+    with Viewer() as viewer:
+        viewer.wait_until_ready()
+        _record(log, logs, viewer.url, number)
+        viewer.wait()
+
+
+def _serve(log: Path, number: int | None) -> None:
+    from meal_bayes.viewer import WebViewer
+
+    logs = _open(log, number)
+    with WebViewer() as viewer:
+        _record(log, logs, viewer.recording, number)
+        click.echo(f"open {viewer.address}\nCtrl-C ends it")
         viewer.wait()
 
 
 def _live(log: Path, *, web: bool) -> None:
-    from meal_bayes.viewer import Viewer, follow
+    from meal_bayes.viewer import Viewer, WebViewer
 
-    with Viewer(web=web) as viewer:
+    if web:
+        with WebViewer() as page:
+            click.echo(f"open {page.address}\nCtrl-C ends it")
+            _follow(log, page.recording, lambda: True)
+            page.wait()
+        return
+    with Viewer() as viewer:
         viewer.wait_until_ready()
-        if web:
-            click.echo(f"open {viewer.address}\nCtrl-C ends it")
-        if not log.exists():
-            note(f"waiting for {log} ...")
-        follower = follow(log, viewer.url, watching=lambda: viewer.running, on_trials=_told)
-        for problem in follower.problems:
-            note(f"warning: {problem}; the whole trials before it are shown")
-        if viewer.running:
-            note("the run has ended; close the viewer, or press Ctrl-C")
+        _follow(log, viewer.url, lambda: viewer.running)
         viewer.wait()
+
+
+def _follow(log: Path, to: "Target", watching: "Callable[[], bool]") -> None:
+    from meal_bayes.viewer import follow
+
+    if not log.exists():
+        note(f"waiting for {log} ...")
+    follower = follow(log, to, watching=watching, on_trials=_told)
+    for problem in follower.problems:
+        note(f"warning: {problem}; the whole trials before it are shown")
+    if watching():
+        note("the run has ended; close the viewer, or press Ctrl-C")
 
 
 def _told(trials: int) -> None:

@@ -15,7 +15,7 @@ import os
 import shutil
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from meal_bayes.datasets.sources import source
 from meal_bayes.errors import DownloadError
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("meal_bayes.datasets")
 
 PUBLIC_BASE = "https://raw.githubusercontent.com/"
+_LARGEST = 1 << 24  # bytes of a file: the largest that is published has four million
 _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
 
 
@@ -88,10 +89,13 @@ def fetch(data: str) -> Path:
 
 def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "pooch.Pooch") -> None:
     """Download or copy one file to a temporary name, and check its bytes."""
-    if url.startswith(("http://", "https://")):
-        download(url, target, keeper)
-    else:
-        shutil.copyfile(url, target)
+    with Path(target).open("wb") as file:
+        body = _Body(file, url)
+        if url.startswith(("http://", "https://")):
+            download(url, body, keeper)
+        else:
+            with Path(url).open("rb") as source_file:
+                shutil.copyfileobj(source_file, body)
     expected = keeper.registry[url.removeprefix(keeper.base_url)]
     found = _digest(Path(target))
     if found != expected:
@@ -101,6 +105,28 @@ def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "poo
             f"commit's files; {_WITHOUT}."
         )
     log.info("fetched %s", url)
+
+
+class _Body:
+    """A file that takes no more bytes than a published one has, whatever a server sends."""
+
+    def __init__(self, file: BinaryIO, url: str) -> None:
+        self._file, self._url, self._left = file, url, _LARGEST
+
+    def write(self, data: bytes) -> None:
+        """Write a part of the body."""
+        self._left -= len(data)
+        if self._left < 0:
+            raise DownloadError(
+                f"{self._url}: found more than {_LARGEST:,} bytes, which no published file has; "
+                "nothing was kept: set MEAL_BAYES_DATA_URL to a mirror that holds the pinned "
+                f"commit's files; {_WITHOUT}."
+            )
+        self._file.write(data)
+
+    def flush(self) -> None:
+        """Flush the file."""
+        self._file.flush()
 
 
 def _check_offline(data: str) -> None:

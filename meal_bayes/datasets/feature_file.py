@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import DataError
+from meal_bayes.untrusted import read_bytes
 
 LARGEST = float(np.finfo(np.float32).max)
 
@@ -31,9 +32,9 @@ def bad_line(path: Path, line: int, found: str, expected: str, mend: str) -> Dat
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 file; `DataError` where it is absent, empty, or holds other bytes."""
+    """Read a UTF-8 file; `DataError` where it is absent, empty, too large, or no text."""
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except FileNotFoundError:
         raise DataError(
             f"{path}: found no such file; expected it beside the others of its data set; "
@@ -41,6 +42,8 @@ def read_text(path: Path) -> str:
         ) from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); mend its rights.") from error
+    except ValueError as error:
+        raise DataError(f"{path}: {error}; expected a text file of its data set.") from error
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -57,8 +60,8 @@ def split_line(line: str) -> list[str]:
     if '"' not in line:
         return line.split(",")
     try:
-        return next(csv.reader([line]))
-    except csv.Error:  # such as a cell of 200,000 signs: one cell, which the caller refuses
+        return next(csv.reader([line], strict=True))
+    except csv.Error:  # an open quote, or 200,000 signs: one cell, which the caller refuses
         return [line]
 
 
@@ -85,7 +88,7 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
         if len(cells) != width or width <= count:
             raise _wrong_length(path, number, cells, width, key_columns)
         try:
-            values.append(list(map(float, cells[count:])))
+            values.append(_numbers(cells[count:]))
         except ValueError:
             raise _not_a_number(path, number, cells, count) from None
         if "_" in line and not all(map(_is_number, cells[count:])):
@@ -157,6 +160,14 @@ def _row_of(
     return found
 
 
+def _numbers(cells: list[str]) -> list[float]:
+    """Read numbers as other programs do, which know no 3_4 and no digits of other scripts."""
+    text = "".join(cells)
+    if "_" in text or not text.isascii():
+        raise ValueError(text)
+    return list(map(float, cells))
+
+
 def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
     names = [cell.strip() for cell in cells]
     if names[: len(key_columns)] != list(key_columns) or len(names) <= len(key_columns):
@@ -188,7 +199,7 @@ def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataEr
 def _is_number(cell: str) -> bool:
     """Return whether a cell is a number; 3_4 is 34 to Python, and a slip of the hand to us."""
     try:
-        float(cell)
+        _numbers([cell])
     except ValueError:
         return False
     return "_" not in cell

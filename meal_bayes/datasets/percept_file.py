@@ -23,6 +23,8 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.files import draft_of
+from meal_bayes.untrusted import read_json
 
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
@@ -34,8 +36,10 @@ _MEMBERS = {  # name -> dtype, axes
 }
 _COUNTS = "recording_counts"  # (O,E') <u2, a member more where recordings are ragged
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = 2**28  # bytes a member may unpack to
-_MOST = 1000  # behaviors or states of a domain in a file; trial logs hold no more
+_LARGEST = 2 << 24  # bytes that the training bins may unpack to
+_REST = 1 << 24  # and each other member
+_FILE = 2**27  # bytes of a file
+_HEADER = 2**16 + 10  # bytes of the longest header of an array
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
@@ -47,6 +51,10 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 
     A domain of one's own is written along; of a shipped one the name is enough.
+
+    Raises
+    ------
+    OutputError : the file cannot be written; one that was there stays.
     """
     sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
     meta = {
@@ -69,7 +77,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     members = {name: dtype for name, (dtype, _) in _MEMBERS.items()}
     if table.ragged:
         members[_COUNTS], arrays[_COUNTS] = "<u2", table.recording_counts[:, sensing]
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
         for name, dtype in members.items():
             buffer = io.BytesIO()
             values = np.ascontiguousarray(arrays[name], dtype=dtype)
@@ -132,22 +140,22 @@ def _domain_of(meta: dict[str, Any], where: str) -> Domain:
             )
         return load_domain(meta["domain"])
     try:
-        domain = domain_from_table(meta["domain_table"])
+        return domain_from_table(meta["domain_table"])
     except DomainError as error:
         raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
-    if max(len(domain.behaviors), len(domain.diagram.states)) > _MOST:
-        raise DataError(f"{where} holds a domain of more than {_MOST} behaviors or states.")
-    return domain
 
 
 def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
+    size = file.seek(0, io.SEEK_END)
+    if size > _FILE:
+        raise DataError(f"{where} has {size:,} bytes; a percept table has at most {_FILE:,}.")
     try:
         with zipfile.ZipFile(file) as archive:
             arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
             if f"{_COUNTS}.npy" in archive.namelist():
                 arrays[_COUNTS] = _member(archive, _COUNTS, "<u2", 2)
-        meta = json.loads(arrays.pop("meta").tobytes())
+        meta = read_json(arrays.pop("meta").tobytes())
     except _UNREADABLE as error:
         raise DataError(
             f"{where} is not a whole percept table ({error}); make it again with "
@@ -161,9 +169,15 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         inside = texts.values() if isinstance(texts, dict) else texts
         if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
             raise DataError(f"{where} does not tell its {key}; make the table again.")
+    if len(set(meta["objects"])) < len(meta["objects"]):
+        raise DataError(f"{where} names an object twice; make the table again.")
     log_odds, bins = arrays["log_odds"], arrays["training_bins"]
-    sound = not (np.abs(log_odds) > LIMIT).any() and np.isin(arrays["labels"], (-1, 0, 1)).all()
-    if not sound or (bins.sum(axis=-1) > log_odds.shape[1]).any():
+    sound = (
+        np.isfinite(arrays["edges"]).all()
+        and not (np.abs(log_odds) > LIMIT).any()
+        and np.isin(arrays["labels"], (-1, 0, 1)).all()
+    )
+    if not sound or (bins.sum(axis=-1, dtype=np.uint32) > log_odds.shape[1]).any():
         raise DataError(
             f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "
             "counts than recordings; make the table again."
@@ -173,15 +187,17 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
 
 def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
     info = archive.getinfo(f"{name}.npy")
-    if info.file_size > _LARGEST:
-        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-    buffer: BinaryIO = io.BytesIO(archive.read(info))
+    limit = _LARGEST if name == "training_bins" else min(_LARGEST, _REST)
+    if info.file_size > limit:
+        raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")
+    data = archive.read(info)
+    buffer: BinaryIO = io.BytesIO(data[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):
         raise ValueError(f"{name} is of another array format than 1.0")
     shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
     if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
         raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-    return np.frombuffer(buffer.read(), dtype).reshape(shape)
+    return np.frombuffer(data, dtype, offset=buffer.tell()).reshape(shape)
 
 
 def _lay_out(
@@ -207,6 +223,8 @@ def _lay_out(
     if found != (*expected, (objects, e)) or bins.shape[:4] != (objects, p, e, objects):
         raise DataError(f"{where}: names and arrays differ in number; make the table again.")
     n_behaviors = len(domain.behaviors)
+    if bins.size // max(p * e, 1) * len(columns) * n_behaviors > 2 * _LARGEST:
+        raise DataError(f"{where}: {n_behaviors} behaviors make a table that fits in no memory.")
     all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
     all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
     all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)

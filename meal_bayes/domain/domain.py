@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from meal_bayes.display import card, card_html, listed
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
+from meal_bayes.untrusted import LARGEST
 
 _SHOWN = 40  # names that a message lists at most
 
@@ -70,9 +71,14 @@ class Domain:
     def __post_init__(self) -> None:
         if not self.data:
             object.__setattr__(self, "data", self.name)
-        if not 0 <= self.report_reward < math.inf:
+        if not 0 <= self.report_reward <= LARGEST:
             raise DomainError(
-                f"report_reward is {self.report_reward}; give a finite number, 0 or more."
+                f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
+            )
+        if not self.legal_budget or not all(0 <= each < math.inf for each in self.legal_budget):
+            raise DomainError(
+                f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
+                "seconds, 0 or more, or leave it out."
             )
         _check_unique("attribute", tuple(name.lower() for name in self.attributes))
         _check_unique("behavior", self.behavior_names)
@@ -181,9 +187,9 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def _check_behavior(behavior: Behavior) -> None:
-    if not (behavior.cost >= 0 and math.isfinite(behavior.cost)):
+    if not 0 <= behavior.cost <= LARGEST:
         raise DomainError(
-            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 or more."
+            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 to {LARGEST:g}."
         )
     accuracy = behavior.answer_accuracy
     if accuracy is not None and not 0 < accuracy <= 1:

@@ -25,12 +25,21 @@ from typing import Any
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, unknown
 from meal_bayes.errors import DomainError, SettingsError
+from meal_bayes.untrusted import (
+    DIAGRAM_LIMIT,
+    LETTER_LIMIT,
+    LINE_LIMIT,
+    NAME_LIMIT,
+    TABLE_LIMIT,
+    read_bytes,
+)
 
 _TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
+_COUNT = "a whole number, 0 or more"
 _DOMAIN_KEYS = {
     "name": _TEXT, "extends": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST,
     "groups": _TABLE, "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER,
-    "legal_budget": "a list of numbers", "asked_minimum": _NUMBER, "behaviors": _ROWS,
+    "legal_budget": "a list of numbers", "asked_minimum": _COUNT, "behaviors": _ROWS,
     "diagram": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
@@ -119,25 +128,36 @@ def domain_table(domain: Domain) -> dict[str, Any]:
 
 
 def _read(name: str | Path) -> dict[str, Any]:
-    if str(name).endswith(".toml"):
-        path = Path(name)
-        if not path.is_file():
-            raise SettingsError(f"No file {path}; give the path of a domain table (TOML).")
-        content = path.read_bytes()
-    else:
+    if not str(name).endswith(".toml"):
         if name not in domain_names():
             message = unknown("domain", str(name), domain_names())
             raise SettingsError(f"{message} A path that ends in .toml loads your own.")
-        content = (resources.files(__package__) / "tables" / f"{name}.toml").read_bytes()
+        with resources.as_file(resources.files(__package__) / "tables" / f"{name}.toml") as path:
+            return _parse(path)
+    if not Path(name).exists():
+        raise SettingsError(f"No file {name}; give the path of a domain table (TOML).")
+    return _parse(Path(name))
+
+
+def _parse(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))  # some editors begin with a BOM
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DomainError(f"{name} is not valid TOML: {error}") from error
+        text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig").replace("\r\n", "\n")
+        longest = max(map(len, text.split("\n")))
+        if longest > LINE_LIMIT:
+            raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
+        return tomllib.loads(text)
+    except RecursionError:
+        raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
+    except OSError as error:
+        raise SettingsError(f"{path} cannot be read ({error.strerror}).") from error
+    except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
+        raise DomainError(f"{path} is not valid TOML: {error}.") from error
 
 
 def _build(table: dict[str, Any]) -> Domain:
     _check_keys("the domain", table, _DOMAIN_KEYS, ("name", "attributes", "behaviors", "diagram"))
     _check_keys("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
+    _check_sizes(table)
     for part, kind in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
         _check_keys(f"[{part}]", entries, dict.fromkeys(entries, kind), ())
@@ -158,6 +178,29 @@ def _build(table: dict[str, Any]) -> Domain:
         predefined=tuple(table.get("predefined", ())),
         **optional,
     )
+
+
+def _check_sizes(table: dict[str, Any]) -> None:
+    """Refuse more names than a trial log holds, longer ones, and diagrams that fill the memory."""
+    diagram = table["diagram"]
+    names = [table["name"], table.get("data", table["name"])]
+    for key in ("attributes", "behaviors", "groups", "synonyms", "states"):
+        entries = diagram["states"] if key == "states" else table.get(key, ())
+        if len(entries) > NAME_LIMIT:
+            raise DomainError(f"{len(entries)} {key}; expected at most {NAME_LIMIT}.")
+        names += [row.get("name") if isinstance(row, dict) else row for row in entries]
+    for name in names:
+        if isinstance(name, str) and not 0 < len(name.strip()) <= LETTER_LIMIT:
+            raise DomainError(
+                f"A name has {len(name)} characters; expected 1 to {LETTER_LIMIT}, not all blank."
+            )
+    size = len(table["behaviors"]) * (len(diagram["states"]) + 1) ** 2
+    if max(size, len(diagram["effects"]) * len(diagram["states"])) > DIAGRAM_LIMIT:
+        raise DomainError(
+            f"{len(table['behaviors'])} behaviors, {len(diagram['states'])} states and "
+            f"{len(diagram['effects'])} effects make a diagram of more than {DIAGRAM_LIMIT:,} "
+            "entries; use fewer of them."
+        )
 
 
 def _diagram(table: dict[str, Any]) -> TransitionDiagram:
@@ -215,6 +258,8 @@ def _is(kind: str, value: object) -> bool:
     """Whether a TOML value is of the kind that a message names."""
     if kind == _NUMBER:
         return isinstance(value, int | float) and not isinstance(value, bool)
+    if kind == _COUNT:
+        return type(value) is int and value >= 0
     if kind in (_LIST, "a list of numbers", _ROWS):
         inner = {_LIST: _TEXT, _ROWS: _TABLE}.get(kind, _NUMBER)
         return isinstance(value, list) and all(_is(inner, entry) for entry in value)

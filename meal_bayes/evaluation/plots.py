@@ -22,6 +22,7 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
+from meal_bayes.files import write_whole
 from meal_bayes.trial_log.words import level_words
 
 __all__ = [
@@ -295,8 +296,7 @@ def save(ax: Axes, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix not in _FORMATS:
         raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(_drawn(ax, path.suffix[1:]))
+    write_whole(path, _drawn(ax, path.suffix[1:]))
     return path
 
 

@@ -27,6 +27,7 @@ from meal_bayes.evaluation.page import (
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
 from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
+from meal_bayes.files import check_output, write_whole
 from meal_bayes.trial_log import Logs
 from meal_bayes.trial_log.words import percent, percept_words, truth_words, verdict_word
 
@@ -58,19 +59,18 @@ def write_report(
     Raises
     ------
     LogError : there is not one trial that can be read.
+    OutputError : the page cannot be written, or would replace a log.
     """
     path, tally = Path(path), Tally()
+    check_output(path, inputs=logs.files)
     for done, (file, (header, trials)) in enumerate(zip(logs.files, logs.parts(), strict=True)):
         if on_progress is not None:
             on_progress(done, len(logs.files))
-        batch = batch_of(header)
-        for number, trial in enumerate(trials):
-            tally.add(trial, Place(file, number), batch)
+        for number, trial in trials:
+            tally.add(trial, Place(file, number), batch_of(header))
     if not tally.trials:
         logs.complain_of_nothing()
-    text = report_page(tally, logs)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, report_page(tally, logs), inputs=logs.files)
     return ReportInfo(path, path.stat().st_size, tally.trials, tuple(tally.agents))
 
 

@@ -10,7 +10,8 @@ from meal_bayes.experiments.offline import (
     run_offline,
     warm_up_offline,
 )
-from meal_bayes.experiments.online import OnlineConfig, OnlineRun, run_online, warm_up_online
+from meal_bayes.experiments.online import OnlineRun, run_online, warm_up_online
+from meal_bayes.experiments.online_config import OnlineConfig
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [

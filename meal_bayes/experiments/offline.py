@@ -15,12 +15,13 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
-from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.claims import run_claimed
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import UNIT, Store, fingerprint
+from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.learner import Learner
-from meal_bayes.trial_log import TrialWriter, read_trials
+from meal_bayes.trial_log import TrialWriter, read_seconds, read_trials, remove_drafts
+from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
     "random",
@@ -57,8 +58,12 @@ class OfflineConfig:
         object.__setattr__(self, "agents", found)
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
-        if self.reward is not None and not 0 < self.reward < math.inf:
-            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
+        if self.reward is not None and not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
+        if not self.agents:
+            raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for headers and JSON."""
@@ -93,6 +98,13 @@ class _Unit:
     config: OfflineConfig
     first: int  # trial
     path: Path
+    fresh: bool = False  # is it run again although it is there?
+
+    @property
+    def done(self) -> bool:
+        """Whether its file is there and sound."""
+        trials = min(UNIT, self.config.trials - self.first)
+        return not self.fresh and is_whole(self.path, trials=trials)
 
 
 def run_offline(
@@ -103,8 +115,11 @@ def run_offline(
     cluster: str | None = None,
     fresh: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
     """Run an offline experiment; units that are already whole are not run again.
+
+    Any number of processes may run it on one folder of logs at a time: they share the work.
 
     Parameters
     ----------
@@ -112,31 +127,36 @@ def run_offline(
     logs : folder for the trials; on a cluster, one that all its machines see.
     jobs : processes.
     cluster : address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
-    fresh : run again what is there already.
+    fresh : run again what is there already; it is replaced unit by unit.
     on_progress : called with (trials done, trials in all).
+    on_note : called with a line that says which other process is waited for; logged by default.
+
+    Raises
+    ------
+    SettingsError : settings that cannot be run.
+    OutputError, LogError : logs that cannot be written.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
     tasks = _tasks(config)
     carried = {agent.name: Carried.of(agent) for agent in config.agents}
     store = _store(config, logs, carried)
-    if fresh:
-        for name in carried:
-            Store(store.unit(name, 0).parent).clear()
     units = [
-        _Unit(one, dataclasses.replace(config, agents=(one.agent,)), first, path)
+        _Unit(one, dataclasses.replace(config, agents=(one.agent,)), first, path, fresh)
         for first in range(0, len(tasks), UNIT)
         for name, one in carried.items()
         for path in (store.unit(name, first // UNIT).absolute(),)
     ]
-    todo = [unit for unit in units if not unit.path.is_file()]
+    todo = [unit for unit in units if not unit.done]
     total = len(tasks) * len(carried)
     done = total - sum(len(_slice(tasks, unit)) for unit in todo)
     if on_progress is not None:
         on_progress(done, total)
     if todo:
-        warm_up_offline(config)
-    for finished in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
+        own = tuple({unit.agent.agent.name: unit.agent.agent for unit in todo}.values())
+        warm_up_offline(dataclasses.replace(config, agents=own))
+    work = [(unit, unit.path) for unit in todo]
+    for finished in run_claimed(_run_unit, work, jobs=jobs, cluster=cluster, on_note=on_note):
         done += finished
         if on_progress is not None:
             on_progress(done, total)
@@ -164,6 +184,8 @@ def _store(config: OfflineConfig, logs: str | Path, carried: Mapping[str, Carrie
 def _run_unit(unit: _Unit) -> int:
     tasks = _slice(_tasks(unit.config), unit)
     config = unit.config
+    if unit.done:  # by another process, meanwhile
+        return len(tasks)
     learner = Learner(
         _table(config).domain,
         agent=unit.agent.agent,
@@ -178,6 +200,7 @@ def _run_unit(unit: _Unit) -> int:
             start = time.perf_counter()
             trial = learner.replay(task)
             log.write(trial, seconds=time.perf_counter() - start)
+    remove_drafts(unit.path)  # of processes that were killed
     return len(tasks)
 
 
@@ -200,11 +223,5 @@ def _loaded(dataset: str, perception: str, content: str) -> PerceptTable:
 
 def _seconds(paths: Iterator[Path]) -> float:
     """Sum of the timing tables beside the logs, s; nan where one has been removed."""
-    total = 0.0
-    for path in paths:
-        timing = path.with_name(path.stem + ".timing.csv")
-        if not timing.is_file():
-            return math.nan
-        rows = timing.read_text(encoding="utf-8").splitlines()
-        total += sum(float(row.split(",")[1]) for row in rows[1:])
-    return total
+    found = [read_seconds(path) for path in paths]
+    return math.fsum(map(math.fsum, found)) if all(found) else math.nan

@@ -1,18 +1,15 @@
 """ONLINE-MEAL (Sect. 7.3): robots that learn while they work, tested after every batch."""
 
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from meal_bayes.agents import (
-    PUBLISHED,
     Experience,
     Feedback,
     MorcItrs,
@@ -20,86 +17,23 @@ from meal_bayes.agents import (
     Surroundings,
     Task,
     Trial,
-    as_online_agent,
-    distinct,
     heard,
     origin_of,
 )
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
-from meal_bayes.domain import Domain, Query, unknown
+from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
-from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.experiments.store import Store, file_name, fingerprint
+from meal_bayes.experiments.claims import run_claimed
+from meal_bayes.experiments.online_config import OnlineConfig
+from meal_bayes.experiments.store import Store, file_name, fingerprint, is_whole
 from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials
+from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials, remove_drafts
 
-_LOGS = ("all", "train")
 _REWARD = 300.0  # of the paper (Sect. 7.3)
-
-
-@dataclass(frozen=True, slots=True)
-class OnlineConfig:
-    """Settings of an online run.
-
-    Raises
-    ------
-    SettingsError : what is unknown, named twice, or out of range.
-    """
-
-    dataset: str  # a shipped domain, or the path of one's own (TOML)
-    attributes: int = 1  # N
-    root: str | None = None  # folder of the recordings; of public ones, found or downloaded
-    agents: tuple[Any, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
-    batches: int = 10
-    trials: int = 40  # training trials a batch
-    repeats: int = 1
-    seed: int = 0
-    first: int = 0  # repeat to begin with: repeats are first .. first + repeats - 1
-    split: tuple[int, int, int] = (33, 33, 34)  # shares of pre, train, test
-    reward: float | None = None  # r+ = -r-; 300 on public data (Sect. 7.3), else the domain's
-    alpha: float | None = None  # of morc_itrs; the recipe's by default
-    beta: float | None = None
-    answers: str = "verdict"  # what a person tells: see `Feedback`
-    error: float = 0.0  # Pr(a person errs)
-    success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
-    learn_success: bool = False  # does the robot learn success probabilities?
-    published: tuple[str, ...] = ()  # what the authors' code does otherwise
-    horizon: int = 1000  # queries to be answered, for which curiosity explores
-    log: str = "all"  # or "train": test trials leave their marks only
-
-    def __post_init__(self) -> None:
-        found = distinct(as_online_agent(value) for value in self.agents)
-        object.__setattr__(self, "agents", found)
-        for name in ("attributes", "batches", "trials", "repeats", "horizon"):
-            if getattr(self, name) < 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
-        if self.seed < 0 or self.first < 0:
-            raise SettingsError("seed and first are whole numbers, 0 or more.")
-        if self.reward is not None and not 0 < self.reward < math.inf:
-            raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
-        if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
-            raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
-        if self.log not in _LOGS:
-            raise SettingsError(unknown("log", self.log, _LOGS))
-        for name in self.published:
-            if name not in PUBLISHED:
-                raise SettingsError(unknown("published variant", name, PUBLISHED))
-        for name in ("alpha", "beta"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value < math.inf:
-                raise SettingsError(f"{name} is {value}; give a finite number, 0 or more.")
-        Feedback(self.answers, self.error)
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain values, for headers and JSON."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        lists = {name: list(getattr(self, name)) for name in ("split", "published")}
-        names = [agent.name for agent in self.agents]
-        return {**fields, **lists, "agents": names, "success": [list(p) for p in self.success]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +69,7 @@ class _Unit:
     config: OnlineConfig
     repeat: int
     folder: Path
+    fresh: bool = False  # is it run again although it is there?
 
     @property
     def agent(self) -> OnlineAgent:
@@ -144,6 +79,11 @@ class _Unit:
         beta = agent.beta if self.config.beta is None else self.config.beta
         return dataclasses.replace(agent, alpha=alpha, beta=beta)
 
+    @property
+    def name(self) -> tuple[str, int]:
+        """The agent's name and the repeat."""
+        return self.agent.name, self.repeat
+
     def log(self, batch: int, part: str) -> Path:
         folder = self.folder / file_name(self.agent.name) / f"repeat-{self.repeat:03d}"
         return folder / f"{batch:02d}-{part}.mcap"
@@ -151,16 +91,27 @@ class _Unit:
     def marks(self, batch: int, part: str) -> Path:
         return self.log(batch, part).with_suffix(".marks.csv")
 
+    def has(self, batch: int, part: str) -> bool:
+        """Whether the log and the marks of a part of a batch are there and sound."""
+        logged = part == "train" or self.config.log == "all"
+        return (
+            not self.fresh
+            and is_whole(self.marks(batch, part))
+            and (not logged or is_whole(self.log(batch, part)))
+        )
+
     @property
     def done(self) -> int:
         """How many batches are finished."""
         parts = [("test",), *[("train", "test")] * self.config.batches]
-        return sum(all(self.marks(b, p).is_file() for p in ps) for b, ps in enumerate(parts))
+        return sum(all(self.has(b, p) for p in ps) for b, ps in enumerate(parts))
 
 
-def _unit(config: OnlineConfig, agent: OnlineAgent, repeat: int, folder: Path) -> _Unit:
+def _unit(
+    config: OnlineConfig, agent: OnlineAgent, repeat: int, folder: Path, fresh: bool = False
+) -> _Unit:
     own = dataclasses.replace(config, agents=(agent,))
-    return _Unit(Carried.of(agent.recipe), own, repeat, folder)
+    return _Unit(Carried.of(agent.recipe), own, repeat, folder, fresh)
 
 
 def run_online(
@@ -171,8 +122,11 @@ def run_online(
     cluster: str | None = None,
     fresh: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
     """Run an online experiment; batches that are already whole are not run again.
+
+    Any number of processes may run it on one folder of logs at a time: they share the work.
 
     Parameters
     ----------
@@ -180,34 +134,35 @@ def run_online(
     logs : folder for the trials; on a cluster, one that all its machines see.
     jobs : processes.
     cluster : address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
-    fresh : run again what is there already.
+    fresh : run again what is there already; it is replaced batch by batch.
     on_progress : called with (batches done, batches in all).
+    on_note : called with a line that says which other process is waited for; logged by default.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
+    _body(domain, dict(config.success))  # the same
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
     store = Store.of(logs, f"online-{domain.name}-n{config.attributes}", _shared(config))
+    folder = store.folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _unit(config, agent, repeat, store.folder.absolute())  # a cluster's workers live elsewhere
+        _unit(config, agent, repeat, folder, fresh)
         for repeat in _repeats(config)
         for agent in config.agents
     ]
-    if fresh:
-        for agent in config.agents:
-            Store(store.folder / file_name(agent.name)).clear()
     batches = config.batches + 1
-    finished = [unit.done for unit in units]
-    total, done = batches * len(units), sum(finished)
-    todo = [unit for unit, ready in zip(units, finished, strict=True) if ready < batches]
+    finished = {unit.name: unit.done for unit in units}
+    total, done = batches * len(units), sum(finished.values())
+    todo = [unit for unit in units if finished[unit.name] < batches]
     if on_progress is not None:
         on_progress(done, total)
     if todo:
         warm_up_online(config)
-    for count in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
-        done += count
+    work = [(unit, unit.log(0, "test").parent) for unit in todo]
+    for name in run_claimed(_run_unit, work, jobs=jobs, cluster=cluster, on_note=on_note):
+        done += batches - finished[name]
         if on_progress is not None:
             on_progress(done, total)
     return OnlineRun(config, store.folder)
@@ -252,9 +207,9 @@ def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
     )  # fmt: skip
 
 
-def _run_unit(unit: _Unit) -> int:
-    """Run what a unit has not finished; return how many batches that were."""
-    before, config, agent = unit.done, unit.config, unit.agent
+def _run_unit(unit: _Unit) -> tuple[str, int]:
+    """Run what a unit has not finished; return its name."""
+    config, agent = unit.config, unit.agent
     protocol = _protocol(config, unit.repeat)
     dataset = protocol.dataset
     rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
@@ -263,8 +218,8 @@ def _run_unit(unit: _Unit) -> int:
     world = _surroundings(config, protocol, Kernels.of(dataset, experience.training_set()))
     tests, names = protocol.tests(), dataset.domain.attributes
     for batch in range(config.batches + 1):
-        train = config.batches > batch and not unit.log(batch + 1, "train").is_file()
-        test = not unit.marks(batch, "test").is_file()
+        train = config.batches > batch and not unit.has(batch + 1, "train")
+        test = not unit.has(batch, "test")
         learner = None
         if train or test:
             learner = MorcItrs.learn(agent, world, experience, config.seed)
@@ -276,7 +231,7 @@ def _run_unit(unit: _Unit) -> int:
                 experience = learner.experience
         if not train and batch < config.batches:
             experience = _replay(unit, batch + 1, world, experience)
-    return config.batches + 1 - before
+    return unit.name
 
 
 def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> Surroundings:
@@ -331,8 +286,8 @@ def _write(
                 start = time.perf_counter()
                 trials.append(run(task))
                 log.write(trials[-1], seconds=time.perf_counter() - start)
+        remove_drafts(path)  # of processes that were killed
     else:
-        path.parent.mkdir(parents=True, exist_ok=True)
         trials = [run(task) for task in tasks]
     Marks.of(trials, attributes).save(unit.marks(batch, part))
 
@@ -343,6 +298,4 @@ def _replay(unit: _Unit, batch: int, world: Surroundings, experience: Experience
     for trial in trials:
         told = heard(world, trial, unit.config.seed)
         experience = experience.absorb(world.dataset.domain, trial, told)
-    if not unit.marks(batch, "train").is_file():
-        Marks.of(trials, world.dataset.domain.attributes).save(unit.marks(batch, "train"))
     return experience

@@ -1,16 +1,20 @@
-"""Many tasks at once: joblib's processes here, or the workers of a Dask cluster."""
+"""Many tasks at once: processes of our own here (loky's), or the workers of a Dask cluster."""
 
-from collections.abc import Callable, Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed
+from joblib.externals.loky import ProcessPoolExecutor
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.processes import end_with_parent
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
 _PATIENCE = "10s"  # for a scheduler to answer
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def in_parallel(
@@ -23,11 +27,11 @@ def in_parallel(
     """Call a function on every piece of work; results come as they are ready, in any order.
 
     Work derives its random streams from its own coordinates, so neither the order nor the number
-    of processes changes a result.
+    of processes changes a result. The processes end with this one, however it ends.
 
     Parameters
     ----------
-    jobs : processes on this machine.
+    jobs : processes on this machine; no more are started than there are pieces of work.
     cluster : address of a Dask scheduler; then its workers do the work, and what a worker that dies
         had in hand goes to another.
 
@@ -35,18 +39,37 @@ def in_parallel(
     ------
     SettingsError : a cluster without the extra that brings Dask, or one that does not answer.
     """
+    pieces = list(work)
     if cluster is not None:
-        yield from _on_cluster(function, work, cluster)
-        return
-    if jobs == 1:
-        yield from map(function, work)
-        return
-    pool = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from pool(delayed(function)(piece) for piece in work)
+        yield from _on_cluster(function, pieces, cluster)
+    elif min(jobs, len(pieces)) <= 1:
+        yield from map(function, pieces)
+    else:
+        yield from _here(function, pieces, min(jobs, len(pieces)))
+
+
+def _here(
+    function: Callable[[Work], Result], pieces: Sequence[Work], jobs: int
+) -> Iterator[Result]:
+    threads = str(max(1, (os.cpu_count() or 1) // jobs))  # of libraries, in each process
+    pool = ProcessPoolExecutor(
+        jobs,
+        initializer=end_with_parent,
+        initargs=(os.getpid(),),
+        env={name: threads for name in _THREADS if name not in os.environ},
+    )
+    whole = False
+    try:
+        futures = [pool.submit(function, piece) for piece in pieces]
+        for future in as_completed(futures):
+            yield future.result()
+        whole = True
+    finally:
+        pool.shutdown(kill_workers=not whole)
 
 
 def _on_cluster(
-    function: Callable[[Work], Result], work: Iterable[Work], address: str
+    function: Callable[[Work], Result], pieces: Sequence[Work], address: str
 ) -> Iterator[Result]:
     try:
         import dask.distributed  # noqa: PLC0415  an extra
@@ -65,7 +88,7 @@ def _on_cluster(
             "127.0.0.1`, and its workers with `dask worker ADDRESS`."
         ) from fault
     with client:
-        futures = [client.submit(function, piece, pure=False, retries=3) for piece in work]
+        futures = [client.submit(function, piece, pure=False, retries=3) for piece in pieces]
         for future in distributed.as_completed(futures, loop=client.loop):
             yield future.result()
             future.release()

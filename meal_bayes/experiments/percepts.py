@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-import os
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -65,7 +64,7 @@ def percepts_for(
             f"kept in {path}"
         )
         table = build_percept_table(recordings, perception=perception, progress=on_progress)
-        _keep(table, path)
+        save_percepts(table, path)
     return load_percepts(path, domain=domain)
 
 
@@ -120,13 +119,6 @@ def _readable(path: Path, domain: Domain) -> bool:
         log.warning("%s; it is computed again", fault)
         return False
     return True
-
-
-def _keep(table: PerceptTable, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f"{path.stem}.{os.getpid()}.part")
-    save_percepts(table, draft)
-    draft.replace(path)  # a table is there whole or not at all
 
 
 def _code_digest() -> str:

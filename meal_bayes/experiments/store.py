@@ -1,15 +1,27 @@
-"""Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is whole."""
+"""Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is sound."""
 
 import hashlib
 import json
+import logging
+import platform
 import re
-import shutil
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 
+from meal_bayes.datasets.sources import SOURCES, find_folder
+from meal_bayes.domain import load_domain
+from meal_bayes.domain.tables import domain_table
+from meal_bayes.errors import LogError
+from meal_bayes.trial_log import Marks, count_whole
+
+log = logging.getLogger("meal_bayes.experiments")
+
 UNIT = 100  # trials of one agent in a file
+_LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +37,46 @@ class Store:
     @classmethod
     def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
         """Name the folder of a configuration under `root`; `name` may be any text."""
-        name = file_name(name)
-        text = json.dumps({**config, "code": code_digest()}, sort_keys=True)
-        return cls(Path(root) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}")
+        digest = digest_of(dict(config), code_digest(), _versions())
+        return cls(Path(root) / f"{file_name(name)}-{digest[:8]}")
 
     def unit(self, agent: str, index: int) -> Path:
         """File of one unit."""
         return self.folder / file_name(agent) / f"unit-{index:04d}.mcap"
 
-    def clear(self) -> None:
-        """Remove what an earlier run of the same settings left."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+
+def is_whole(path: Path, *, trials: int | None = None) -> bool:
+    """Check a unit's log, or its table of marks, to its end; what is damaged is warned of.
+
+    Parameters
+    ----------
+    trials : how many it must hold; any number by default.
+    """
+    if not path.is_file():
+        return False
+    try:
+        found = _trials_of(path)
+    except LogError as fault:
+        log.warning("%s; it is made again", str(fault).partition(";")[0])
+        return False
+    if trials is not None and found != trials:
+        log.warning("%s holds %d trials, expected %d; it is made again", path, found, trials)
+        return False
+    return True
+
+
+def digest_of(*parts: object) -> str:
+    """Digest what decides a result; equal results have equal ones.
+
+    Parameters
+    ----------
+    parts : JSON values; paths, by the contents of the file or of all files of the folder.
+    """
+    digest = hashlib.sha256()
+    for part in parts:
+        for piece in _pieces(part):
+            digest.update(hashlib.sha256(piece).digest())
+    return digest.hexdigest()
 
 
 def file_name(text: str) -> str:
@@ -44,24 +85,48 @@ def file_name(text: str) -> str:
 
 
 def fingerprint(dataset: str, root: str | None = None) -> str:
-    """Digest of a table or domain of one's own and its recordings: others are another run."""
-    path = Path(dataset)
-    if path.suffix not in (".npz", ".toml") or not path.is_file():
-        return ""
-    files = [path, *(sorted(Path(root).glob("*.csv")) if root is not None else [])]
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
+    """Digest a table or domain of one's own and its recordings: others are another run.
+
+    A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
+    """
+    parts: list[object] = []
+    if Path(dataset).suffix == ".npz" and Path(dataset).is_file():
+        parts.append(Path(dataset))
+    elif Path(dataset).suffix == ".toml" and Path(dataset).is_file():
+        parts.append(domain_table(load_domain(dataset)))
+    if root is not None and Path(root).is_dir():
+        data = load_domain(dataset).data
+        folder = find_folder(data, Path(root)) if data in SOURCES else None
+        parts.extend([folder] if folder else sorted(Path(root).glob("*.csv")))
+    return digest_of(*parts) if parts else ""
 
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Digest of the package's own code and tables."""
+    """Digest the package's own code and tables."""
     package = Path(__file__).resolve().parents[1]
-    files = (p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz"))
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(path.relative_to(package).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    files = [p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz")]
+    names = [path.relative_to(package).as_posix() for path in files]
+    return digest_of(names, *files)[:16]
+
+
+def _trials_of(path: Path) -> int:
+    """Count the trials of a sound file."""
+    return len(Marks.load(path).cost) if path.suffix == ".csv" else count_whole(path)
+
+
+def _pieces(part: object) -> Iterator[bytes]:
+    if isinstance(part, Path):
+        files = [part] if part.is_file() else sorted(p for p in part.rglob("*") if p.is_file())
+        for file in files:
+            yield file.relative_to(part).as_posix().encode()
+            yield file.read_bytes()
+    else:
+        yield json.dumps(part, sort_keys=True).encode()
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "system": sys.platform}
+    for name in _LIBRARIES:
+        found[name] = metadata.version(name)
+    return found

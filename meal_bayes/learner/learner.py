@@ -146,8 +146,7 @@ class Learner:
         self._lessons = {lesson.key: lesson for lesson in lessons}
         if isinstance(self.source, Replayed):
             return self.refit()
-        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
-            self._relearn(self.source, name)
+        self._relearn(self.source)
         return self
 
     def refit(self) -> Self:
@@ -162,8 +161,7 @@ class Learner:
         kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
-        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
-            self._relearn(source, name)
+        self._relearn(source)
         return self
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
@@ -306,8 +304,7 @@ class Learner:
         Parameters
         ----------
         path : written by `save`.
-        agent, classifier : one's own are given again; shipped agents are found by name.
-        logs : as of a new learner.
+        agent, classifier, logs : as of a new learner; agents that ship are found by name.
 
         Raises
         ------
@@ -325,8 +322,10 @@ class Learner:
         else:
             self._relearn(source, object_name)
 
-    def _relearn(self, source: Fitted, name: str) -> None:
-        source.learn(name, [lesson for lesson in self._pending() if lesson.object_name == name])
+    def _relearn(self, source: Fitted, *names: str) -> None:
+        pending = self._pending()
+        for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
+            source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
 
     def _pending(self) -> list[Lesson]:
         """Return the lessons that came after the last refit, or that it could not learn from."""
@@ -334,9 +333,8 @@ class Learner:
 
     def _told_of(self, object_name: str) -> NDArray[np.int8]:
         """Return what people told of an object, (P,)."""
-        own = [lesson for lesson in self.lessons if lesson.object_name == object_name]
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
-        return labels_of(own, self.domain).get(object_name, unknown)
+        return labels_of(self.lessons, self.domain).get(object_name, unknown)
 
     def _replayed(self) -> Replayed:
         source = self.source

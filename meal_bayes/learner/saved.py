@@ -5,11 +5,9 @@ features of lessons another; a percept table is the .npz of `save_percepts`. Wha
 kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
 """
 
-import contextlib
 import io
 import json
 import lzma
-import os
 import struct
 import tempfile
 import zipfile
@@ -25,6 +23,7 @@ from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
+from meal_bayes.files import draft_of
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.lesson import Lesson, Percept, checked_values
 from meal_bayes.learner.replayed import Replayed
@@ -41,9 +40,13 @@ _UNREADABLE = (
 
 
 def save_learner(learner: Learner, path: Path) -> None:
-    """Write a learner; the file is there whole or not at all."""
+    """Write a learner; the file is there whole or not at all.
+
+    Raises
+    ------
+    OutputError : the file cannot be written; one that was there stays.
+    """
     source = learner.source
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     meta: dict[str, Any] = {
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
@@ -56,30 +59,20 @@ def save_learner(learner: Learner, path: Path) -> None:
         "asked": learner.asked,
         "lessons": [],
     }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
-            rows = _Rows(learner.domain)
-            for lesson in learner.lessons:
-                told = _lesson_table(lesson, rows)
-                meta["lessons"].append({**told, "refitted": learner.refitted(lesson)})
-            if isinstance(source, Replayed):
-                archive.writestr(_TABLE, _table_bytes(source))
-            else:
-                meta["objects"] = list(source.dataset.objects)
-                _write(archive, "labels", source.dataset.labels)
-                for i, context in enumerate(rows.contexts):
-                    _write(archive, f"features/{i}", source.dataset.features[context])
-                    _write(archive, f"met/{i}", rows.array(context, source.sizes[context]))
-            archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
-        with draft.open("rb") as file:
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except OSError as fault:
-        raise DataError(f"{path} cannot be written: {fault}.") from fault
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
+    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
+        rows = _Rows(learner.domain)
+        for lesson in learner.lessons:
+            told = _lesson_table(lesson, rows)
+            meta["lessons"].append({**told, "refitted": learner.refitted(lesson)})
+        if isinstance(source, Replayed):
+            archive.writestr(_TABLE, _table_bytes(source))
+        else:
+            meta["objects"] = list(source.dataset.objects)
+            _write(archive, "labels", source.dataset.labels)
+            for i, context in enumerate(rows.contexts):
+                _write(archive, f"features/{i}", source.dataset.features[context])
+                _write(archive, f"met/{i}", rows.array(context, source.sizes[context]))
+        archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
 
 
 def load_learner(

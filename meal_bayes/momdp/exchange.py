@@ -1,7 +1,6 @@
 """What a MOMDP becomes in a file for other solvers: the tables and checks that formats share."""
 
 import contextlib
-import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.files import draft_of
 from meal_bayes.momdp.flat import reward_table
 from meal_bayes.momdp.model import MOMDP
 
@@ -154,19 +154,7 @@ def whole_file(path: str | Path) -> Iterator[TextIO]:
 
     Raises
     ------
-    SettingsError : the file cannot be written.
+    OutputError : the file cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("w", encoding="ascii", newline="\n") as file:
-            yield file
-        part.replace(path)
-    except OSError as error:
-        raise SettingsError(
-            f"{path} cannot be written: {error.strerror or error}; give another place."
-        ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
+    with draft_of(path) as draft, draft.open("w", encoding="ascii", newline="\n") as file:
+        yield file

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.momdp.flat import MAX_ENTRIES, FlatPOMDP
+from meal_bayes.momdp.flat import FlatPOMDP
 
 _LARGEST = 2**26  # bytes of a file
 _LINE = 2**20  # characters of a line
 _STATEMENT = 4_000_000  # words
+_ENTRIES = 10_000_000  # (A,S,S,Z) of a dense table, 80 MB; there are four of them at the end
+_NAMES = 10_000  # states, actions or observations: a dense table has no room for more
 _WORK = 2_000_000_000  # entries set in all, as one short statement may set a whole table
 _ROUNDED = 1e-4  # rows of published files add to 1 within this
 
@@ -41,12 +43,12 @@ def read_pomdp(path: str | Path) -> FlatPOMDP:
     path = Path(path)
     if not path.is_file():
         raise SettingsError(f"No file {path}; give the path of a .pomdp file.")
-    if path.stat().st_size > _LARGEST:
-        raise DataError(f"{path} has more than {_LARGEST // 2**20} MB; ask fewer attributes.")
     try:
-        with path.open(encoding="utf-8") as file:
+        if path.stat().st_size > _LARGEST:
+            raise _Fault(f"more than {_LARGEST // 2**20} MB; ask fewer attributes")  # noqa: TRY301
+        with path.open(encoding="utf-8-sig") as file, np.errstate(over="ignore", invalid="ignore"):
             return _read(file)
-    except (_Fault, UnicodeDecodeError) as fault:
+    except (_Fault, UnicodeDecodeError, OSError) as fault:
         raise DataError(f"{path}: {fault}.") from fault
 
 
@@ -125,13 +127,13 @@ class _Preamble:
 
 
 def _names(keyword: str, words: list[str]) -> tuple[str, ...]:
-    if len(words) == 1 and words[0].isdecimal():
+    if len(words) == 1 and _is_count(words[0]):
         count = int(words[0][:9])
-        if not 0 < count < MAX_ENTRIES:
-            raise _Fault(f"{words[0][:20]} {keyword}; expected some, and fewer than that")
+        if not 0 < count <= _NAMES:
+            raise _Fault(f"{words[0][:20]} {keyword}; expected 1 to {_NAMES}")
         return tuple(str(i) for i in range(count))
-    if not words or len(set(words)) < len(words):
-        raise _Fault(f"{keyword}: expected names, each once, or how many there are")
+    if not 0 < len(words) <= _NAMES or len(set(words)) < len(words):
+        raise _Fault(f"{keyword}: expected 1 to {_NAMES} names, each once, or how many there are")
     return tuple(words)
 
 
@@ -194,9 +196,9 @@ def _empty(preamble: _Preamble) -> _Tables:
         if keyword not in preamble.names:
             raise _Fault(f"the file names no {keyword} before its first T, O or R")
     s, a, z = (len(preamble.names[keyword]) for keyword in _LISTS)
-    if a * s * s * z > MAX_ENTRIES:
+    if a * s * s * z > _ENTRIES:
         raise _Fault(
-            f"{s} states, {a} actions and {z} observations make more than {MAX_ENTRIES:.0e} "
+            f"{s} states, {a} actions and {z} observations make more than {_ENTRIES:.0e} "
             "entries of a dense table"
         )
     places = {key: {n: i for i, n in enumerate(names)} for key, names in preamble.names.items()}
@@ -208,12 +210,19 @@ def _place(places: dict[str, int], kind: str, word: str) -> int | slice:
         return slice(None)
     if word in places:
         return places[word]
-    if word.isdecimal() and int(word[:9]) < len(places):
+    if _is_count(word) and int(word[:9]) < len(places):
         return int(word[:9])
     raise _Fault(f"{word[:40]!r} is none of the {len(places)} {kind}")
 
 
+def _is_count(word: str) -> bool:
+    return word.isascii() and word.isdecimal()
+
+
 def _numbers(words: list[str], count: int) -> _Floats:
+    text = "".join(words)
+    if "_" in text or not text.isascii():  # Python would take them for numbers, nobody else does
+        raise _Fault(f"expected {count} numbers (found {text[:40]!r})")
     try:
         values = np.array(words, dtype=np.float64)
     except ValueError as error:
@@ -230,7 +239,9 @@ def _finish(preamble: _Preamble, tables: _Tables) -> FlatPOMDP:
     shape = (*transition.shape, observation.shape[-1])
     expected = tables.R[:, :, 0, 0].T
     if tables.R.shape == shape:  # (A,S,S,Z)
-        expected = np.einsum("ast,atz,astz->sa", transition, observation, tables.R, optimize=True)
+        expected = np.einsum("ast,atz,astz->sa", transition, observation, tables.R)
+    if not np.isfinite(expected).all():
+        raise _Fault("rewards are too large to add")
     return FlatPOMDP(
         state_names=preamble.names["states"],
         action_names=preamble.names["actions"],
@@ -247,7 +258,8 @@ def _rows(name: str, table: _Floats) -> _Floats:
     total = table.sum(axis=-1, keepdims=True)
     if (table < 0).any() or (np.abs(total - 1) > _ROUNDED).any():
         raise _Fault(f"rows of {name} must be probabilities that add to 1")
-    return np.asarray(table / total)
+    table /= total
+    return table
 
 
 def _start(keyword: str, words: list[str], states: dict[str, int]) -> _Floats:

@@ -4,7 +4,6 @@ Their transition diagram is their own: five x, loops that never fail, illegal be
 trial. They do not ship with the package; a folder holds `planner_reference.json`.
 """
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,10 @@ from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.errors import DataError, DomainError, QueryError, SettingsError
 from meal_bayes.momdp.build import build_momdp
 from meal_bayes.momdp.model import MOMDP
+from meal_bayes.untrusted import JSON_LIMIT, read_bytes, read_json
 
 _FILE = "planner_reference.json"
 _VARIABLE = "MEAL_BAYES_REFERENCE"
-_LARGEST = 2**24  # bytes
 _NAMES = 1000  # models, or behaviors of one, at most
 _READ_AS = {  # what the file says in words, and this module takes for granted
     "prior": "uniform, independent",
@@ -58,12 +57,10 @@ def load_reference(folder: str | Path | None = None) -> dict[str, MOMDP]:
     DataError : a file that does not hold what its layout promises.
     """
     path = reference_folder(folder) / _FILE
-    if path.stat().st_size > _LARGEST:
-        raise DataError(f"{path} has more than {_LARGEST // 2**20} MB; it is no such file.")
     try:
-        models = json.loads(path.read_text(encoding="utf-8"))["models"]
+        models = read_json(read_bytes(path, JSON_LIMIT))["models"]  # type: ignore[index]  # caught
         return {str(model["model"]): _model(model) for model in models[:_NAMES]}
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise DataError(f"{path} is not laid out as expected ({error!r}).") from error
     except (DomainError, QueryError, SettingsError) as error:
         raise DataError(f"{path}: {error}") from error

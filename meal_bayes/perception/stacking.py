@@ -3,14 +3,16 @@
 For a set S of left-out objects, every other object k is scored by kernel classifiers trained
 without S and without k; a logistic regression (the stacker) learns from those decisions how to
 pool the modalities, and is applied to the objects of S, scored by classifiers trained without S.
-One kernel, three depths: S empty gives the stacker of a robot that has seen all objects, S = {o}
-the held-out outputs on o, S = {o, o'} the training-side outputs of the tables for o and for o'.
+S empty gives the stacker of a robot that has seen all objects, S = {o} the held-out outputs on o,
+S = {o, o'} the training-side outputs of the tables for o and for o'.
 """
-# mypy: allow-untyped-decorators
+
+from functools import partial
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from meal_bayes.cache import compile_kernel
 
 _TOLERANCE = 1e-9  # of the projected gradient, in units of total weight
 _MAX_ITERATIONS = 60
@@ -18,9 +20,10 @@ _JITTER = 1e-12  # keeps the Hessian invertible where all decisions agree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_kernel = partial(compile_kernel, nogil=True, error_model="numpy")
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _factorize(matrix: Floats) -> None:
     """Overwrite the lower triangle of a positive definite matrix by its Cholesky factor."""
     for i in range(matrix.shape[0]):
@@ -31,7 +34,7 @@ def _factorize(matrix: Floats) -> None:
             matrix[i, j] = np.sqrt(total) if i == j else total / matrix[j, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _solve_lower(factor: Floats, vector: Floats) -> None:
     """Overwrite a vector by the solution of L x = vector."""
     for i in range(factor.shape[0]):
@@ -41,7 +44,7 @@ def _solve_lower(factor: Floats, vector: Floats) -> None:
         vector[i] = total / factor[i, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _solve_upper(factor: Floats, vector: Floats) -> None:
     """Overwrite a vector by the solution of L' x = vector."""
     for i in range(factor.shape[0] - 1, -1, -1):
@@ -51,7 +54,7 @@ def _solve_upper(factor: Floats, vector: Floats) -> None:
         vector[i] = total / factor[i, i]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@partial(_kernel, fastmath=True)
 def _objective(
     theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats
 ) -> float:
@@ -72,7 +75,7 @@ def _objective(
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@partial(_kernel, fastmath=True)
 def _derivatives(
     theta: Floats,
     features: Floats,
@@ -108,7 +111,7 @@ def _derivatives(
         hessian[m + 1, m + 1] += ridge
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _newton_step(
     theta: Floats, gradient: Floats, hessian: Floats, nonnegative: bool, step: Floats
 ) -> float:
@@ -138,7 +141,7 @@ def _newton_step(
     return largest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def fit_stacker(
     features: Floats,
     target: Floats,
@@ -156,11 +159,10 @@ def fit_stacker(
     rate, scratch = np.empty(n), np.empty((2, n))
     gradient, hessian = np.empty(size), np.empty((size, size))
     step, trial = np.empty(size), np.empty(size)
-    mass = weight.sum()
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
         _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian, scratch)
-        if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * mass:
+        if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
             break
         length = 1.0
         for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
@@ -178,7 +180,7 @@ def fit_stacker(
     return float(value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def _weigh(target: Floats, starts: Ints, out: Ints, balanced: bool, weight: Floats) -> bool:
     """Weigh recordings 2/R and classes n/(2 n_c), left-out ones 0; tell if both classes remain."""
     positive, negative = 0.0, 0.0
@@ -196,7 +198,7 @@ def _weigh(target: Floats, starts: Ints, out: Ints, balanced: bool, weight: Floa
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@partial(_kernel, fastmath=True)
 def _leave_set(
     inverse: Floats,
     dual: Floats,
@@ -237,7 +239,7 @@ def _leave_set(
             own[p, i] = target[p, rows[i]] - solution[i]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@partial(_kernel, fastmath=True)
 def _score_others(
     inverse: Floats,
     dual: Floats,
@@ -279,7 +281,7 @@ def _score_others(
                 decisions[p, begin + i] = 0.0 if out[k] else target[p, begin + i] - vector[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def score_without(
     left_out: Ints,
     inverses: Floats,
@@ -319,7 +321,7 @@ def score_without(
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_kernel
 def fit_stackers(
     left_out: Ints,
     decisions: Floats,
@@ -339,8 +341,7 @@ def fit_stackers(
     n_modalities, n_targets, n = decisions.shape
     features, weight = np.empty((n_modalities, n)), np.empty(n)
     out = np.zeros(len(starts) - 1, np.int64)
-    for k in left_out:
-        out[k] = 1
+    out[left_out] = 1
     for p in range(n_targets):
         if _weigh(targets[p], starts, out, balanced, weight):
             features[:] = decisions[:, p]

@@ -15,10 +15,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from numba import njit
 from numba.core import event
 
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+from meal_bayes.cache import compile_kernel
+
+_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 _ROOTS = (Path(__file__).parent, Path(__file__).parents[1] / "momdp" / "observation.py")
 
 
@@ -37,12 +38,13 @@ _DIGEST = source_digest()
 
 def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that Python calls, when it is called first; later processes load it."""
-    return _versioned(njit(**_OPTIONS)(function))
+    return _versioned(compile_kernel(function, **_OPTIONS))
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call."""
-    return _versioned(njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+    wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return _versioned(compile_kernel(function, **_OPTIONS, **wrappers))
 
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:

@@ -14,35 +14,34 @@ Effects are written as spread x standard (non-centered), and sum to zero over wh
 that the sampler meets neither funnels nor ridges.
 """
 
-import getpass
 import os
-import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
+from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
+from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
 
-# PyTensor compiles into the home folder unless told where, which may be read-only; and it looks for
+# PyTensor loads what lies in its compile folder, so that must be nobody else's; and it looks for
 # a BLAS, with a warning where there is none, that no model of ours needs.
-_FLAGS = {
-    "base_compiledir": Path(tempfile.gettempdir()) / f"meal_bayes-pytensor-{getpass.getuser()}",
-    "blas__ldflags": "",
+_FLAGS: dict[str, Callable[[], object]] = {
+    "base_compiledir": lambda: scratch_folder("pytensor"),
+    "blas__ldflags": str,
 }
 _given = os.environ.get("PYTENSOR_FLAGS", "")
-_added = [f"{name}={value}" for name, value in _FLAGS.items() if name not in _given]
+_added = [f"{name}={value()}" for name, value in _FLAGS.items() if name not in _given]
 os.environ["PYTENSOR_FLAGS"] = ",".join([_given, *_added] if _given else _added)
-with warnings.catch_warnings():  # ArviZ 0.x announces 1.0 whenever it is imported
+with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import pymc as pm
     import pytensor.tensor
@@ -303,6 +302,7 @@ def _sample(
             tune=tune,
             chains=chains,
             cores=cores,
+            mp_ctx=EndingContext(),
             random_seed=int(stream(seed, "mcmc").integers(2**31)),
             target_accept=ACCEPT,
             model=built,

@@ -4,7 +4,6 @@ Works with ArviZ 0.x (InferenceData) and 1.x (xarray's DataTree), which differ i
 made; what is made answers to the same names: `found["posterior"]["mean"].sel(attribute="heavy")`.
 """
 
-import os
 import warnings
 from collections.abc import Mapping
 from importlib import util
@@ -14,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meal_bayes.cache import writable_caches
 from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.files import draft_of
 from meal_bayes.posterior.draws import Draws
 
-with warnings.catch_warnings():  # ArviZ 0.x announces 1.0 whenever it is imported
+with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import arviz
 az: Any = arviz  # not typed
@@ -99,16 +100,12 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
 
     Raises
     ------
+    OutputError : the file cannot be written.
     SettingsError : no library that writes groups of netCDF is installed.
     """
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        idata.to_netcdf(str(part), engine=_engine())
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    target, engine = Path(path), _engine()
+    with draft_of(target) as draft:
+        idata.to_netcdf(str(draft), engine=engine)
     return target
 
 

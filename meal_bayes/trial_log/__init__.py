@@ -8,10 +8,11 @@ from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Logs, log_files
 from meal_bayes.trial_log.marks import BatchMarks, Marks
 from meal_bayes.trial_log.memory import Told, forget, read_memory, write_told
-from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_trials
+from meal_bayes.trial_log.names import remove_drafts
+from meal_bayes.trial_log.reader import LogInfo, count_whole, log_info, read_header, read_trials
 from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import TrialWriter, write_trials
+from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
 __all__ = [
     "ACTIVE",
@@ -25,13 +26,16 @@ __all__ = [
     "Told",
     "TrialWriter",
     "check_log",
+    "count_whole",
     "forget",
     "log_files",
     "log_info",
     "read_header",
     "read_memory",
+    "read_seconds",
     "read_trials",
     "recover_log",
+    "remove_drafts",
     "salvage",
     "write_told",
     "write_trials",

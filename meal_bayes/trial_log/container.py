@@ -19,7 +19,7 @@ from mcap.records import Channel, Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import DomainError, LogCorruptError, QueryError, SettingsError
-from meal_bayes.trial_log.schema import RECORD_LIMIT
+from meal_bayes.trial_log.schema import MESSAGE_LIMIT, RECORD_LIMIT
 
 # What damaged bytes can raise on their way through the libraries and our constructors.
 FAULTS = (
@@ -41,6 +41,8 @@ FOOTER_SIZE = 29  # bytes of the footer record
 HEAD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE_HEAD = 22  # bytes of a message record before its data
 _CHANNEL_ID = struct.Struct("<H")
+_FREE_BYTES, _UNPACKING = 64 << 20, 256  # that a file may unpack to, and so often its own size
+_FREE_MESSAGES, _PACKED_MESSAGE = 10_000, 8  # of a file, and bytes of it that each more stands for
 _CRC = struct.Struct("<I")
 
 
@@ -100,18 +102,42 @@ def read_summary(file: BinaryIO, size: int) -> Iterator[Record]:
         yield record
 
 
-def chunk_messages(content: bytes, channels: dict[int, str]) -> Iterator[tuple[str, bytes]]:
-    """Yield topic and data of every message of a chunk; new channels go into `channels`."""
-    data = _unpack(Chunk.read(_stream(content)))
+class Budget:
+    """What the chunks of one file may ask for: a small file never unpacks into hours of work."""
+
+    def __init__(self, size: int) -> None:
+        self._bytes = _FREE_BYTES + _UNPACKING * size
+        self._messages = _FREE_MESSAGES + size // _PACKED_MESSAGE
+
+    def spend(self, unpacked: int = 0, messages: int = 0) -> None:
+        """Take from what is left; raise `LogCorruptError` where nothing is."""
+        self._bytes -= unpacked
+        self._messages -= messages
+        if self._bytes < 0 or self._messages < 0:
+            raise LogCorruptError("the file unpacks to far more than a log of its size holds")
+
+
+def chunk_messages(
+    content: bytes, channels: dict[int, str], budget: Budget | None = None
+) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and data of every message of a chunk; new channels go into `channels`.
+
+    Parameters
+    ----------
+    budget : of the file; by default the chunk has one of its own.
+    """
+    budget = Budget(len(content)) if budget is None else budget
+    data = _unpack(Chunk.read(_stream(content)), budget)
     position = 0
     while position < len(data):
         opcode, length = HEAD.unpack_from(data, position)
         begin, position = position + HEAD.size, position + HEAD.size + length
         if position > len(data):
             raise LogCorruptError(f"a record of {length} bytes does not fit into its chunk")
+        budget.spend(messages=1)
         if opcode == Opcode.MESSAGE:
-            if length < _MESSAGE_HEAD:
-                raise LogCorruptError(f"a message record has only {length} bytes")
+            if not _MESSAGE_HEAD <= length <= _MESSAGE_HEAD + MESSAGE_LIMIT:
+                raise LogCorruptError(f"a message record has {length} bytes")
             (channel,) = _CHANNEL_ID.unpack_from(data, begin)
             if channel not in channels:
                 raise LogCorruptError(f"a message on channel {channel}, which does not exist")
@@ -129,6 +155,8 @@ def _next_record(file: BinaryIO, size: int) -> Record:
     if len(head) < HEAD.size:
         raise LogCorruptError(f"the file ends after {size} bytes, without its closing records")
     opcode, length = HEAD.unpack(head)
+    if opcode == 0:  # of no record: a region that was never written, which may go on for terabytes
+        raise LogCorruptError(f"nothing is written from byte {offset} on, of {size} bytes")
     if length > min(RECORD_LIMIT, size - file.tell()):
         raise LogCorruptError(f"the file ends inside a record of {length} bytes at byte {offset}")
     content = file.read(length)
@@ -156,12 +184,13 @@ def _check_end(file: BinaryIO, footer: Record, crc: int, summary_start: int) -> 
         raise LogCorruptError("the file does not end with its closing bytes")
 
 
-def _unpack(chunk: Chunk) -> bytes:
+def _unpack(chunk: Chunk, budget: Budget) -> bytes:
     if chunk.compression != "zstd":
         raise LogCorruptError(f"a chunk is packed with {chunk.compression!r}, expected 'zstd'")
     size = zstandard.frame_content_size(chunk.data)
     if size != chunk.uncompressed_size or size > RECORD_LIMIT:
         raise LogCorruptError(f"a chunk of {chunk.uncompressed_size} bytes claims to unpack {size}")
+    budget.spend(unpacked=size)
     data: bytes = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
     _compare("chunk", zlib.crc32(data), chunk.uncompressed_crc)
     return data

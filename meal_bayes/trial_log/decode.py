@@ -1,6 +1,5 @@
 """Message bytes -> trials, each checked against its digest before it is believed."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -16,12 +15,15 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.encode import digest, trial_digest
 from meal_bayes.trial_log.schema import (
+    EDGE_LIMIT,
     FORMAT_VERSION,
+    MOMDP_BYTES,
     MOMDP_MEMORY,
     MOMDPS,
     NAME_LIMIT,
     OUTCOME,
     RUN,
+    SEEN_LIMIT,
     STEP,
     TRIAL,
     TRIAL_LIMIT,
@@ -32,6 +34,7 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
 )
 from meal_bayes.trial_log.shapes import misfit
+from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
@@ -39,6 +42,7 @@ UNFINISHED = "the log ends here"  # why a trial without an outcome was broken of
 class _Known(NamedTuple):
     momdp: MOMDP
     digest: bytes
+    size: int  # bytes of its message
 
 
 @dataclass
@@ -59,8 +63,7 @@ class TrialBuilder:
             self.header = decode_header(data)
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
-            self._momdps[message.id] = _Known(_momdp(message), digest((data,)))
-            self._momdps.pop(message.id - MOMDP_MEMORY, None)
+            self._remember(message.id, _Known(_momdp(message), digest((data,)), len(data)))
         elif topic == TRIAL:
             self._check_closed()
             self._keep(data)
@@ -80,6 +83,13 @@ class TrialBuilder:
         found = {"trials": str(self.trials), "steps": str(self.steps), "digest": self.chain.hex()}
         if found != end:
             raise LogCorruptError(f"the trials are not those that were written ({found}, {end})")
+
+    def _remember(self, number: int, known: _Known) -> None:
+        """Keep a MOMDP, and forget the oldest as the writer does."""
+        self._momdps[number] = known
+        sizes = [one.size for one in self._momdps.values()]
+        while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+            del self._momdps[next(iter(self._momdps))], sizes[0]
 
     def _check_closed(self) -> None:
         if self._open:
@@ -118,7 +128,9 @@ class TrialBuilder:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
         if trial_digest(known.digest, start, steps, outcome) != outcome.digest:
             raise LogCorruptError(f"trial {begin.trial} was changed (its digest differs)")
-        trial = _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, known.momdp)
+        if len(steps) != outcome.steps:
+            raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
+        trial = _trial(begin, (_parse(StepMessage, step) for step in steps), outcome, known.momdp)
         self.trials += 1
         self.steps += len(steps)
         self.chain = digest((self.chain, data))
@@ -133,17 +145,18 @@ def decode_header(data: bytes) -> dict[str, object]:
     LogVersionError : the file was written in another format version.
     """
     message = _parse(RunMessage, data)
-    header = json.loads(message.header)
+    header = read_json(message.header)
     if not isinstance(header, dict):
         raise LogCorruptError("the header is no table of names and values")
     if message.format_version != FORMAT_VERSION:
         versions = header.get("versions")
         writer = versions.get("meal_bayes") if isinstance(versions, dict) else None
-        wanted = f"=={writer}" if writer else ""
+        # The version alone is no advice: one that is not released yet may have had several formats.
+        by = f" (meal_bayes {writer})" if isinstance(writer, str) else ""
         raise LogVersionError(
             f"written in log format {message.format_version}, this meal_bayes reads format "
-            f"{FORMAT_VERSION}; read it with the version that wrote it (pip install "
-            f"'meal-bayes{wanted}') or run its configuration again"
+            f"{FORMAT_VERSION}; run its configuration again, or read it with the code that wrote "
+            f"it{by}"
         )
     return header
 
@@ -189,14 +202,18 @@ def _momdp(message: Any) -> MOMDP:
     )
 
 
-def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial:
-    order = [(message.trial, message.step) for message in messages]
-    if order != [(begin.trial, index) for index in range(outcome.steps)]:
-        raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
+def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> Trial:
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
+    if nothing.size * (1 + outcome.steps) > SEEN_LIMIT:
+        raise LogCorruptError(f"trial {begin.trial} counts more than {SEEN_LIMIT} percepts")
     belief = _belief(begin, nothing, momdp)
-    first, steps = belief, list[Step]()
-    for message in messages:
+    first, steps, edges = belief, list[Step](), 0
+    for index, message in enumerate(messages):
+        if (message.trial, message.step) != (begin.trial, index):
+            raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
+        edges += len(message.tree_level)
+        if edges > EDGE_LIMIT:
+            raise LogCorruptError(f"trial {begin.trial} has more than {EDGE_LIMIT} tree edges")
         steps.append(_step(message, momdp, belief))
         belief = steps[-1].belief
     trial = Trial(
@@ -205,7 +222,7 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
             query=Query(tuple(begin.attributes)),
             object_index=begin.object_index,
             object_name=begin.object_name,
-            key=tuple(json.loads(begin.key)),
+            key=_key(begin.key),
         ),
         agent=begin.agent,
         momdp=momdp,
@@ -221,6 +238,13 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
     return trial
 
 
+def _key(text: str) -> tuple[str | int, ...]:
+    key = read_json(text)
+    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
+        raise LogCorruptError(f"a trial's key is {text[:40]!r}, expected names and whole numbers")
+    return tuple(key)
+
+
 def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
@@ -230,6 +254,9 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     n, e, k = before.seen.shape
+    for name in ("values", "value_se", "visits"):
+        if (found := len(getattr(message, name))) != e + 1:
+            raise LogCorruptError(f"a step has {found} {name}, expected {e + 1}")
     levels = list(message.observation)
     if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # noqa: PLR2004  int8
         raise LogCorruptError(f"percepts {levels}, expected {n} levels below {k}")

@@ -31,7 +31,7 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import report_misfit, start_misfit, step_misfit
+from meal_bayes.trial_log.shapes import report_misfit, size_misfit, start_misfit, step_misfit
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -121,11 +121,11 @@ class TrialEncoder:
     ) -> None:
         self._number, self._momdp, self._digest = number, momdp, momdp_digest
         self._pictures, self._shown, self._size = pictures, -1, 0
-        self._start, self._steps = b"", list[bytes]()
+        self._start, self._steps, self._edges = b"", list[bytes](), 0
 
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
-        self._check(start_misfit(trial))
+        self._check(start_misfit(trial) or size_misfit(0, 0, trial.first_belief.seen.size))
         self._trial, self._before = trial, trial.first_belief
         self._start = _bytes(_start(trial, self._number, self._momdp))
         return self._counted([Packed(TRIAL, log_time(self._number, 0), self._start)])
@@ -133,6 +133,8 @@ class TrialEncoder:
     def step(self, step: Step) -> list[Packed]:
         """Pack the next step with a line of text, and a picture where the behavior is another."""
         momdp, index = self._trial.momdp, len(self._steps)
+        self._edges += len(step.decision.tree)
+        self._check(size_misfit(index + 1, self._edges, step.belief.seen.size))
         self._check(step_misfit(step, momdp, f"step {index}"))
         positive = _positive(step.belief)
         seen = [] if _replays(self._before, step, momdp) else step.belief.seen.ravel().tolist()

@@ -1,5 +1,6 @@
 """Logs that are still being written: trials as they land, from a file or a run's whole folder."""
 
+import contextlib
 import os
 from collections.abc import Iterator
 from io import BytesIO
@@ -15,22 +16,24 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import FAULTS, HEAD, chunk_messages
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.logs import log_files
-from meal_bayes.trial_log.schema import ACTIVE, PROFILE, RECORD_LIMIT
+from meal_bayes.trial_log.logs import log_files, run_digest, trial_digest
+from meal_bayes.trial_log.names import stem_of
+from meal_bayes.trial_log.schema import PROFILE, RECORD_LIMIT, SUFFIX
 
 
 class Follower:
     """Follows a file, or every file of a folder, from its beginning on.
 
     `poll` gives what has been flushed since the last call. A file that gets its final name while
-    it is read stays open, so nothing of it is missed or read twice. A damaged file is told in
-    `problems` and followed no further.
+    it is read stays open, so nothing of it is missed or read twice; a trial that several files
+    hold is given once. A damaged file is told in `problems` and followed no further.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.problems: list[str] = []
-        self._tails: dict[str, _Tail] = {}
+        self._tails: dict[tuple[int, int], _Tail] = {}  # by device and inode, whatever its name
+        self._seen: dict[bytes, _Tail] = {}  # where each trial was first
 
     @property
     def header(self) -> dict[str, object] | None:
@@ -50,18 +53,22 @@ class Follower:
         except LogError:  # not there yet, or not any more: what was opened is still read
             files = []
         for file in files:
-            name = str(file).removesuffix(ACTIVE)
-            if name not in self._tails:
-                self._tails[name] = _Tail(file)
-        for name, tail in self._tails.items():
+            with contextlib.suppress(FileNotFoundError):  # it got its name since
+                state = file.stat()
+                if (state.st_dev, state.st_ino) not in self._tails:
+                    self._tails[state.st_dev, state.st_ino] = _Tail(file)
+        for tail in self._tails.values():
             try:
-                yield from tail.poll()
+                for trial in tail.poll():
+                    identity = run_digest(tail.builder.header or {}) + trial_digest(trial)
+                    if self._seen.setdefault(identity, tail) is tail:
+                        yield trial
             except LogVersionError as fault:
                 tail.close()
-                raise LogVersionError(f"{name} was {fault}.") from fault
+                raise LogVersionError(f"{tail.name} was {fault}.") from fault
             except FAULTS as fault:
                 tail.close()
-                self.problems.append(f"{name}: {fault}")
+                self.problems.append(f"{tail.name}: {fault}")
 
     def close(self) -> None:
         """Close all files."""
@@ -73,6 +80,7 @@ class _Tail:
     """One file that grows."""
 
     def __init__(self, path: Path) -> None:
+        self.name = path.with_name(f"{stem_of(path)}{SUFFIX}")  # the one that is meant
         self.builder = TrialBuilder()
         self.done = False
         self._file: BinaryIO = path.open("rb")
@@ -87,6 +95,8 @@ class _Tail:
         while not self.done:
             record = self._whole_record()
             if record is None:
+                if not os.fstat(self._file.fileno()).st_nlink:  # a draft that was given up
+                    self.close()
                 return
             opcode, content = record
             if opcode == Opcode.HEADER:

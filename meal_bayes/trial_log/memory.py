@@ -3,14 +3,17 @@
 A log whose header has `told` remembers; the folder of logs is the memory, and nothing else is.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from meal_bayes.errors import LogError
-from meal_bayes.trial_log.reader import read_header, read_trials
-from meal_bayes.trial_log.writer import write_trials
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.trial_log.reader import read_header
+from meal_bayes.trial_log.salvage import salvage
+from meal_bayes.trial_log.writer import read_seconds, write_trials
 
+log = logging.getLogger("meal_bayes.trial_log")
 _NAMES = "ask-*.mcap"
 
 
@@ -38,24 +41,33 @@ def read_memory(folder: str | Path, data: str) -> list[Told]:
     folder : of the logs; one that is not there remembers nothing.
     data : the data set's name.
 
-    Raises
-    ------
-    LogError : a log that cannot be read; recover it, or take it away.
+    A log that is empty, torn or of another format is left out with a warning.
     """
     found = []
     for path in sorted(Path(folder).glob(_NAMES)):
-        header = read_header(path)
-        words = header.get("told")
-        if isinstance(words, dict) and header.get("data") == data:
-            found.append(_told(words, path))
+        try:
+            header = read_header(path)
+            words = header.get("told")
+            if isinstance(words, dict) and header.get("data") == data:
+                found.append(_told(words, path))
+        except LogError as fault:
+            log.warning("left out of the memory: %s (move the file away to silence this)", fault)
     return sorted(found, key=lambda told: told.number)
 
 
 def forget(memory: Sequence[Told]) -> int:
-    """Forget what was told; the trials stay in their logs. Return how many logs that were."""
+    """Forget what was told; the trials stay in their logs. Return how many logs that were.
+
+    Of a torn log the whole trials stay. One that holds none is left as it is, with a warning.
+    """
+    forgotten = 0
     for told in memory:
-        _rewrite(told.path, {})
-    return len(memory)
+        try:
+            _rewrite(told.path, {})
+            forgotten += 1
+        except LogCorruptError:
+            log.warning("%s holds no whole trial; remove it to forget what it was told", told.path)
+    return forgotten
 
 
 def _told(words: Mapping[str, object], path: Path) -> Told:
@@ -71,6 +83,9 @@ def _told(words: Mapping[str, object], path: Path) -> Told:
 
 
 def _rewrite(path: Path, words: Mapping[str, object]) -> None:
-    """Write a log anew with other words in its header."""
+    """Write a log anew with other words in its header; of a torn one its whole trials."""
     kept = {k: v for k, v in read_header(path).items() if k not in ("told", "versions")}
-    write_trials(path, list(read_trials(path)), header={**kept, **words})
+    trials = list(salvage(path))
+    if not trials:
+        raise LogCorruptError(f"{path} holds no whole trial")
+    write_trials(path, trials, header={**kept, **words}, seconds=read_seconds(path))

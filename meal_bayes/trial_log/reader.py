@@ -16,12 +16,14 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import (
     FAULTS,
+    Budget,
     Record,
     chunk_messages,
     read_records,
     read_summary,
 )
 from meal_bayes.trial_log.decode import TrialBuilder, decode_header
+from meal_bayes.trial_log.names import drafts_of
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
@@ -99,6 +101,20 @@ def log_info(path: str | Path) -> LogInfo:
     )
 
 
+def count_whole(path: str | Path) -> int:
+    """Count the trials of a log after every byte of it has been checked, none decoded.
+
+    Raises
+    ------
+    LogError : there is no such file; it is unfinished, torn or changed; or of another version.
+    """
+    path = find_log(path)
+    with opened(path) as (file, size):
+        for _ in read_records(file, size):
+            pass
+    return log_info(path).trials
+
+
 class Scan:
     """One reading of a file; a tolerant one notes the faults and goes on behind them."""
 
@@ -111,10 +127,12 @@ class Scan:
         names = (topic for topic, _, _ in channels()) if tolerant else ()
         self._channels = dict(enumerate(names, start=1))
         self._end: dict[str, str] = {}
+        self._budget = Budget(0)
 
     def trials(self) -> Iterator[Trial]:
         """Yield every whole trial."""
         with opened(self.path) as (file, size):
+            self._budget = Budget(size)
             records = read_records(file, size)
             while (record := self._next(records)) is not None:
                 yield from self._read(record)
@@ -138,7 +156,7 @@ class Scan:
     def _read(self, record: Record) -> Iterator[Trial]:
         try:
             if record.opcode == Opcode.CHUNK:
-                for topic, data in chunk_messages(record.content, self._channels):
+                for topic, data in chunk_messages(record.content, self._channels, self._budget):
                     trial = self.builder.add(topic, data)
                     if trial is not None:
                         yield trial
@@ -185,9 +203,8 @@ def find_log(path: str | Path) -> Path:
     path = Path(path)
     if path.is_file():
         return path
-    active = path.with_name(path.name + ACTIVE)
-    if active.is_file():
-        raise LogError(f"There is no {path}, but its unfinished {active.name}; {_way_out(active)}")
+    for draft in drafts_of(path):
+        raise LogError(f"There is no {path}, but its unfinished {draft.name}; {_way_out(draft)}")
     raise LogError(f"There is no log {path}; expected the name of a {SUFFIX} file.")
 
 

@@ -1,14 +1,16 @@
 """What to do with a torn file: say what is wrong, save the whole trials."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.trial_log.names import recovered_name
 from meal_bayes.trial_log.reader import Scan, find_log
-from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
-from meal_bayes.trial_log.writer import TrialWriter
+from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trial_log.writer import write_trials
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     Return its name.
 
     The new file stands beside the torn one as `<stem>.recovered.mcap` unless `out` says otherwise;
-    its header is the old one with `recovered_from`. The torn file stays as it is.
+    its header is the old one with `recovered_from`. The torn file stays as it is. Readers of the
+    folder take the recovered file only where the log itself and its drafts are gone.
 
     Raises
     ------
@@ -66,8 +69,7 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     LogVersionError : the file has another format version.
     """
     scan = Scan(find_log(path), tolerant=True)
-    stem = scan.path.name.removesuffix(ACTIVE).removesuffix(SUFFIX)
-    out = scan.path.with_name(f"{stem}.recovered{SUFFIX}") if out is None else Path(out)
+    out = recovered_name(scan.path) if out is None else Path(out)
     if out.exists():
         raise LogError(f"{out} exists already; remove it or name another file to recover into.")
     trials = _salvage(scan)
@@ -75,13 +77,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     if first is None:
         raise LogCorruptError(f"{scan.path} holds no whole trial, so there is nothing to recover.")
     header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
-    # Under a name of its own: <out>.active may be the very file that is being read.
-    draft = out.with_name(f"{out.stem}.draft{SUFFIX}")
-    with TrialWriter(draft, header) as log:
-        log.write(first)
-        for trial in trials:
-            log.write(trial)
-    return draft.replace(out)
+    write_trials(out, itertools.chain([first], trials), header=header)
+    return out
 
 
 def _salvage(scan: Scan) -> Iterator[Trial]:

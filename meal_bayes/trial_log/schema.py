@@ -24,7 +24,10 @@ MESSAGE_LIMIT = 8 << 20  # bytes of one message
 RECORD_LIMIT = 16 << 20  # bytes of one MCAP record, packed or unpacked
 TRIAL_LIMIT = 64 << 20  # bytes of one trial
 NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
-MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs
+MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
+MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
+EDGE_LIMIT = 250_000  # edges of the search trees of one trial
+SEEN_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
 
 _SECOND = 1_000_000_000  # ns
 _TRIAL_SPAN = 1000  # s between the starts of two trials on the log's clock

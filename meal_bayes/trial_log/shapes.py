@@ -6,7 +6,7 @@ import numpy as np
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.trial_log.schema import NAME_LIMIT
+from meal_bayes.trial_log.schema import EDGE_LIMIT, NAME_LIMIT, SEEN_LIMIT
 
 
 def misfit(trial: Trial) -> str | None:
@@ -36,6 +36,21 @@ def step_misfit(step: Step, momdp: MOMDP, where: str) -> str | None:
     return next(_step_misfits(step, momdp, where), None)
 
 
+def size_misfit(steps: int, edges: int, counts: int) -> str | None:
+    """Say what of a trial so far is beyond the format.
+
+    Parameters
+    ----------
+    steps, edges : how many, of the search trees.
+    counts : percept counts of one belief.
+    """
+    if edges > EDGE_LIMIT:
+        return f"its search trees have {edges} edges, a log holds at most {EDGE_LIMIT} of a trial"
+    if (1 + steps) * counts > SEEN_LIMIT:
+        return f"its beliefs count more than {SEEN_LIMIT} percepts, which no log holds of a trial"
+    return None
+
+
 def _start_misfits(trial: Trial) -> Iterator[str]:
     momdp = trial.momdp
     n = len(momdp.query)
@@ -50,6 +65,9 @@ def _start_misfits(trial: Trial) -> Iterator[str]:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
     if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
+    for name in ("cost", "bonus", "correct", "incorrect", "counts"):
+        if not np.isfinite(getattr(momdp, name)).all():
+            yield f"the MOMDP's {name} is not finite"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
 
 
@@ -60,6 +78,8 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     if belief.weight.shape != (n, momdp.n_kinds):
         found = belief.weight.shape
         yield f"{where} has weight of shape {found}, expected {(n, momdp.n_kinds)}"
+    elif np.isnan(belief.weight).any() or not np.isfinite(belief.weight.max(axis=1)).all():
+        yield f"{where} has weights that are no logarithms of probabilities"
     shared = belief.log_share is momdp.log_share
     if not (shared or np.array_equal(belief.log_share, momdp.log_share)):
         yield f"{where} has other truths of the kinds than the MOMDP"
@@ -80,6 +100,8 @@ def _step_misfits(step: Step, momdp: MOMDP, where: str) -> Iterator[str]:
     rows = decision.sampled_rows
     if rows is not None and rows.shape[1:] != (n, momdp.levels):
         yield f"{where} has sampled rows of shape {rows.shape}, expected (M,{n},{momdp.levels})"
+    if not np.isfinite(step.cost) or np.isinf(step.reward):  # nan where the truth is not known
+        yield f"{where} costs {step.cost} and earns {step.reward}, expected finite numbers"
     if not (0 <= step.x < len(momdp.x_names) and 0 <= step.next_x < len(momdp.x_names)):
         yield f"{where} goes from x {step.x} to {step.next_x}, expected 0 to {momdp.terminal}"
     if step.observation is not None:

@@ -1,9 +1,11 @@
 """Trials -> one MCAP file, flushed after every trial and named when whole."""
 
+import contextlib
+import itertools
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
@@ -14,14 +16,15 @@ from mcap.writer import Writer
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.files import replace_whole
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.encode import Packed, TrialEncoder, digest, encode_momdp, numbered
+from meal_bayes.trial_log.names import new_draft, timing_of
 from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
-    ACTIVE,
     END,
     FORMAT_VERSION,
-    MESSAGE_LIMIT,
+    MOMDP_BYTES,
     MOMDP_MEMORY,
     MOMDPS,
     PROFILE,
@@ -31,6 +34,7 @@ from meal_bayes.trial_log.schema import (
     channels,
     log_time,
 )
+from meal_bayes.untrusted import read_json
 
 Value = TypeVar("Value")
 Result = TypeVar("Result")
@@ -42,16 +46,17 @@ class _Placed(NamedTuple):
     number: int
     digest: bytes
     content: bytes  # digest of what it says, whatever its number
+    size: int  # bytes of its message
 
 
 class TrialWriter:
     """Writes trials into `path`, which exists only once the file is whole.
 
-    Until then the file is called `<path>.active`; when `write` returns, the trial has left the
-    process, and `salvage` reads it whatever happens next. It is a `Recorder` as well: a trial
-    that is told step by step is on disk step by step. Seconds of wall-clock time go into
-    `<stem>.timing.csv` beside the file, so that two equal runs write equal logs. Where the `with`
-    block ends by an exception, the file keeps the name that says it is unfinished.
+    Until then the file is a draft, `active_path`, of a name that no other writer has; when `write`
+    returns, the trial has left the process, and `salvage` reads it whatever happens next. It is a
+    `Recorder` as well: a trial that is told step by step is on disk step by step. Seconds of
+    wall-clock time go into `<stem>.timing.csv` beside the file, so that two equal runs write equal
+    logs. Where the `with` block ends by an exception, the draft stays.
 
     Parameters
     ----------
@@ -63,6 +68,7 @@ class TrialWriter:
         self.path = Path(path)
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
+        self.active_path = new_draft(self.path)  # its name while it is being written
         self.header = {"versions": _versions(), **header}
         self._text = _json(self.header)
         self._file: BinaryIO | None = None
@@ -76,31 +82,25 @@ class TrialWriter:
         self._torn = False  # a write was broken off: what follows could not be read
 
     @property
-    def active_path(self) -> Path:
-        """The file's name while it is being written."""
-        return self.path.with_name(self.path.name + ACTIVE)
-
-    @property
     def timing_path(self) -> Path:
         """The table of seconds."""
-        return self.path.with_name(self.path.stem + ".timing.csv")
+        return timing_of(self.path)
 
     def __enter__(self) -> Self:
-        try:
+        with self._faults_told():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.timing_path.unlink(missing_ok=True)
-            self._file = self.active_path.open("wb")
-        except OSError as fault:
-            raise LogError(f"{self.path} cannot be written: {fault}.") from fault
-        self._mcap: Any = Writer(self._file, enable_data_crcs=True)
-        self._mcap.start(profile=PROFILE)
-        self._channels = {
-            topic: self._mcap.register_channel(
-                topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
-            )
-            for topic, name, data in channels()
-        }
-        self._describe()
+            if self.path.exists() and not self.path.is_file():
+                raise OSError(f"{self.path} is no file")
+            self._file = self.active_path.open("xb")
+            self._mcap: Any = Writer(self._file, enable_data_crcs=True)
+            self._mcap.start(profile=PROFILE)
+            self._channels = {
+                topic: self._mcap.register_channel(
+                    topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
+                )
+                for topic, name, data in channels()
+            }
+            self._describe()
         return self
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
@@ -108,12 +108,13 @@ class TrialWriter:
 
         Raises
         ------
-        LogError : the trial's arrays do not fit each other; the file stays as it was.
+        LogError : the trial's arrays do not fit each other, and the file stays as it was; or the
+            disk is full, and the trials before stay in the draft.
         """
         packed = self._place_trial(trial)
         packed += self._packed(self._encoder.whole, trial)
-        self._put(packed)
-        self._close(trial, packed[-1], seconds)
+        self._put(packed, seconds=seconds)
+        self._close(trial, packed[-1])
 
     def begin(self, trial: Trial) -> None:
         """Put the start of a trial on disk; its steps follow one by one, then its end."""
@@ -131,7 +132,7 @@ class TrialWriter:
         packed = self._packed(self._encoder.end, trial)
         self._put(packed, sync=True)
         self._open = False
-        self._close(trial, packed[-1], None)
+        self._close(trial, packed[-1])
 
     def _place_trial(self, trial: Trial) -> list[Packed]:
         """Make the encoder of the next trial, and pack its MOMDP where that is new."""
@@ -149,26 +150,28 @@ class TrialWriter:
         except (TypeError, ValueError, OverflowError) as fault:
             raise LogError(f"Trial {self._trials} cannot be logged: {fault}.") from fault
 
-    def _put(self, packed: list[Packed], *, sync: bool = False) -> None:
+    def _put(
+        self, packed: list[Packed], *, seconds: float | None = None, sync: bool = False
+    ) -> None:
         """Write messages; when this returns they have left the process, or (sync) are on disk."""
         if self._file is None or self._torn:
             raise LogError(f"{self.path} is not open; write inside `with TrialWriter(...) as log`.")
         self._torn = True
-        for message in packed:
-            self._add(message.topic, message.time, message.data)
-        self._mcap.flush()
-        if sync:
-            self._file.flush()
-            os.fsync(self._file.fileno())
+        with self._faults_told():
+            for message in packed:
+                self._add(message.topic, message.time, message.data)
+            self._mcap.flush()
+            if seconds is not None:
+                self._note_seconds(self._trials, seconds)
+            if sync:
+                self._file.flush()
+                os.fsync(self._file.fileno())
         self._torn = False
 
-    def _close(self, trial: Trial, outcome: Packed, seconds: float | None) -> None:
-        number = self._trials
+    def _close(self, trial: Trial, outcome: Packed) -> None:
         self._remember(trial.momdp, self._placed)
-        self._trials, self._steps = number + 1, self._steps + len(trial.steps)
+        self._trials, self._steps = self._trials + 1, self._steps + len(trial.steps)
         self._chain = digest((self._chain, outcome.data))
-        if seconds is not None:
-            self._note_seconds(number, seconds)
 
     def __exit__(
         self,
@@ -179,17 +182,31 @@ class TrialWriter:
         if self._file is None:
             return
         whole = kind is None and not self._torn and not self._open
-        try:
+        file, timing = self._file, self._timing
+        self._file = self._timing = None
+        with self._faults_told(), contextlib.ExitStack() as stack:
+            for one in (file, timing):
+                if one is not None:
+                    stack.enter_context(contextlib.closing(one))
             if whole:
-                self._finish(self._file)
-        finally:
-            self._file.close()
-            self._file = None
-            if self._timing is not None:
-                self._timing.close()
-                self._timing = None
+                self._finish(file)
         if whole:
-            self.active_path.replace(self.path)
+            with self._faults_told():
+                if timing is None:
+                    self.timing_path.unlink(missing_ok=True)
+                else:
+                    replace_whole(timing_of(self.active_path), self.timing_path)
+                replace_whole(self.active_path, self.path)  # last: with it the log is there
+
+    @contextlib.contextmanager
+    def _faults_told(self) -> Iterator[None]:
+        """Turn the system's errors into ours, which name the file."""
+        try:
+            yield
+        except OSError as fault:
+            kept = f" ({self._trials} trials are kept in {self.active_path})" * (self._trials > 0)
+            why = fault.strerror or fault
+            raise LogError(f"{self.path} cannot be written: {why}{kept}.") from fault
 
     def _describe(self) -> None:
         """Write what the run was: metadata and an attachment for other tools, /run for ours."""
@@ -209,7 +226,6 @@ class TrialWriter:
         self._mcap.add_metadata(END, {name: str(value) for name, value in end.items()})
         self._mcap.finish()
         file.flush()
-        os.fsync(file.fileno())  # the whole name must not stand on half a file
 
     def _add(self, topic: str, time: int, data: bytes) -> None:
         self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
@@ -223,31 +239,46 @@ class TrialWriter:
         if content in self._known:
             return self._known[content], b""
         data = numbered(self._momdps, packed)
-        return _Placed(self._momdps, digest((data,)), content), data
+        return _Placed(self._momdps, digest((data,)), content, len(data)), data
 
     def _remember(self, momdp: MOMDP, placed: _Placed) -> None:
         self._last = momdp, placed
         if placed.content not in self._known:
             self._known[placed.content] = placed
             self._momdps += 1
-            if len(self._known) > MOMDP_MEMORY:
-                del self._known[next(iter(self._known))]
+            sizes = [one.size for one in self._known.values()]
+            while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+                del self._known[next(iter(self._known))], sizes[0]
 
     def _note_seconds(self, number: int, seconds: float) -> None:
         if self._timing is None:
-            self._timing = self.timing_path.open("w", encoding="utf-8")
+            self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
             self._timing.write("trial,seconds\n")
         self._timing.write(f"{number},{seconds:.6f}\n")
         self._timing.flush()
 
 
 def write_trials(
-    path: str | Path, trials: Iterable[Trial], *, header: Mapping[str, object]
+    path: str | Path,
+    trials: Iterable[Trial],
+    *,
+    header: Mapping[str, object],
+    seconds: Sequence[float] = (),
 ) -> None:
-    """Write trials into one log (see `TrialWriter`)."""
+    """Write trials into one log (see `TrialWriter`), with the seconds of the first of them."""
     with TrialWriter(path, header) as log:
-        for trial in trials:
-            log.write(trial)
+        known = itertools.chain(seconds, itertools.repeat(None))
+        for trial, taken in zip(trials, known, strict=False):
+            log.write(trial, seconds=taken)
+
+
+def read_seconds(path: str | Path) -> list[float]:
+    """Read the wall-clock seconds of a log's trials; none where no whole table is beside it."""
+    try:
+        rows = timing_of(Path(path)).read_text(encoding="utf-8").splitlines()[1:]
+        return [float(row.split(",")[1]) for row in rows]
+    except (FileNotFoundError, IndexError, ValueError):
+        return []
 
 
 def _versions() -> dict[str, str]:
@@ -263,10 +294,9 @@ def _json(value: object) -> str:
         raise SettingsError(f"Names in a log's header must be text; found {list(value)}.")
     try:
         text = json.dumps(value, sort_keys=True, allow_nan=False)
+        read_json(text)  # a reader must take it
     except (TypeError, ValueError) as fault:
         raise SettingsError(
             f"A log's header holds JSON values (text, finite numbers, lists, tables); {fault}."
         ) from fault
-    if len(text) > MESSAGE_LIMIT // 2:
-        raise SettingsError(f"A log's header of {len(text)} bytes; at most {MESSAGE_LIMIT // 2}.")
     return text

@@ -4,8 +4,13 @@ In: trials and the header of their run. Out: an .rrd file, a window, a page, a p
 trials land, if wanted. The log stays the only source: what is shown is made from it, each time.
 """
 
+from meal_bayes.viewer.feed import Feed
 from meal_bayes.viewer.live import follow
-from meal_bayes.viewer.replay import Replay, write_recording
+from meal_bayes.viewer.replay import Replay, send_recording, write_recording
+from meal_bayes.viewer.web import WebViewer
 from meal_bayes.viewer.window import Viewer, ViewerError, take_picture
 
-__all__ = ["Replay", "Viewer", "ViewerError", "follow", "take_picture", "write_recording"]
+__all__ = [
+    "Feed", "Replay", "Viewer", "ViewerError", "WebViewer", "follow", "send_recording",
+    "take_picture", "write_recording",
+]  # fmt: skip

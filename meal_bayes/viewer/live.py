@@ -5,14 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from meal_bayes.trial_log import Follower
-from meal_bayes.viewer.replay import Replay, recording
+from meal_bayes.viewer.replay import Replay, Target, clean_up, recording
 
 _POLL = 0.5  # s
 
 
 def follow(
     path: str | Path,
-    url: str,
+    to: Target,
     *,
     watching: Callable[[], bool],
     on_trials: Callable[[int], None] | None = None,
@@ -22,7 +22,7 @@ def follow(
     Parameters
     ----------
     path : file (also under the name it has while it is written) or folder; it may still be to come.
-    url : of the viewer.
+    to : address of the viewer, or the feed of a page.
     watching : asked again and again; following ends when it says no, or when all files have ended.
     on_trials : called with the number of trials so far, when there are new ones.
 
@@ -30,10 +30,23 @@ def follow(
     -------
     The follower, which knows what was wrong with the files, if anything.
     """
-    follower, replay = Follower(path), None
-    stream = recording(str(Path(path)))
-    stream.connect_grpc(url)
+    follower = Follower(path)
     try:
+        _follow(follower, to, watching, on_trials)
+    finally:
+        follower.close()
+        clean_up()
+    return follower
+
+
+def _follow(
+    follower: Follower,
+    to: Target,
+    watching: Callable[[], bool],
+    on_trials: Callable[[int], None] | None,
+) -> None:
+    with recording(str(follower.path), to) as (stream, bring):
+        replay = None
         while watching():
             new = False
             for trial in follower.poll():
@@ -46,16 +59,11 @@ def follow(
                 new = True
             if new and replay is not None:
                 replay.flush()
-                stream.flush()
+                bring()
                 if on_trials is not None:
                     on_trials(replay.trials)
             if follower.finished:
                 break
             time.sleep(_POLL)
-    finally:
-        follower.close()
         if replay is not None:
             replay.close()
-        stream.flush()
-        stream.disconnect()
-    return follower

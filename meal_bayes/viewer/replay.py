@@ -1,12 +1,18 @@
 """Trial logs -> a rerun recording: into a file, or to a viewer that is running."""
 
-from collections.abc import Iterable, Mapping
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
+import rerun_bindings
 
 from meal_bayes.agents.trial import Trial
+from meal_bayes.files import draft_of
 from meal_bayes.viewer.blueprint import blueprint
+from meal_bayes.viewer.feed import Feed
 from meal_bayes.viewer.moments import Clock
 from meal_bayes.viewer.recorder import Recorder, Time
 from meal_bayes.viewer.run_view import RunView
@@ -14,6 +20,8 @@ from meal_bayes.viewer.scene import Scene
 
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
+
+Target = Path | str | Feed
 
 
 class Replay:
@@ -71,12 +79,53 @@ class Replay:
             run_first=run_first,
             live=live,
         )
-        self._stream.send_blueprint(layout)
+        send_layout(self._stream, layout)
 
 
-def recording(name: str) -> rr.RecordingStream:
-    """Start a recording of our own; nothing of rerun's global state is touched."""
-    return rr.RecordingStream(APPLICATION, recording_id=name, make_default=False)
+def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Send a layout as `stream.send_blueprint` does, which leaves two threads behind each time.
+
+    They belong to a stream in memory, which rerun 0.41 never disconnects.
+    """
+    made = rr.RecordingStream._from_native(
+        rerun_bindings.new_blueprint(APPLICATION, make_default=False, make_thread_default=False)
+    )
+    made.set_time("blueprint", sequence=0)
+    layout._log_to_stream(made)
+    held = made.memory_recording()
+    rerun_bindings.send_blueprint(held.storage, True, True, recording=stream.to_native())
+    made.disconnect()
+
+
+@contextlib.contextmanager
+def recording(name: str, to: Target) -> Iterator[tuple[rr.RecordingStream, Callable[[], None]]]:
+    """Start a recording of our own; nothing of rerun's global state is touched.
+
+    Yields the stream, and a function that brings to the target what has been sent so far.
+
+    Parameters
+    ----------
+    to : path of an .rrd file, address of a viewer (rerun+http://...), or a feed, which is ended.
+    """
+    stream = rr.RecordingStream(APPLICATION, recording_id=name, make_default=False)
+    bring: Callable[[], None] = stream.flush
+    if isinstance(to, Feed):
+        bring = partial(_pump, rr.binary_stream(stream), to)
+    elif isinstance(to, Path):
+        stream.save(to)
+    else:
+        stream.connect_grpc(to)
+    try:
+        yield stream, bring
+    finally:
+        bring()
+        stream.disconnect()
+        if isinstance(to, Feed):
+            to.end()
+
+
+def _pump(binary: rr.BinaryStream, feed: Feed) -> None:
+    feed.append(binary.read() or b"")
 
 
 def write_recording(
@@ -88,14 +137,51 @@ def write_recording(
     only: int | None = None,
     run_first: bool = False,
 ) -> int:
-    """Write trials into an .rrd file and give their number."""
-    stream = recording(name)
-    stream.save(Path(path))
-    replay = Replay(stream, header, only=only)
-    for trial in trials:
-        replay.add(trial)
-    replay.close()
-    replay.lay_out(run_first=run_first)
-    stream.flush()
-    stream.disconnect()
-    return replay.trials
+    """Write trials into an .rrd file and return their number.
+
+    Raises
+    ------
+    OutputError : the file cannot be written; one that was there stays.
+    """
+    with draft_of(path) as draft:
+        return send_recording(trials, draft, header, name=name, only=only, run_first=run_first)
+
+
+def send_recording(
+    trials: Iterable[Trial],
+    to: Target,
+    header: Mapping[str, object],
+    *,
+    name: str = "run",
+    only: int | None = None,
+    run_first: bool = False,
+) -> int:
+    """Send trials to a file, a viewer or a feed (see `recording`), and return their number."""
+    try:
+        return _send(trials, to, header, name, only, run_first)
+    finally:
+        clean_up()
+
+
+def clean_up() -> None:
+    """End the threads of recordings that nobody holds any more; rerun leaves them running."""
+    rerun_bindings.flush_and_cleanup_orphaned_recordings()
+
+
+def _send(
+    trials: Iterable[Trial],
+    to: Target,
+    header: Mapping[str, object],
+    name: str,
+    only: int | None,
+    run_first: bool,
+) -> int:
+    with recording(name, to) as (stream, bring):
+        replay = Replay(stream, header, only=only)
+        for trial in trials:
+            replay.add(trial)
+            if replay.trials % _BATCH == 0:
+                bring()
+        replay.close()
+        replay.lay_out(run_first=run_first)
+        return replay.trials

@@ -1,6 +1,6 @@
-"""The viewer's own program: a window, a page in the browser, a picture without a display.
+"""The viewer's own program: a window, a picture without a display.
 
-It listens on 127.0.0.1 only and is started with its telemetry off.
+It listens on 127.0.0.1 only, is started with its telemetry off, and ends with this process.
 """
 
 import importlib.util
@@ -18,8 +18,10 @@ from typing import IO, Any, Self
 from rerun.experimental import ViewerClient
 
 from meal_bayes.errors import LogError, MealBayesError
-from meal_bayes.viewer.web import HERE, Page
+from meal_bayes.files import write_whole
+from meal_bayes.processes import start
 
+HERE = "127.0.0.1"
 _SIZE = (1920, 1080)
 _START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no longer changes
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
@@ -38,36 +40,31 @@ class Viewer:
     ----------
     arguments : files to open and options of rerun's command line.
     headless : without a window; needs a Vulkan driver, which may be one in software.
-    web : as a page for a browser, at `address`.
+    port : on which it is known to be ready; a free one for its data by default.
     """
 
     def __init__(
-        self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
+        self,
+        arguments: Sequence[str | Path] = (),
+        *,
+        headless: bool = False,
+        port: int | None = None,
     ) -> None:
-        self.port, pages = free_ports(2)
+        (data,) = free_ports(1)
+        self._port = data if port is None else port
         self._command = [str(viewer_program()), *map(str, arguments)]
-        self._command += ["--bind", HERE, "--port", str(self.port), "--hide-welcome-screen"]
-        self.url = f"rerun+http://{HERE}:{self.port}/proxy"
-        self._page = Page(pages, self.port) if web else None
+        self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]
+        self.url = f"rerun+http://{HERE}:{data}/proxy"
         if headless:
             self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
-        if self._page is not None:
-            self._command += ["--serve-web", "--web-viewer-port", str(pages)]
-            self._command += ["--cors-allow-origin", self._page.origin]
-        self._port = pages if web else self.port
         self._process: subprocess.Popen[bytes] | None = None
         self._said: IO[bytes]
-
-    @property
-    def address(self) -> str:
-        """Of the page, to be opened in a browser of this machine."""
-        return "" if self._page is None else self._page.address
 
     def __enter__(self) -> Self:
         # Telemetry is off where CI is set; a program in a CI phones nobody.
         environment = {**os.environ, "CI": "1", "RUST_LOG": os.environ.get("RUST_LOG", "error")}
         self._said = tempfile.TemporaryFile()  # a pipe that nobody empties would stop it
-        self._process = subprocess.Popen(
+        self._process = start(
             self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._said
         )
         return self
@@ -78,8 +75,6 @@ class Viewer:
         fault: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._page is not None:
-            self._page.close()
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -156,8 +151,7 @@ def take_picture(
         picture = _settled(client, 0.0 if notices else _NOTICE)
         state = client.get_state()
     if path is not None:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(picture)
+        write_whole(path, picture)
     return picture, state
 
 

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from meal_bayes.cli import main
 from meal_bayes.trial_log import read_header, read_memory, read_trials
 
+TRIAL_LOGS = Path(__file__).resolve().parents[1] / "trial_log"
 OWN = ("--dataset", "kitchen.npz")
 
 
@@ -99,8 +100,31 @@ def test_show_and_forget(ask, run):
         assert "told" not in read_header(log)
 
 
-def test_a_broken_log_is_told_in_one_line(ask, fails):
+@pytest.mark.parametrize("damage", ["torn", "empty", "old"])
+def test_a_log_that_cannot_be_read_is_left_out_with_a_warning(ask, run, caplog, damage):
+    ask("Is it red?", "yes\n", "blue_mug")
+    (path,) = Path("logs").glob("ask-*.mcap")
+    content = {
+        "torn": path.read_bytes()[:200],
+        "empty": b"",
+        "old": (TRIAL_LOGS / "format1.mcap").read_bytes(),
+    }[damage]
+    path.write_bytes(content)
+    facts(ask("Is it red?", "yes\n", "red_jar", "--json"))
+    shown = json.loads(run("memory", "show", *OWN, "--json").stdout)["memory"]
+    assert [row["object"] for row in shown] == ["red_jar"]
+    assert all("left out of the memory" in record.message for record in caplog.records)
+    assert path.name in caplog.text
+    assert "in 1 trials" in run("memory", "forget", *OWN).stderr
+    assert path.read_bytes() == content
+
+
+def test_a_torn_log_is_forgotten_with_its_whole_trials_kept(ask, run):
     ask("Is it red?", "yes\n")
     (path,) = Path("logs").glob("ask-*.mcap")
-    path.write_bytes(path.read_bytes()[:200])
-    assert path.name in fails("memory", "show", *OWN)
+    timing = path.with_name(path.stem + ".timing.csv").read_bytes()
+    path.write_bytes(path.read_bytes()[:-60])
+    assert "in 1 trials" in run("memory", "forget", *OWN).stderr
+    assert read_memory("logs", "kitchen") == []
+    assert len(list(read_trials(path))) == 1
+    assert path.with_name(path.stem + ".timing.csv").read_bytes() == timing

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,9 @@ from meal_bayes.evaluation import compare
 from meal_bayes.trial_log import read_trials, salvage
 
 ROW = [
-    "agent", "trials", "judged", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward", "reward_se",
-    "nll", "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy", "seconds",
+    "agent", "trials", "judged", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward",
+    "reward_se", "nll", "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy",
+    "seconds",
 ]  # fmt: skip
 OFFLINE = ("run", "offline", "--trials", "12", "--agent", "greedy,predefined_plus")
 
@@ -134,10 +134,10 @@ def test_the_papers_classifiers_need_recordings(fails, table):
     assert "MEAL_BAYES_OFFLINE forbids the network" in public
 
 
-def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path):
+def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path, eventually):
     words = ("run", "offline", "--trials", "300", "--agent", "predefined_plus", "--json")
     with start(*words) as process:
-        torn = wait_for_second_unit(tmp_path, process)
+        torn = wait_for_second_unit(tmp_path, process, eventually)
         os.killpg(process.pid, signal.SIGKILL)
     saved = list(salvage(torn))
     assert saved
@@ -155,16 +155,18 @@ def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path):
     assert not list(tmp_path.rglob("*.active"))
 
 
-def wait_for_second_unit(folder, process):
+def wait_for_second_unit(folder, process, eventually):
     """Wait until the second unit holds trials but is not whole."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
+    found = []
+
+    def begun():
         assert process.poll() is None
-        for path in folder.rglob("unit-0001.mcap.active"):
-            if path.stat().st_size > 20_000:
-                return path
-        time.sleep(0.005)
-    raise AssertionError("no second unit within a minute")
+        drafts = folder.rglob("unit-0001.mcap.active")
+        found.extend(path for path in drafts if path.stat().st_size > 20_000)
+        return found
+
+    eventually(begun, "no second unit")
+    return found[0]
 
 
 def facts(trial):

@@ -8,7 +8,7 @@ import pytest
 from meal_bayes import viewer
 from meal_bayes.learner.asking import ask
 from meal_bayes.trial_log import write_trials
-from meal_bayes.viewer import window
+from meal_bayes.viewer import Feed, window
 
 
 @pytest.fixture
@@ -26,17 +26,16 @@ class Fake:
 
     started: ClassVar[list] = []
 
-    def __init__(self, arguments=(), *, headless=False, web=False):
-        self.started.append(([*map(str, arguments)], headless, web))
+    def __init__(self):
+        self.started.append(type(self))
         self.address, self.url = "http://127.0.0.1:1/?url=x", "rerun+http://127.0.0.1:1/proxy"
-        self.running = False
-        assert all(Path(argument).stat().st_size > 1000 for argument in arguments)
+        self.recording, self.running = Feed(), False
 
     def __enter__(self):
         return self
 
     def __exit__(self, *fault):
-        pass
+        self.recording.close()
 
     def wait(self):
         pass
@@ -44,11 +43,29 @@ class Fake:
     wait_until_ready = wait
 
 
+class FakePage(Fake):
+    """Stands for the page."""
+
+
 @pytest.fixture
 def fake(monkeypatch):
     monkeypatch.setattr(Fake, "started", [])
     monkeypatch.setattr(viewer, "Viewer", Fake)
+    monkeypatch.setattr(viewer, "WebViewer", FakePage)
     return Fake.started
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Where recordings were sent, and how many trials each had."""
+    found = []
+
+    def send(trials, to, header, *, name, only):
+        found.append((to, sum(1 for _ in trials)))
+        return found[-1][1]
+
+    monkeypatch.setattr(viewer, "send_recording", send)
+    return found
 
 
 def test_a_file_and_a_folder_are_saved(run, log):
@@ -60,17 +77,23 @@ def test_a_file_and_a_folder_are_saved(run, log):
     assert Path("one.rrd").stat().st_size < Path("out/all.rrd").stat().st_size
 
 
-def test_a_window_opens_a_recording_that_is_gone_afterwards(run, log, fake):
+def test_a_window_is_sent_the_trials_and_no_file_is_made(run, log, fake, sent, monkeypatch):
+    monkeypatch.setattr("tempfile.TemporaryDirectory", None)
     assert run("view", log).exit_code == 0
-    ((arguments, headless, web),) = fake
-    assert (headless, web) == (False, False)
-    assert Path(arguments[0]).name == "run.rrd"
-    assert not Path(arguments[0]).exists()
+    assert fake == [Fake]
+    assert sent == [("rerun+http://127.0.0.1:1/proxy", 3)]
 
 
 def test_a_page_is_told_where_it_is(run, log, fake):
     assert "http://127.0.0.1:1/" in run("view", log, "--web").stdout
-    assert fake[0][2] is True
+    assert fake == [FakePage]
+
+
+def test_recordings_and_pictures_do_not_replace_logs(run, log, fails):
+    for option in ("--save", "--screenshot"):
+        Path("a.rrd").write_bytes((log / "a.mcap").read_bytes())
+        assert "is a trial log" in fails("view", log, option, "a.rrd")
+        assert Path("a.rrd").read_bytes() == (log / "a.mcap").read_bytes()
 
 
 def test_a_run_is_followed(run, log, fake, monkeypatch):

@@ -101,6 +101,20 @@ def test_wrong_checksum_names_file_digests_and_way_out(mirror: Path, tmp_path: P
     assert not any((tmp_path / "cache").rglob("tmp*"))
 
 
+@pytest.mark.parametrize("kind", ["folder", "server"])
+def test_an_endless_body_is_not_written(
+    kind: str, server: str, mirror: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meal_bayes.datasets.download._LARGEST", 1000)
+    if kind == "server":
+        monkeypatch.setenv("MEAL_BAYES_DATA_URL", server)
+    (mirror / HOME / "objects.txt").write_bytes(bytes(300_000))
+    with pytest.raises(DownloadError, match="more than 1,000 bytes"):
+        fetch("roc36")
+    kept = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
+    assert all(path.stat().st_size <= 1000 for path in kept)
+
+
 def test_absent_in_the_folder_mirror(mirror: Path) -> None:
     (mirror / HOME / "sub" / "a.txt").unlink()
     with pytest.raises(DownloadError, match=r"Cannot get .*a\.txt .*set MEAL_BAYES_DATA_URL"):

@@ -1,7 +1,6 @@
 """The public recordings themselves: shapes, labels, repairs."""
 
 import logging
-import time
 from pathlib import Path
 
 import numpy as np
@@ -76,13 +75,9 @@ def test_published_domains_read_the_same_recordings(
     assert homes == {"roc36", "ispy32", "cy101"}
 
 
-def test_repairs_are_told_and_reading_is_quick(
-    recordings: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    started = time.process_time()
+def test_repairs_are_told(recordings: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
         load_dataset("cy101", root=recordings)
-    assert time.process_time() - started < 10
     told = caplog.text
     assert "added 2^31 to the count of smallstuffedanimal_moose_t2" in told
     for copy in ("basket_cylinder_t5", "ball_blue_t2", "noodle_1_t2", "smallstuffedanimal_otter_t3",

@@ -83,7 +83,7 @@ def test_a_circle_of_tables_is_refused(tmp_path):
     [
         ("probability = 0.9", "probability = 1.9", "probability 1.9; expected a number above 0"),
         ("cost = 5, ", "", "behavior 'lift' has no 'cost'; add it"),
-        ("cost = 5", "cost = -5", "costs -5.0; give its seconds, 0 or more"),
+        ("cost = 5", "cost = -5", "costs -5.0; give its seconds, 0 to"),
         ("cost = 5", "cost = inf", "costs inf; give its seconds"),
         ("cost = 5", "cost = '5'", "cost = '5'; expected a number"),
         ('["red", "heavy"]', '["red", "red"]', "'red' is listed twice"),

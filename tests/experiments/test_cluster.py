@@ -65,10 +65,11 @@ def process(folder, module, *words):
 
 
 def wait_for(condition, what):
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline, what
+    for _ in range(12_000):  # looks; no test asks a clock
+        if condition():
+            return
         time.sleep(0.01)
+    raise AssertionError(what)
 
 
 @pytest.fixture

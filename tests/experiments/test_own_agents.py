@@ -130,7 +130,7 @@ def test_on_the_command_line(module, tmp_path, monkeypatch):
     assert [row["agent"] for row in rows] == ["Looker", "predefined"]
     for wrong, says in (
         ("no_such_module:x", "cannot be imported"),
-        (f"{name}:Nobody", "cannot be imported"),
+        (f"{name}:Nobody", "'Nobody': expected one of: LOOKS, Looker, LookerPolicy, best_report"),
         (f"{name}:LOOKS", "a planner with a method solve"),
     ):
         done = CliRunner().invoke(main, [*words, wrong])

@@ -8,7 +8,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import DataError, MealBayesError, SettingsError
+from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
 
 STATE = ("prior", "counts", "concentration", "dispersion")
@@ -103,7 +103,7 @@ def test_saving_twice_replaces_and_leaves_nothing_else(taught, saved):
 def test_a_folder_that_is_not_there_or_a_place_that_cannot_be_written(taught, tmp_path):
     taught[0].save(tmp_path / "new" / "a.mind")
     (tmp_path / "file").write_text("x")
-    with pytest.raises(DataError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         taught[0].save(tmp_path / "file" / "a.mind")
 
 

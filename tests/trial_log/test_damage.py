@@ -3,7 +3,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -29,6 +28,7 @@ from meal_bayes.trial_log import (
     write_trials,
     writer,
 )
+from meal_bayes.trial_log.names import drafts_of, timing_of
 
 TRIALS = 8
 
@@ -57,10 +57,9 @@ def damages(data, count, seed):
 
 def test_400_damages_are_never_silently_wrong(whole, make, outcome_of, tmp_path):
     data, trials = whole
-    path, silent, slowest, saved = tmp_path / "d.mcap", [], 0.0, 0
+    path, silent, saved = tmp_path / "d.mcap", [], 0
     for name, changed in damages(data, 400, seed=2024):
         path.write_bytes(changed)
-        begin = time.process_time()
         given = []
         fault = outcome_of(lambda given=given: given.extend(read_trials(path)))
         if changed == data:
@@ -80,9 +79,7 @@ def test_400_damages_are_never_silently_wrong(whole, make, outcome_of, tmp_path)
             assert isinstance(rescued, LogCorruptError), (name, rescued)
         info = outcome_of(lambda: log_info(path))
         assert isinstance(info, LogCorruptError) or info.trials == TRIALS, (name, info)
-        slowest = max(slowest, time.process_time() - begin)
     assert len(silent) <= 1, silent
-    assert slowest < 2.0
     assert not check_log(path).whole
     # A flip costs one chunk, a cut at a random place half of the file.
     assert saved > 400 * TRIALS * 0.6
@@ -136,27 +133,27 @@ def test_kill_9_loses_no_finished_trial(make, tmp_path):
         finished = 57 + len(child.stdout.read())
     assert child.returncode == -signal.SIGKILL
     assert not path.exists()
-    active = path.with_name("run.mcap.active")
+    (active,) = drafts_of(path)
     trials = list(salvage(active))
     assert len(trials) in (finished, finished + 1)  # the last may lack its sign only
     assert all(map(make.equal, trials, itertools.cycle(make.trials(20, 3))))
     report = check_log(active)
     assert (report.trials, report.whole) == (len(trials), False)
-    timing = (tmp_path / "run.timing.csv").read_text().splitlines()
+    timing = timing_of(active).read_text().splitlines()
     assert len(timing) in (finished + 1, finished + 2)
 
-    with pytest.raises(LogError, match=r"meal-bayes log recover .*run\.mcap\.active"):
+    with pytest.raises(LogError, match=f"meal-bayes log recover .*{active.name}"):
         read_trials(path)
     saved = recover_log(active)
     assert saved == tmp_path / "run.recovered.mcap"
     assert all(map(make.equal, trials, read_trials(saved)))
     assert check_log(saved).trials == len(trials)
-    assert read_header(saved)["recovered_from"] == "run.mcap.active"
+    assert read_header(saved)["recovered_from"] == active.name
     assert read_header(saved)["seed"] == 3
     assert sorted(file.name for file in tmp_path.iterdir()) == [
-        "run.mcap.active",
         "run.recovered.mcap",
-        "run.timing.csv",
+        active.name,
+        timing_of(active).name,
     ]
 
 
@@ -183,7 +180,8 @@ def test_an_exception_leaves_the_unfinished_name(make, tmp_path):
     with pytest.raises(LogError), TrialWriter(path, {}) as log:
         write_then_fail(log, *make.trials(1))
     assert not path.exists()
-    active = tmp_path / "a.mcap.active"
+    active = log.active_path
+    assert active.name.startswith("a.w")
     with pytest.raises(LogCorruptError, match=rf"meal-bayes log recover {active}"):
         read_trials(active)
     assert len(list(salvage(active))) == 1
@@ -223,7 +221,7 @@ def test_another_version_is_refused_with_the_way_out(make, monkeypatch, tmp_path
         lambda: check_log(path),
         lambda: recover_log(path),
     ):
-        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal-bayes==9\.1"):
+        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal_bayes 9\.1"):
             read()
 
 

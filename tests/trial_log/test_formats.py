@@ -59,9 +59,7 @@ def test_unknown_truth_warnings_and_the_end_come_back(make, tmp_path):
         warned = dataclasses.replace(trial.steps[1], warning="no percept of look: NaN")
         steps = (trial.steps[0], warned, *trial.steps[2:])
         ended = "robot error: hot" * (number == 2)
-        trials.append(
-            dataclasses.replace(trial, truth=np.array(truth), steps=steps, ended=ended)
-        )
+        trials.append(dataclasses.replace(trial, truth=np.array(truth), steps=steps, ended=ended))
     path = tmp_path / "a.mcap"
     write_trials(path, trials, header={})
     back = list(read_trials(path))
@@ -101,16 +99,6 @@ def test_a_trial_without_its_end_leaves_the_file_unfinished(make, tmp_path):
     assert make.equal(saved[1].steps[0], trial.steps[0])
     assert (len(saved), len(saved[1].steps), saved[1].ended) == (2, 1, "the log ends here")
     assert not check_log(log.active_path).whole
-
-
-def test_additive_rewards_come_back(make, tmp_path):
-    (trial,) = make.trials(1, 5)
-    for additive in (False, True):
-        momdp = dataclasses.replace(trial.momdp, additive=additive)
-        path = tmp_path / f"{additive}.mcap"
-        write_trials(path, [dataclasses.replace(trial, momdp=momdp)], header={})
-        (back,) = read_trials(path)
-        assert back.momdp.additive is additive
 
 
 def unpacked(data):

@@ -1,5 +1,7 @@
 """Tables of marks: read back exactly as written, and refused where they are damaged."""
 
+import errno
+import os
 from dataclasses import fields
 
 import numpy as np
@@ -7,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meal_bayes.errors import LogError
+from meal_bayes.errors import LogError, OutputError
 from meal_bayes.trial_log import Marks
 
 number = st.floats(allow_nan=False, allow_infinity=False)
+share = st.floats(0, 1)
 
 
 @st.composite
@@ -26,8 +29,8 @@ def some_marks(draw):
         success=array(st.booleans(), trials),
         cost=array(number, trials),
         reward=array(number, trials),
-        claimed=array(number, trials),
-        positive=array(number, trials, n),
+        claimed=array(share, trials),
+        positive=array(share, trials, n),
         truth=array(st.booleans(), trials, n),
         column=array(st.integers(0, 80), trials, n),
     )
@@ -67,6 +70,7 @@ DAMAGE = {
     "bytes": lambda path: path.write_bytes(bytes(range(128, 256))),
     "half a number": lambda path: path.write_text(path.read_text()[:-1]),
     "another table": lines("trial,seconds\n0,1.5\n"),
+    "a digit": lambda path: path.write_text(path.read_text().replace("12.5", "12.6")),
     "as wide": lines("a,b,c,d,e,f,g,h\n1,1,1,1,1,1,1,1\n"),
     "a column less": lambda path: path.write_text(
         "\n".join(line.rsplit(",", 1)[0] for line in path.read_text().splitlines()) + "\n"
@@ -88,12 +92,11 @@ def test_a_table_appears_whole_or_not_at_all(tmp_path, monkeypatch):
     one().save(path)
     before = path.read_bytes()
 
-    def torn(self, text, **options):
-        self.write_bytes(text.encode()[:30])
-        raise OSError("disk full")
+    def torn(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(type(path), "write_text", torn)
-    with pytest.raises(OSError, match="disk full"):
+    monkeypatch.setattr(os, "fsync", torn)
+    with pytest.raises(OutputError, match=r"some\.marks\.csv cannot be written: No space left"):
         one().save(path)
     assert path.read_bytes() == before
 

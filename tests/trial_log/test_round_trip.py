@@ -25,6 +25,8 @@ from meal_bayes.trial_log import (
 from meal_bayes.trial_log.schema import MOMDP_MEMORY
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
+FINITE = st.floats(allow_nan=False, allow_infinity=False, width=64)
+LOGS = st.floats(max_value=0, allow_nan=False, allow_infinity=False, width=64)
 COUNTS = st.integers(0, 2**62)
 TEXTS = st.text(max_size=12)
 
@@ -56,7 +58,7 @@ def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
     kinds = n * momdp.n_kinds
-    weight = np.array(draw(st.lists(NUMBERS, min_size=kinds, max_size=kinds))).reshape(n, -1)
+    weight = np.array(draw(st.lists(LOGS, min_size=kinds, max_size=kinds))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
@@ -74,7 +76,7 @@ def any_trials(draw, make):
     x = st.integers(0, momdp.terminal)
     percept = st.lists(st.integers(0, levels - 1), min_size=n, max_size=n)
     percept = st.none() | percept.map(lambda values: np.array(values, np.int8))
-    steps = st.builds(Step, x, decisions(momdp), x, percept, NUMBERS, NUMBERS, beliefs(momdp))
+    steps = st.builds(Step, x, decisions(momdp), x, percept, FINITE, FINITE, beliefs(momdp))
     key = st.lists(TEXTS | st.integers(-(2**70), 2**70), max_size=3).map(tuple)
     task = Task(draw(TEXTS), momdp.query, draw(st.integers(0, 999)), draw(TEXTS), draw(key))
     made = tuple(draw(st.lists(steps, max_size=3)))

@@ -1,20 +1,13 @@
 """Following a run: the real viewer's place is taken by a recording in memory."""
 
 import threading
-import time
-
-import rerun as rr
 
 from meal_bayes.trial_log import TrialWriter
-from meal_bayes.viewer import live
+from meal_bayes.viewer import Feed, live
 
 
-def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
-    path, sent = tmp_path / "run.mcap", []
-    stream = rr.RecordingStream("test", make_default=False)
-    saved = tmp_path / "seen.rrd"
-    monkeypatch.setattr(stream, "connect_grpc", lambda url: sent.append(url) or stream.save(saved))
-    monkeypatch.setattr(live, "recording", lambda name: stream)
+def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
+    path, saved = tmp_path / "run.mcap", tmp_path / "seen.rrd"
     monkeypatch.setattr(live, "_POLL", 0.01)
     seen, landed = [], threading.Event()
 
@@ -22,17 +15,13 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
         with TrialWriter(path, {"seed": 1}) as log:
             for number, trial in enumerate(trials):
                 log.write(trial)
-                end = time.monotonic() + 20
-                while seen[-1:] != [number + 1] and time.monotonic() < end:
-                    time.sleep(0.01)
+                eventually(lambda number=number: seen[-1:] == [number + 1])
         landed.set()
 
     writer = threading.Thread(target=write)
     writer.start()
-    follower = live.follow(path, "rerun+http://nowhere", watching=lambda: True,
-                           on_trials=seen.append)  # fmt: skip
+    follower = live.follow(path, saved, watching=lambda: True, on_trials=seen.append)
     writer.join()
-    assert sent == ["rerun+http://nowhere"]
     assert seen == [1, 2, 3, 4]  # each was seen before the next was written
     assert follower.finished
     assert follower.problems == []
@@ -42,11 +31,10 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch):
 
 
 def test_it_ends_when_nobody_watches(tmp_path, monkeypatch):
-    stream = rr.RecordingStream("test", make_default=False)
-    stream.memory_recording()
-    monkeypatch.setattr(stream, "connect_grpc", lambda url: None)
-    monkeypatch.setattr(live, "recording", lambda name: stream)
     monkeypatch.setattr(live, "_POLL", 0.01)
     answers = iter([True, True, False])
-    follower = live.follow(tmp_path / "to come.mcap", "", watching=lambda: next(answers))
+    feed = Feed()
+    follower = live.follow(tmp_path / "to come.mcap", feed, watching=lambda: next(answers))
+    assert feed.read(feed.size, 1) == b""  # who reads it is told that it has ended
+    feed.close()
     assert not follower.finished

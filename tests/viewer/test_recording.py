@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,3 +201,28 @@ def test_rerun_opens_the_mcap_file_itself_to_something_useful(messages, log, rea
     assert all(bytes(picture[0][:4]) == b"\x89PNG" for picture in pictures)
     columns = [c for n, c in rows["/step"].items() if "meal_bayes.Step" in n]
     assert [len(column) for column in columns] == [steps]
+
+
+def test_recordings_leave_no_threads(trials, tmp_path):
+    def write():
+        write_recording(trials[:1], tmp_path / "a.rrd", {})
+
+    write()  # what rerun starts once
+    before = len(list(Path("/proc/self/task").iterdir()))
+    for _ in range(10):
+        write()
+    assert len(list(Path("/proc/self/task").iterdir())) <= before + 2
+
+
+def test_a_recording_is_there_whole_or_not_at_all(trials, tmp_path):
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"earlier")
+
+    def broken():
+        yield trials[0]
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_recording(broken(), path, {})
+    assert path.read_bytes() == b"earlier"
+    assert list(tmp_path.iterdir()) == [path]

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from matplotlib import image as png
 
 from meal_bayes.trial_log import read_header, read_trials
-from meal_bayes.viewer import Viewer, ViewerError, window, write_recording
+from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 TRIAL = {
@@ -93,6 +94,21 @@ def test_the_viewer_listens_to_this_machine_only(vulkan):
     assert bound <= {"0100007F"}  # 127.0.0.1, as the kernel writes it
 
 
+def test_trials_are_sent_to_a_window_that_is_open(vulkan):
+    """As `view LOG` does, so that no file is left behind."""
+    with Viewer(headless=True) as viewer:
+        client = viewer.client()
+        sent = send_recording(read_trials(SAMPLE), viewer.url, read_header(SAMPLE))
+        assert sent == len(list(read_trials(SAMPLE)))
+        for _ in range(300):
+            views = client.get_state().views
+            if {view.name for view in views} >= TRIAL:
+                break
+            time.sleep(0.1)
+        assert {view.name for view in views} >= TRIAL
+        assert [view.reports for view in views if view.reports] == []
+
+
 def listening(pid: int) -> set[str]:
     """Addresses on which a process accepts connections."""
     inodes = set()
@@ -110,7 +126,7 @@ def test_what_it_is_started_with(monkeypatch):
     started = {}
 
     class Process:
-        def __init__(self, command, env, **kinds):
+        def __init__(self, command, *, env, **kinds):
             started.update(command=command, env=env)
 
         def kill(self):
@@ -120,12 +136,11 @@ def test_what_it_is_started_with(monkeypatch):
             return 0
 
     monkeypatch.setattr(subprocess, "Popen", Process)
-    with Viewer(["a.rrd"], web=True) as viewer:
-        assert viewer.address.startswith("http://127.0.0.1:")
+    with Viewer(["a.rrd"]) as viewer:
+        assert viewer.url.startswith("rerun+http://127.0.0.1:")
     assert started["env"]["CI"] == "1"  # which turns its telemetry off
     command = started["command"]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
-    assert "--serve-web" in command
     assert "a.rrd" in command
 
 

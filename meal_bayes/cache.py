@@ -1,0 +1,177 @@
+"""Folders of compiled code: the user's own, closed to everybody else, or none at all.
+
+What lies in such a folder is loaded and run. So a folder is used only where nobody else can have
+written into it, or put it there: it is the user's, has mode 0700, is no link, and every folder
+above it can be changed by the user and the system alone. Where there is no such folder, programs
+work without, and compile anew each time.
+"""
+
+import atexit
+import contextlib
+import functools
+import logging
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_cache_path
+
+log = logging.getLogger("meal_bayes.cache")
+
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_TOLD = "MEAL_BAYES_CACHE_TOLD"  # set once told, so that workers do not tell again
+
+
+@functools.cache
+def cache_folder(name: str) -> Path | None:
+    """Return the folder of one kind of compiled code, or None where none is safe and writable.
+
+    The folder is `meal_bayes/NAME` in the system's cache folder (on Linux `$XDG_CACHE_HOME` or
+    `~/.cache`). Why there is none is logged as a warning, once for a program and its workers.
+    """
+    folder = user_cache_path("meal_bayes", appauthor=False) / name
+    try:
+        _prepare(folder)
+    except (OSError, RuntimeError) as fault:  # no home folder is a RuntimeError
+        why = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
+        if _TOLD not in os.environ:
+            os.environ[_TOLD] = "1"
+            log.warning(
+                "no cache of compiled code: %s: %s; compiling anew each time (set XDG_CACHE_HOME "
+                "to a folder of your own)", folder, why,
+            )  # fmt: skip
+        return None
+    return folder
+
+
+@functools.cache
+def scratch_folder(name: str) -> Path:
+    """Return `cache_folder(name)`, or where there is none a folder that goes with the process."""
+    folder = cache_folder(name)
+    if folder is None:
+        folder = Path(tempfile.mkdtemp(prefix=f"meal_bayes-{name}-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@contextlib.contextmanager
+def writable_caches() -> Iterator[None]:
+    """Let libraries that are imported in the block, and insist on a cache of their own, have one.
+
+    Nothing is done where the user's cache folder can be written.
+    """
+    if cache_folder("libraries") is not None:
+        yield
+        return
+    scratch, given = str(scratch_folder("libraries")), os.environ.get("XDG_CACHE_HOME")
+    os.environ.setdefault("MPLCONFIGDIR", scratch)
+    os.environ["XDG_CACHE_HOME"] = scratch
+    try:
+        yield
+    finally:
+        del os.environ["XDG_CACHE_HOME"]
+        if given is not None:
+            os.environ["XDG_CACHE_HOME"] = given
+
+
+def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Compile a function by numba when it is called first; later processes load it.
+
+    It is kept in `cache_folder("numba")`, or where `NUMBA_CACHE_DIR` says; without either, each
+    process compiles. What is there but torn is compiled again.
+
+    Parameters
+    ----------
+    options : of `numba.njit`, but `cache`.
+    """
+    from numba import config, njit  # noqa: PLC0415  loaded by those who compile
+
+    given = config.CACHE_DIR
+    folder = given if given and _writable(Path(given)) else cache_folder("numba")
+    config.CACHE_DIR = str(folder or "")
+    try:
+        made: Callable[..., Any] = njit(cache=folder is not None, **options)(function)
+    finally:
+        config.CACHE_DIR = given
+    kept = getattr(made, "_cache", None)  # numba has no public way to it
+    if kept is not None:
+        kept.load_overload = functools.partial(_loaded, kept, kept.load_overload)
+    return made
+
+
+def _loaded(kept: Any, load: Callable[..., Any], *signature: Any) -> Any:
+    """Load a compiled kernel; forget those of this function where a file is torn."""
+    try:
+        return load(*signature)
+    except Exception as fault:  # whatever unpickling torn bytes may raise
+        log.info("compiled code cannot be read (%s); compiling anew", fault)
+        kept.flush()
+        return None
+
+
+def _prepare(folder: Path) -> None:
+    """Make a folder and check who can write into it.
+
+    Raises
+    ------
+    OSError : it cannot be made or written into, or others can.
+    """
+    for one in (folder.parent, folder):
+        one.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            one.mkdir(mode=0o700)
+        state = one.lstat()
+        if not stat.S_ISDIR(state.st_mode):
+            raise OSError(f"{one} is a link or a file, expected a folder")
+    if not hasattr(os, "getuid"):  # Windows: the profile's permissions hold
+        return
+    if state.st_uid != os.getuid():
+        raise OSError(f"{folder} belongs to another user ({state.st_uid})")
+    if state.st_mode & _OTHERS:
+        mode = stat.S_IMODE(state.st_mode)
+        raise OSError(f"{folder} is open to others (mode {mode:o}); remove it")
+    for above in {*folder.parents, *folder.resolve().parents}:
+        _check_above(above)
+    if not _writable(folder):
+        raise OSError(f"{folder} cannot be written")
+
+
+def _check_above(folder: Path) -> None:
+    """Check that nobody else can replace what lies in a folder, or the folder, which may be a link.
+
+    A sticky folder such as /tmp is safe, as others cannot rename what is not theirs. So is one that
+    is open to a group named like the user, who is alone in it by convention.
+    """
+    for state in (folder.lstat(), folder.stat()):
+        if state.st_uid not in (0, os.getuid()):
+            raise OSError(f"{folder} above it belongs to another user ({state.st_uid})")
+    open_to = state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if open_to == stat.S_IWGRP and _own_group(state.st_gid):
+        return
+    if open_to and not state.st_mode & stat.S_ISVTX:
+        raise OSError(f"others can write to {folder} above it")
+
+
+def _own_group(gid: int) -> bool:
+    import grp  # noqa: PLC0415  not on Windows
+    import pwd  # noqa: PLC0415  the same
+
+    try:
+        return gid == 0 or grp.getgrgid(gid).gr_name == pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return False
+
+
+def _writable(folder: Path) -> bool:
+    probe = folder / f".probe-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,75 @@
+"""What an online run is: its settings, checked."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from meal_bayes.agents import PUBLISHED, Feedback, as_online_agent, distinct
+from meal_bayes.domain import unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.untrusted import LARGEST
+
+_LOGS = ("all", "train")
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineConfig:
+    """Settings of an online run.
+
+    Raises
+    ------
+    SettingsError : what is unknown, named twice, or out of range.
+    """
+
+    dataset: str  # a shipped domain, or the path of one's own (TOML)
+    attributes: int = 1  # N
+    root: str | None = None  # folder of the recordings; of public ones, found or downloaded
+    agents: tuple[Any, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
+    batches: int = 10
+    trials: int = 40  # training trials a batch
+    repeats: int = 1
+    seed: int = 0
+    first: int = 0  # repeat to begin with: repeats are first .. first + repeats - 1
+    split: tuple[int, int, int] = (33, 33, 34)  # shares of pre, train, test
+    reward: float | None = None  # r+ = -r-; 300 on public data (Sect. 7.3), else the domain's
+    alpha: float | None = None  # of morc_itrs; the recipe's by default
+    beta: float | None = None
+    answers: str = "verdict"  # what a person tells: see `Feedback`
+    error: float = 0.0  # Pr(a person errs)
+    success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
+    learn_success: bool = False  # does the robot learn success probabilities?
+    published: tuple[str, ...] = ()  # what the authors' code does otherwise
+    horizon: int = 1000  # queries to be answered, for which curiosity explores
+    log: str = "all"  # or "train": test trials leave their marks only
+
+    def __post_init__(self) -> None:
+        found = distinct(as_online_agent(value) for value in self.agents)
+        object.__setattr__(self, "agents", found)
+        for name in ("attributes", "batches", "trials", "repeats", "horizon"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
+        if self.seed < 0 or self.first < 0:
+            raise SettingsError("seed and first are whole numbers, 0 or more.")
+        if self.reward is not None and not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
+        if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
+            raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
+        if self.log not in _LOGS:
+            raise SettingsError(unknown("log", self.log, _LOGS))
+        for name in self.published:
+            if name not in PUBLISHED:
+                raise SettingsError(unknown("published variant", name, PUBLISHED))
+        for name in ("alpha", "beta"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= LARGEST:
+                raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
+        Feedback(self.answers, self.error)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for headers and JSON."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        lists = {name: list(getattr(self, name)) for name in ("split", "published")}
+        names = [agent.name for agent in self.agents]
+        return {**fields, **lists, "agents": names, "success": [list(p) for p in self.success]}

@@ -1,0 +1,147 @@
+"""Files that people name: written whole or not at all, and never over what must stay.
+
+Every output goes through `draft_of`: a draft of a unique name in the same folder, which is synced
+to the disk and renamed when it is whole. What stood under the name before stays until then, also
+when the disk is full or the process is killed.
+"""
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from meal_bayes.errors import OutputError
+
+_LOG_MAGIC = b"\x89MCAP0\r\n"
+_KEPT = 60  # bytes of a name that its draft shows
+
+
+def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
+    """Check that a file can be written, before the work that it is to hold; makes its folder.
+
+    Parameters
+    ----------
+    path : of the output; a link is followed.
+    inputs : files, or folders of files, that the same command reads.
+
+    Returns
+    -------
+    The path with links followed.
+
+    Raises
+    ------
+    OutputError : it is one of the inputs, a trial log, or no regular file, or cannot be written.
+    """
+    named = Path(path)
+    target = Path(os.path.realpath(named))
+    with _told(named):
+        _check_replaced(named, target, inputs)
+        check_folder(target.parent)
+    return target
+
+
+def check_folder(folder: str | Path) -> Path:
+    """Make a folder, and check that files can be written in it.
+
+    Raises
+    ------
+    OutputError : it cannot be made or written in.
+    """
+    folder = Path(folder)
+    with _told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = _unique(folder, "probe")
+        os.close(_created(probe))
+        probe.unlink()
+    return folder
+
+
+@contextlib.contextmanager
+def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator[Path]:
+    """Yield the path of an empty draft, which gets the name `path` when the block ends well.
+
+    Parameters
+    ----------
+    path, inputs : as for `check_output`.
+
+    Raises
+    ------
+    OutputError : as for `check_output`, or the disk is full.
+    """
+    named = Path(path)
+    target = check_output(named, inputs=inputs)
+    draft = _unique(target.parent, target.name)
+    with _told(named):
+        try:
+            os.close(_created(draft))
+            yield draft
+            replace_whole(draft, target)
+        finally:
+            with contextlib.suppress(OSError):
+                draft.unlink(missing_ok=True)
+
+
+def write_whole(
+    path: str | Path, content: bytes | str, *, inputs: Iterable[str | Path] = ()
+) -> None:
+    """Write a file whole or not at all; text as UTF-8. Parameters and errors as of `draft_of`."""
+    with draft_of(path, inputs=inputs) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def replace_whole(draft: Path, target: Path) -> None:
+    """Sync a draft to the disk and rename it; an existing target keeps its permissions."""
+    with contextlib.suppress(FileNotFoundError):
+        draft.chmod(stat.S_IMODE(target.stat().st_mode))
+    _sync(draft)
+    draft.replace(target)
+    with contextlib.suppress(OSError):  # not every file system syncs folders
+        _sync(target.parent)
+
+
+def _check_replaced(named: Path, target: Path, inputs: Iterable[str | Path]) -> None:
+    """Refuse to replace what is no output."""
+    for read in map(Path, inputs):
+        if target == Path(os.path.realpath(read)):
+            raise OutputError(f"{named} is what is read; give the output another name.")
+    if not target.exists():
+        return
+    if target.is_dir():
+        raise OutputError(f"{named} is a folder; give the name of a file.")
+    if not target.is_file():
+        raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
+    for read in map(Path, inputs):
+        if read.exists() and read.samefile(target):  # a hard link
+            raise OutputError(f"{named} is what is read; give the output another name.")
+    with target.open("rb") as file:
+        if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
+            raise OutputError(f"{named} is a trial log, which stays; give another name.")
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Turn the system's errors into ours, which name the file."""
+    try:
+        yield
+    except OSError as fault:
+        why = fault.strerror or str(fault)
+        raise OutputError(f"{path} cannot be written: {why}; give another place.") from fault
+
+
+def _unique(folder: Path, name: str) -> Path:
+    shown = os.fsdecode(os.fsencode(name)[:_KEPT])
+    return folder / f".{shown}.{os.getpid()}-{secrets.token_hex(4)}.part"
+
+
+def _created(path: Path) -> int:
+    return os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_CLOEXEC", 0), 0o666)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

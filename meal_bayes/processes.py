@@ -1,0 +1,115 @@
+"""Child processes that end with their parent, however it ends: SIGTERM, SIGKILL, closed terminal.
+
+Python children watch who their parent is (`end_with_parent`). Foreign programs are started through
+this file as a script (`start`): on Linux it asks the kernel to kill the program with its parent and
+becomes the program; elsewhere it stays as a guard that ends the program.
+"""
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+_POLL = 0.2  # s between looks at the parent
+_PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+def end_with_parent(parent: int | None = None) -> None:
+    """End this process as soon as its parent is gone; to be called first thing in a child.
+
+    Parameters
+    ----------
+    parent : its process id; the present parent's by default.
+    """
+    expected = os.getppid() if parent is None else parent
+    if os.getppid() != expected:
+        os._exit(1)
+    threading.Thread(target=_watch, args=(expected,), daemon=True, name="parent watch").start()
+
+
+class EndingContext:
+    """A context of `multiprocessing` whose processes end with this one."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def Process(
+        self, *, target: Callable[..., object], args: tuple[Any, ...] = (), **options: Any
+    ) -> Any:
+        """Make a process that runs a function; options as of `multiprocessing.Process`."""
+        # a fork server's children have the server as their parent, which ends with us
+        direct = self._context.get_start_method() != "forkserver"
+        parent = os.getpid() if direct else None
+        return self._context.Process(target=_run_and_end, args=(parent, target, args), **options)
+
+
+def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
+    """Start a foreign program that is killed when this process ends.
+
+    To be called from a thread that lives as long as the program is to live: the kernel counts the
+    end of the thread as the end of the parent.
+
+    Parameters
+    ----------
+    command : absolute path of the program, and its arguments.
+    options : of `subprocess.Popen`.
+    """
+    guard = [sys.executable, "-I", "-S", __file__, str(os.getpid())]
+    return subprocess.Popen([*guard, *command], **options)
+
+
+def alive(pid: int) -> bool:
+    """Whether a process of this machine runs; one of another user counts as running."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _run_and_end(parent: int | None, target: Callable[..., object], args: tuple[Any, ...]) -> None:
+    end_with_parent(parent)
+    target(*args)
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_POLL)
+    os._exit(1)
+
+
+def _become(parent: int, command: list[str]) -> None:
+    """Become a program that ends with the parent, or guard it where the kernel cannot."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() == parent:  # it may have ended before the kernel was asked
+            os.execv(command[0], command)  # which the program inherits
+        sys.exit(1)
+    sys.exit(_guard(parent, command))
+
+
+def _guard(parent: int, command: list[str]) -> int:
+    child = subprocess.Popen(command)
+    signal.signal(signal.SIGTERM, lambda *_: child.kill())
+    while child.poll() is None:
+        if os.getppid() != parent:
+            child.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(_POLL)
+    return child.returncode
+
+
+if __name__ == "__main__":
+    _become(int(sys.argv[1]), sys.argv[2:])

@@ -1,0 +1,90 @@
+"""What others wrote, read within limits: files of bounded size, JSON of bounded depth.
+
+Whatever a reader asks memory or time for, it asks by these numbers and never by what a file claims.
+A fault is a `ValueError`; each room turns it into its own error, with the file's name.
+"""
+
+import json
+import math
+import os
+import stat
+from pathlib import Path
+
+TEXT_LIMIT = 1 << 28  # bytes of a file of numbers: 256 MB
+TABLE_LIMIT = 1 << 18  # bytes of a domain's TOML
+LINE_LIMIT = 10_000  # characters of a line of it
+JSON_LIMIT = 4 << 20  # bytes of one JSON text
+DEPTH_LIMIT = 32  # lists and tables inside each other
+LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come to an end
+NAME_LIMIT = 1000  # attributes, behaviors or states of one domain, each
+LETTER_LIMIT = 200  # characters of such a name
+DIAGRAM_LIMIT = 1_000_000  # entries (E,X,X) of a transition table
+
+
+def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
+    """Read a regular file whole, if it is not larger than the limit.
+
+    Raises
+    ------
+    OSError : the file cannot be read.
+    ValueError : it is larger, is no regular file (a pipe or device may never end), or holds zero
+        bytes, which no text does: a disk that lost a part of the file leaves them.
+    """
+    # Not to wait for a pipe that nobody writes to.
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with os.fdopen(number, "rb") as file:
+        found = os.fstat(number)
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(21, os.strerror(21), str(path))
+        if not stat.S_ISREG(found.st_mode):
+            raise ValueError("it is no regular file, but a pipe or a device")
+        data = file.read(limit + 1) if found.st_size <= limit else b""
+    if found.st_size > limit or len(data) > limit:
+        raise ValueError(f"it has {found.st_size:,} bytes, more than {limit:,}")
+    if b"\0" in data:
+        raise ValueError(f"it has a zero byte at {data.index(0)}, and text has none")
+    return data
+
+
+def read_json(text: str | bytes) -> object:
+    """Read JSON that others wrote.
+
+    Raises
+    ------
+    ValueError : no JSON, too large or nested too deeply, a number that is not finite, text that is
+        no Unicode (a surrogate alone).
+
+    Examples
+    --------
+    >>> read_json('{"seed": 3}')
+    {'seed': 3}
+    >>> read_json("[" * 50_000 + "]" * 50_000)
+    Traceback (most recent call last):
+    ValueError: JSON is nested more than 32 deep
+    """
+    if len(text) > JSON_LIMIT:
+        raise ValueError(f"JSON of {len(text):,} characters, more than {JSON_LIMIT:,}")
+    deep = f"JSON is nested more than {DEPTH_LIMIT} deep"
+    try:
+        found: object = json.loads(text)
+    except RecursionError:
+        raise ValueError(deep) from None
+    level, depth = [found], 0
+    while level:
+        for value in level:
+            _check_leaf(value)
+        tables = [value for value in level if isinstance(value, dict)]
+        lists = [value for value in level if isinstance(value, list)]
+        if depth == DEPTH_LIMIT and (tables or lists):
+            raise ValueError(deep)
+        level = [entry for value in lists for entry in value]
+        level += [entry for table in tables for pair in table.items() for entry in pair]
+        depth += 1
+    return found
+
+
+def _check_leaf(value: object) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"JSON holds {value}, which is no number")
+    if isinstance(value, str):
+        value.encode()  # UnicodeEncodeError, a ValueError, where a surrogate stands alone

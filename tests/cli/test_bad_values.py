@@ -1,0 +1,161 @@
+"""Values that no option takes: each is told in one line, before any work."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OfflineConfig
+from meal_bayes.experiments.online import OnlineConfig
+
+OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
+ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
+EXPORT = ("export", "a.pomdp", "--query", "heavy")
+WHOLE = [
+    *((OFFLINE, name) for name in ("--attributes", "--trials", "--seed", "--jobs")),
+    *((ONLINE, name) for name in ("--attributes", "--batches", "--trials", "--repeats", "--jobs")),
+    *((("posterior",), name) for name in ("--levels", "--draws", "--tune", "--chains", "--seed")),
+    *((("view", "a.mcap"), name) for name in ("--trial", "--step")),
+    (("log", "show", "a.mcap"), "--trial"),
+    (ASK, "--seed"),
+    (("demo",), "--seed"),
+    (("reproduce", "table3"), "--jobs"),
+]
+NO_WHOLE = ("", "x", "1.5", "-1", "1_0", "\N{ARABIC-INDIC DIGIT THREE}", "9" * 20, "9" * 5000)
+FINITE = [
+    (OFFLINE, "--reward"),
+    (ONLINE, "--alpha"),
+    (ONLINE, "--beta"),
+    (ONLINE, "--error"),
+    (EXPORT, "--discount"),
+    (EXPORT, "--reward"),
+]
+NO_FINITE = ("", "x", "nan", "inf", "-1", "1e999", "1e100", "1_0", "0x10")
+OTHERS = (
+    [
+        (ONLINE, "--split", value)
+        for value in (
+            "",
+            "33",
+            "1/2",
+            "a/b/c",
+            "0/1/1",
+            "-1/1/1",
+            "1/1/1/1",
+            "\N{SUPERSCRIPT TWO}/3/3",
+            f"{'9' * 30}/1/1",
+            "1.5/1/1",
+        )
+    ]
+    + [
+        (ONLINE, "--success", value)
+        for value in (
+            "",
+            "grasp",
+            "=0.5",
+            "grasp=",
+            "grasp=x",
+            "grasp=nan",
+            "grasp=1.5",
+            "grasp=0",
+            "grasp=-1",
+            "grasp=1_0",
+        )
+    ]
+    + [
+        (ONLINE, "--cluster", value)
+        for value in (
+            "",
+            "x",
+            "http://a:1",
+            "host",
+            "host:",
+            ":8786",
+            "host:123456",
+            "host:80/path",
+            "a b:1",
+        )
+    ]
+    + [
+        (OFFLINE, "--percepts", "x"),
+        (OFFLINE, "--perception", ""),
+        (ONLINE, "--feedback", "none"),
+        (ONLINE, "--log", "some"),
+        (("posterior",), "--method", "nuts"),
+        (("posterior",), "--model", "x"),
+        (EXPORT, "--format", "xml"),
+        (OFFLINE, "--dataset", ""),
+        (OFFLINE, "--dataset", "none.toml"),
+        (OFFLINE, "--agent", ""),
+        (OFFLINE, "--agent", ",,"),
+        (ASK, "--agent", "bayes,"),
+        (ASK, "--dataset", "a\0b"),
+        (ASK, "--dataset", "\udcff.npz"),
+        (ASK, "--dataset", "n" * 5000),
+        (ASK, "--dataset", "n" * 5000 + ".npz"),
+        (ASK, "--dataset", "."),
+        (ASK, "--dataset", "\x1b[2J"),
+    ]
+)
+CASES = [
+    *((command, option, value) for (command, option), value in itertools.product(WHOLE, NO_WHOLE)),
+    *(
+        (command, option, value)
+        for (command, option), value in itertools.product(FINITE, NO_FINITE)
+    ),
+    *OTHERS,
+]
+
+
+def test_there_are_some_200():
+    assert len(CASES) > 200
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    CASES,
+    ids=[f"{' '.join(c[:2])} {option} {ascii(value)[:20]}" for c, option, value in CASES],
+)
+def test_a_bad_value_is_told_in_one_line(fails, command, option, value, tmp_path):
+    told = fails(*command, option, value)
+    assert told.removesuffix("\n").isprintable()
+    assert len(told) < 3000
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "range_"),
+    [
+        ("--reward", "1e100", "above 0 and not above 1e+06"),
+        ("--trials", "9" * 20, "from 1 to 10000000"),
+        ("--jobs", "0", "from 1 to 1024"),
+    ],
+)
+def test_the_range_is_told(fails, option, value, range_):
+    assert range_ in fails(*OFFLINE, option, value)
+
+
+def test_shaping_beyond_all_bounds_is_refused(fails):
+    assert "not below 0 and not above 1e+06" in fails(*ONLINE, "--alpha", "1e308")
+
+
+@pytest.mark.parametrize("key", ["report_reward = 1e100", "legal_budget = []"])
+def test_settings_of_a_domain_have_ranges_too(fails, key, kitchen):
+    table = kitchen / "kitchen.toml"
+    lines = [line for line in table.read_text().splitlines() if key[:9] not in line]
+    table.write_text("\n".join([key, *lines]))
+    told = fails("data", "percepts", "--dataset", table, "--root", kitchen, "--out", "a.npz")
+    assert key.partition(" ")[0] in told
+    assert not Path("a.npz").exists()
+
+
+@pytest.mark.parametrize("reward", [0.0, -1.0, 1e100, float("inf"), float("nan")])
+def test_the_library_has_the_same_ranges(reward):
+    for make in (
+        lambda: OfflineConfig("roc36", reward=reward),
+        lambda: OnlineConfig("roc36", reward=reward),
+        lambda: OnlineConfig("roc36", alpha=reward or -1.0),
+    ):
+        with pytest.raises(SettingsError, match=r"reward is|alpha is"):
+            make()

@@ -1,0 +1,75 @@
+"""`doctor` fits on a screen, tells what there is, and works where parts are broken."""
+
+import json
+import os
+from importlib import import_module
+
+PARTS = {
+    "package", "system", "cores", "versions", "loading", "extras", "data cache", "user cache",
+    "temporary", "logs", "kernels", "data", "viewer", "vulkan", "browser", "compiler", "pomdpsol",
+    "terminal", "settings",
+}  # fmt: skip
+
+
+def test_it_fits_on_a_screen(run):
+    result = run("doctor")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert len(lines) <= 30
+    assert {line[2:12].strip() for line in lines} >= PARTS
+    assert "meal-bayes 0." in lines[0]
+    assert "broken" not in result.stdout
+
+
+def test_json_holds_the_same(run):
+    facts = json.loads(run("doctor", "--json").stdout)
+    assert set(facts) == PARTS
+    assert facts["data"] == "roc36 0 of 23 files, ispy32 0 of 30 files, cy101 0 of 50 files"
+    assert facts["loading"].endswith("load")
+
+
+def test_a_broken_part_is_told_and_hides_no_other(run, monkeypatch):
+    def broken(name):
+        if name == "rerun":
+            raise ImportError("GLIBC_2.99 not found\nin this system")
+
+    doctor = import_module("meal_bayes.cli.doctor")  # in the package it is the command's name
+    monkeypatch.setattr(doctor, "import_module", broken)
+    monkeypatch.setattr(doctor, "_version", lambda name: 1 / 0)
+    monkeypatch.setattr("meal_bayes.viewer.window.viewer_program", lambda: 1 / 0)
+    facts = json.loads(run("doctor", "--json").stdout)
+    assert facts["loading"] == "rerun: ImportError: GLIBC_2.99 not found in this system"
+    assert facts["versions"] == "broken: ZeroDivisionError: division by zero"
+    assert facts["viewer"].startswith("broken: ZeroDivisionError")
+    assert facts["system"].startswith("Python 3")
+
+
+def test_folders_that_others_can_change_stand_out(run, tmp_path, monkeypatch):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    (tmp_path / "link").symlink_to(shared)
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "link"))
+    told = json.loads(run("doctor", "--json").stdout)["data cache"]
+    assert "mode 0777" in told
+    assert "OTHERS can write" in told
+    assert f"a link to {shared}" in told
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "new" / "data"))
+    assert "can be made" in json.loads(run("doctor", "--json").stdout)["data cache"]
+
+
+def test_passwords_in_addresses_are_not_told(run, monkeypatch):
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", "https://me:secret@mirror/data")
+    told = run("doctor").stdout
+    assert "secret" not in told
+    assert "https://...@mirror/data" in told.replace("\n", "")
+
+
+def test_kernels_that_are_switched_off_are_told(run, monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert "nothing is compiled" in json.loads(run("doctor", "--json").stdout)["kernels"]
+
+
+def test_nothing_is_written(run, tmp_path):
+    run("doctor")
+    assert os.listdir(tmp_path) == []  # noqa: PTH208

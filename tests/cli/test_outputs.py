@@ -1,0 +1,75 @@
+"""What a command writes: never over what it reads, and tried before the work begins."""
+
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.trial_log import check_log
+
+OWN = ("--dataset", "kitchen.npz")
+
+
+@pytest.fixture
+def log(run, table):
+    """A log of one trial."""
+    run("ask", "Is it red?", *OWN, "--object", "red_mug", "--agent", "greedy")
+    (path,) = Path("logs").glob("*.mcap")
+    return path
+
+
+def test_a_report_does_not_replace_its_logs(log, fails):
+    before = log.read_bytes()
+    assert "is what is read" in fails("report", log, "-o", log)
+    Path("page.html").write_bytes(before)
+    assert "is a trial log" in fails("report", log, "-o", "page.html")
+    log.write_bytes(before[:300])  # torn, so that its name alone tells
+    assert "is what is read" in fails("report", "logs", "-o", log)
+    assert log.read_bytes() == before[:300]
+
+
+def test_an_export_does_not_replace_its_table_or_a_device(table, fails):
+    before = Path("kitchen.npz").read_bytes()
+    words = ("--query", "red", "--format", "pomdp", *OWN)
+    assert "is what is read" in fails("export", "kitchen.npz", *words)
+    assert Path("kitchen.npz").read_bytes() == before
+    for device in ("/dev/null", "/dev/full"):
+        assert "is a device" in fails("export", device, *words)
+        assert Path(device).is_char_device()
+
+
+@pytest.mark.parametrize(
+    ("words", "work"),
+    [
+        (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.tally.Tally.add"),
+        (("export", "file/a.pomdp", "--query", "red", *OWN), "meal_bayes.datasets.load_percepts"),
+        (("posterior", "--out", "file/p", *OWN), "meal_bayes.posterior.draw_grid"),
+        (("data", "percepts", "--dataset", "kitchen.toml", "--root", ".", "--out", "file/a.npz"),
+         "meal_bayes.perception.build_percept_table"),
+        (("ask", "Is it red?", "--object", "red_mug", "--logs", "file/logs", *OWN),
+         "meal_bayes.agents.Morc"),
+        (("run", "offline", "--trials", "2", "--agent", "random", "--logs", "file/logs", *OWN),
+         "meal_bayes.experiments.offline.Morc"),
+        (("view", "{log}", "--save", "file/a.rrd"), "meal_bayes.viewer.send_recording"),
+        (("view", "{log}", "--screenshot", "file/a.png"), "meal_bayes.viewer.send_recording"),
+    ],
+    ids=lambda words: words[0] if isinstance(words, tuple) else "",
+)  # fmt: skip
+def test_the_place_is_tried_before_the_work(log, fails, monkeypatch, words, work):
+    Path("file").touch()
+    worked = []
+    monkeypatch.setattr(work, lambda *given, **named: worked.append(given))
+    assert "cannot be written: " in fails(*(word.format(log=log) for word in words))
+    assert worked == []
+
+
+def test_a_failed_report_leaves_the_earlier_one(log, run, fails, monkeypatch):
+    run("report", log, "-o", "page.html")
+    before = Path("page.html").read_bytes()
+
+    def full(descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    assert "page.html cannot be written: No space left" in fails("report", log, "-o", "page.html")
+    assert Path("page.html").read_bytes() == before
+    assert check_log(log).whole

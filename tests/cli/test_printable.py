@@ -1,0 +1,76 @@
+"""Names that would command the terminal: shown, not sent, wherever they come from."""
+
+import dataclasses
+import io
+from importlib import import_module
+
+import pytest
+
+from meal_bayes.agents import Morc, load_agent
+from meal_bayes.cli import screen
+from meal_bayes.cli.story import tell_trial
+from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.trial_log import write_trials
+
+ESCAPE = "\x1b]0;owned\x07\x9b31m\N{RIGHT-TO-LEFT OVERRIDE}"
+SHOWN = "\N{SYMBOL FOR ESCAPE}]0;owned"  # rich takes the bell out
+
+
+def safe(text):
+    return all(sign.isprintable() or sign == "\n" for sign in text)
+
+
+@pytest.fixture
+def strange(table):
+    """The kitchen's table with an object of a strange name; and a trial about it."""
+    objects = (f"red_mug{ESCAPE}", *table.objects[1:])
+    fields = {f.name: getattr(table, f.name) for f in dataclasses.fields(PerceptTable)}
+    made = PerceptTable(**{**fields, "objects": objects})
+    morc = Morc(made, load_agent("greedy"), seed=0)
+    tasks = offline_tasks(made, 1, 20, 0)
+    task = next(task for task in tasks if task.object_index == 0)
+    return made, morc.run(task)
+
+
+def test_a_log_s_names_are_shown(run, strange, tmp_path):
+    write_trials(tmp_path / "a.mcap", [strange[1]], header={f"x{ESCAPE}": ESCAPE})
+    for words in (("log", "show"), ("log", "info"), ("log", "check")):
+        result = run(*words, "a.mcap")
+        assert result.exit_code == 0
+        assert safe(result.output)
+    assert SHOWN in run("log", "show", "a.mcap").stdout
+    assert SHOWN in run("log", "info", "a.mcap").stdout
+
+
+def test_errors_and_paths_are_shown(run, tmp_path):
+    (tmp_path / f"a{ESCAPE}.mcap").write_bytes(b"")
+    for words in (("log", "check"), ("log", "show"), ("report",), ("data", "list")):
+        result = run(*words, f"a{ESCAPE}.mcap")
+        assert result.exit_code in (1, 2)
+        assert safe(result.output)
+        assert "\N{SYMBOL FOR ESCAPE}" in result.output or "\\x1b" in result.output
+
+
+def test_the_console_keeps_its_own_styles(strange):
+    console = screen.output()
+    console.file, console._force_terminal, console._color_system = io.StringIO(), True, None
+    tell_trial(console, strange[1])
+    text = console.file.getvalue()
+    assert "\x1b]0;owned" not in text
+    assert "\N{RIGHT-TO-LEFT OVERRIDE}" not in text
+
+
+def test_notes_are_shown(capsys):
+    screen.note(f"warning: {ESCAPE}")
+    told = capsys.readouterr().err
+    assert safe(told)
+    assert SHOWN in told
+
+
+def test_a_question_is_shown(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    ask = import_module("meal_bayes.cli.ask")  # in the package it is the command's name
+    assert ask._prompt(f"Is it {ESCAPE}?", ("yes", "no", "skip")) == "yes"
+    out = capsys.readouterr()
+    assert safe(out.err + out.out)

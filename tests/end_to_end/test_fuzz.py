@@ -1,0 +1,60 @@
+"""The fuzz command: finds nothing in a few inputs, and would find what it looks for."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+FOUND = {"inputs", "silent", "hangs", "tracebacks", "changed", "peak_mb"}
+
+
+def test_it_finds_nothing():
+    done = subprocess.run(
+        [sys.executable, os.fspath(BENCHMARKS / "fuzz.py"), "--json", "--inputs", "24",
+         "--crafted", "6", "--only", "log", "--only", "toml", "--only", "crafted"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["told"] == []
+    assert {key: facts[key] for key in FOUND - {"peak_mb"}} == {
+        "inputs": 54, "silent": 0, "hangs": 0, "tracebacks": 0, "changed": 0,
+    }  # fmt: skip
+    assert 0 < facts["peak_mb"] <= 500
+
+
+@pytest.fixture
+def fuzz(monkeypatch):
+    """The command's modules, and a tally."""
+    monkeypatch.syspath_prepend(os.fspath(BENCHMARKS))
+    import fuzz  # noqa: PLC0415  of that folder
+
+    return fuzz, fuzz.Tally()
+
+
+def test_a_wrong_result_is_counted(fuzz, tmp_path):
+    module, tally = fuzz
+    module.make_sound(tmp_path)
+    for kind in ("log", "table", "marks", "csv", "toml", "pomdp"):
+        sound = tmp_path / module.SOUND[kind]
+        checks = module.readers(kind, sound)
+        for check in checks:
+            tally.run(kind, lambda check=check, sound=sound: check(sound))
+    assert not tally.counts  # of what is sound, nothing is wrong
+    for check in module.readers("pomdpx", tmp_path / "own.pomdpx")[1:2]:
+        tally.run("takes it", lambda check=check: check(tmp_path / "own.pomdp"))
+    assert tally.counts["silent"] == 1
+
+
+def test_an_unforeseen_error_and_a_changed_file_are_counted(fuzz, tmp_path):
+    module, tally = fuzz
+    tally.run("breaks", lambda: {}["key"])
+    (tmp_path / "a").write_text("1")
+    with module.unchanged(tmp_path, "changes", tally):
+        (tmp_path / "a").write_text("2")
+    assert tally.counts == {"tracebacks": 1, "changed": 1}
+    assert "KeyError" in tally.told[0]

@@ -1,0 +1,52 @@
+"""NUTS that is killed: its chains are processes of their own, and end with it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from meal_bayes import posterior
+
+ROOT = Path(posterior.__file__).resolve().parents[2]
+CODE = """
+import numpy as np
+from meal_bayes.posterior import fit_hierarchical
+counts = np.full((3, 1, 1, 2, 2), 2)
+fit_hierarchical(counts, attributes=["heavy"], behaviors=["lift"], draws=10**7, tune=10, chains=2,
+                 cores=2, progress=lambda done, total: print(done, flush=True))
+"""
+
+
+def chains_of(pid):
+    """Processes that a process has forked or spawned to sample."""
+    found = Path(f"/proc/{pid}/task").glob("*/children")
+    return {int(word) for path in found for word in path.read_text().split()}
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.long
+def test_chains_end_with_a_killed_fit():
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTENSOR_FLAGS": "mode=FAST_COMPILE"}
+    with subprocess.Popen(
+        [sys.executable, "-c", CODE], env=environment, stdout=subprocess.PIPE, text=True
+    ) as fit:
+        assert fit.stdout.readline().strip().isdigit()
+        chains = chains_of(fit.pid)
+        assert len(chains) >= 2
+        fit.send_signal(signal.SIGKILL)
+        fit.wait()
+        for _ in range(100):
+            if not any(map(running, chains)):
+                break
+            time.sleep(0.1)
+        assert not any(map(running, chains))

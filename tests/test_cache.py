@@ -1,0 +1,144 @@
+"""The cache of compiled code: the user's own and closed, or none."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from meal_bayes import cache
+
+ROOT = Path(cache.__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A cache folder of one's own, and what was remembered of another forgotten."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("MEAL_BAYES_CACHE_TOLD", raising=False)
+    cache.cache_folder.cache_clear()
+    yield tmp_path / "cache"
+    cache.cache_folder.cache_clear()
+
+
+def test_the_folder_is_the_user_s_alone(home):
+    folder = cache.cache_folder("numba")
+    assert folder == home / "meal_bayes" / "numba"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert folder.parent.stat().st_mode & 0o777 == 0o700
+    assert folder.stat().st_uid == os.getuid()
+    assert list(folder.iterdir()) == []
+
+
+def linked(home):
+    (home / "meal_bayes").mkdir(parents=True, mode=0o700)
+    (home / "elsewhere").mkdir(mode=0o700)
+    (home / "meal_bayes" / "numba").symlink_to(home / "elsewhere")
+
+
+def linked_above(home):
+    home.mkdir()
+    (home / "elsewhere").mkdir(mode=0o700)
+    (home / "meal_bayes").symlink_to(home / "elsewhere")
+
+
+def loose(home):
+    (home / "meal_bayes" / "numba").mkdir(parents=True)
+    (home / "meal_bayes" / "numba").chmod(0o777)
+
+
+def foreign(home):
+    (home / "meal_bayes" / "numba").mkdir(parents=True, mode=0o700)
+    os.chown(home / "meal_bayes" / "numba", 12345, -1)
+
+
+def foreign_above(home):
+    home.mkdir()
+    os.chown(home, 12345, -1)
+
+
+def open_above(home):
+    home.mkdir()
+    home.chmod(0o777)
+
+
+def a_file(home):
+    home.write_text("no folder")
+
+
+@pytest.mark.parametrize(
+    "make", [linked, linked_above, loose, foreign, foreign_above, open_above, a_file]
+)
+def test_a_folder_that_others_can_fill_is_not_used(home, make, caplog):
+    if make in (foreign, foreign_above) and os.getuid() != 0:
+        pytest.skip("only root can give a folder away")
+    make(home)
+    assert cache.cache_folder("numba") is None
+    (record,) = caplog.records
+    assert "no cache of compiled code" in record.message
+    cache.cache_folder.cache_clear()
+    assert cache.cache_folder("numba") is None
+    assert len(caplog.records) == 1  # told once
+
+
+def test_a_link_of_the_user_s_own_to_another_disk_is_followed(home, tmp_path):
+    (tmp_path / "disk").mkdir(mode=0o700)
+    home.symlink_to(tmp_path / "disk")
+    assert cache.cache_folder("numba") == home / "meal_bayes" / "numba"
+
+
+def test_sticky_folders_above_are_safe(home):
+    home.mkdir()
+    home.chmod(0o1777)
+    assert cache.cache_folder("numba") is not None
+
+
+def add_one(x):
+    return x + 1
+
+
+def test_kernels_are_kept_in_it_and_numba_s_own_setting_stays(home):
+    from numba import config  # noqa: PLC0415  slow
+
+    before = config.CACHE_DIR
+    assert cache.compile_kernel(add_one, nogil=True)(1) == 2
+    assert before == config.CACHE_DIR
+    assert list((home / "meal_bayes" / "numba").rglob("*add_one*.nbi"))
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("content", [b"", b"\x80\x04torn", b"no pickle"])
+def test_torn_files_of_the_cache_are_made_anew(home, ending, content):
+    cache.compile_kernel(add_one)(1)
+    (file,) = home.rglob(f"*add_one*.{ending}")
+    whole = len(file.read_bytes())
+    file.write_bytes(content)
+    for _ in range(2):
+        assert cache.compile_kernel(add_one)(1) == 2
+    assert any(len(found.read_bytes()) >= whole for found in home.rglob(f"*add_one*.{ending}"))
+
+
+def test_without_a_cache_kernels_run_too(home):
+    a_file(home)
+    assert cache.compile_kernel(add_one, nogil=True)(1) == 2
+
+
+def test_a_log_is_told_of_without_any_cache(tmp_path):
+    """As in a container: the package cannot be written, and there is no home."""
+    environment = {
+        **os.environ, "PYTHONPATH": str(ROOT), "HOME": "/dev/null/home",
+        "XDG_CACHE_HOME": "/dev/null/cache",
+        "NUMBA_CACHE_LOCATOR_CLASSES": "UserWideCacheLocator",  # as if the package were read-only
+    }  # fmt: skip
+    for name in ("MEAL_BAYES_CACHE_TOLD", "NUMBA_CACHE_DIR"):
+        environment.pop(name, None)
+    done = subprocess.run(
+        [sys.executable, "-m", "meal_bayes", "log", "info", str(ROOT / "logs" / "sample.mcap")],
+        env=environment, cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "5 trials" in done.stdout
+    assert done.stderr.count("\n") <= 1

@@ -1,0 +1,164 @@
+"""Outputs: whole or not at all, and never over an input, a log or a device."""
+
+import contextlib
+import os
+import resource
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.errors import OutputError
+from meal_bayes.files import check_folder, check_output, draft_of, write_whole
+
+LOG = b"\x89MCAP0\r\n and more"
+
+
+@contextlib.contextmanager
+def small_disk(size):
+    """Let no file grow beyond `size` bytes, as on a disk that is nearly full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_text_and_bytes_are_written_into_new_folders(tmp_path):
+    write_whole(tmp_path / "a" / "b.txt", "Größe")
+    write_whole(tmp_path / "a" / "c.bin", b"\0\1")
+    assert (tmp_path / "a" / "b.txt").read_bytes() == "Größe".encode()
+    assert (tmp_path / "a" / "c.bin").read_bytes() == b"\0\1"
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["b.txt", "c.bin"]
+
+
+def test_a_full_disk_is_told_by_name_and_what_was_there_stays(tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text("earlier")
+    with small_disk(1000), pytest.raises(OutputError, match=r"page\.html cannot be written: "):
+        write_whole(path, "x" * 5000)
+    assert path.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_fault_while_writing_leaves_what_was_there(tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text("earlier")
+    with pytest.raises(ZeroDivisionError), draft_of(path) as draft:
+        draft.write_text(str(draft.write_text("half") / 0))
+    assert path.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_killed_writer_leaves_what_was_there(tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text("earlier")
+    code = (
+        "import os, signal, sys\nfrom meal_bayes.files import draft_of\n"
+        "with draft_of(sys.argv[1]) as draft:\n"
+        "    draft.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -9
+    assert path.read_text() == "earlier"
+
+
+def test_it_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    path, seen = tmp_path / "page.html", []
+    sync = os.fsync
+
+    def noted(descriptor):
+        seen.append((Path(f"/proc/self/fd/{descriptor}").readlink(), path.exists()))
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    write_whole(path, "text")
+    (draft, there), (folder, renamed) = seen
+    assert draft.name.startswith(".page.html.")
+    assert not there
+    assert (folder, renamed) == (tmp_path, True)
+
+
+def test_two_drafts_of_one_name_do_not_meet(tmp_path):
+    path = tmp_path / "page.html"
+    with draft_of(path) as first:
+        first.write_text("first")
+        with draft_of(path) as second:
+            second.write_text("second")
+        assert path.read_text() == "second"
+    assert path.read_text() == "first"
+
+
+@pytest.mark.parametrize("way", ["name", "link", "hard link", "dots"])
+def test_inputs_are_not_replaced(tmp_path, way):
+    read = tmp_path / "read.csv"
+    read.write_text("precious")
+    out = {
+        "name": read,
+        "link": tmp_path / "link",
+        "hard link": tmp_path / "hard",
+        "dots": tmp_path / "." / "x" / ".." / "read.csv",
+    }[way]
+    if way == "link":
+        out.symlink_to(read)
+    elif way == "hard link":
+        out.hardlink_to(read)
+    for call in (check_output, write_whole):
+        words = {} if call is check_output else {"content": "new"}
+        with pytest.raises(OutputError, match="is what is read"):
+            call(out, **words, inputs=[read])
+    assert read.read_text() == "precious"
+
+
+def test_logs_are_not_replaced(tmp_path):
+    log = tmp_path / "page.html"  # whatever it is called
+    log.write_bytes(LOG)
+    with pytest.raises(OutputError, match="is a trial log"):
+        write_whole(log, "page")
+    assert log.read_bytes() == LOG
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/full", "pipe", "folder"])
+def test_only_regular_files_are_replaced(tmp_path, monkeypatch, path):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("folder").mkdir()
+    kind = stat.S_IFMT(Path(path).stat().st_mode)
+    with pytest.raises(OutputError, match="give the name of a"):
+        write_whole(path, "page")
+    assert stat.S_IFMT(Path(path).stat().st_mode) == kind
+
+
+def test_links_and_permissions_stay(tmp_path):
+    real, link = tmp_path / "real.html", tmp_path / "link.html"
+    real.write_text("earlier")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    write_whole(link, "later")
+    assert link.is_symlink()
+    assert real.read_text() == "later"
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+
+
+def test_new_files_have_the_permissions_of_any_new_file(tmp_path):
+    write_whole(tmp_path / "new", "")
+    (tmp_path / "plain").touch()
+    modes = {path.stat().st_mode for path in tmp_path.iterdir()}
+    assert len(modes) == 1
+
+
+def test_a_place_is_tried_and_left_as_it_was(tmp_path):
+    assert check_output(tmp_path / "new" / "a.html") == tmp_path / "new" / "a.html"
+    assert list((tmp_path / "new").iterdir()) == []
+    (tmp_path / "file").touch()
+    for call in (check_output, check_folder):
+        with pytest.raises(OutputError, match=r"cannot be written: .*; give another place"):
+            call(tmp_path / "file" / "below")
+
+
+def test_long_names_have_drafts(tmp_path):
+    path = tmp_path / ("n" * 250)
+    write_whole(path, "text")
+    assert path.read_text() == "text"

@@ -1,0 +1,130 @@
+"""Children end with their parent, whether it ends by SIGTERM, SIGKILL or a closed terminal."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from meal_bayes import processes
+
+ROOT = Path(processes.__file__).resolve().parents[1]
+PATIENCE = 100  # looks, a tenth of a second apart
+
+FOREIGN = """
+import time
+from meal_bayes.processes import start
+start(["/bin/sh", "-c", "echo $$; exec sleep 1000"])
+time.sleep(1000)
+"""
+PYTHON = """
+import os, time
+from meal_bayes.experiments.parallel import in_parallel
+def work(piece):
+    print(os.getpid(), flush=True)
+    time.sleep(1000)
+list(in_parallel(work, range(2), jobs=2))
+"""
+CONTEXT = """
+import os, time
+from meal_bayes.processes import EndingContext
+def work(*piece):
+    print(os.getpid(), flush=True)
+    time.sleep(1000)
+context = EndingContext()
+for k in range(2):
+    context.Process(target=work, args=(k,), daemon=True).start()
+time.sleep(1000)
+"""
+
+
+def run(code, **options):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, text=True, **options
+    )  # fmt: skip
+
+
+def gone(pid):
+    """Whether a process ends soon."""
+    for _ in range(PATIENCE):
+        if not running(pid):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"  # what nobody waits for here, as in a container without init
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2), (CONTEXT, 2)])
+def test_children_end_with_a_killed_parent(code, count, kind):
+    with run(code, stdout=subprocess.PIPE) as parent:
+        children = [int(parent.stdout.readline()) for _ in range(count)]
+        assert all(map(running, children))
+        parent.send_signal(kind)
+        parent.wait()
+        assert all(map(gone, children))
+
+
+@pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2)])
+def test_children_end_with_the_terminal(code, count):
+    inside, outside = pty.openpty()[::-1]
+    with run(
+        code, stdout=subprocess.PIPE, stdin=inside, stderr=inside, start_new_session=True,
+        preexec_fn=lambda: os.close(os.open(os.ttyname(inside), os.O_RDWR)),  # which makes it ours
+    ) as parent:  # fmt: skip
+        os.close(inside)
+        children = [int(parent.stdout.readline()) for _ in range(count)]
+        os.close(outside)
+        parent.wait()
+        assert parent.returncode == -signal.SIGHUP
+        assert all(map(gone, children))
+
+
+def test_a_foreign_program_keeps_its_number_and_its_exit_code():
+    child = processes.start(["/bin/sh", "-c", "echo $$; exit 7"], stdout=subprocess.PIPE)
+    said, _ = child.communicate()
+    assert int(said) == child.pid
+    assert child.returncode == 7
+
+
+def test_a_child_whose_parent_is_gone_already_does_not_begin():
+    code = "from meal_bayes.processes import end_with_parent\nend_with_parent(1)\nprint('here')"
+    with run(code, stdout=subprocess.PIPE) as child:
+        assert child.communicate()[0] == ""
+        assert child.returncode == 1
+
+
+def test_elsewhere_a_guard_ends_the_program():
+    """As on systems whose kernel cannot be asked."""
+    code = (
+        "import os, subprocess, sys, time\n"
+        "guard = 'import sys; from meal_bayes import processes as p; "
+        "sys.exit(p._guard(int(sys.argv[1]), sys.argv[2:]))'\n"
+        "subprocess.Popen([sys.executable, '-c', guard, str(os.getpid()), '/bin/sh', '-c', "
+        "'echo $$; exec sleep 1000'])\ntime.sleep(1000)\n"
+    )
+    with run(code, stdout=subprocess.PIPE) as parent:
+        child = int(parent.stdout.readline())
+        parent.kill()
+        parent.wait()
+        assert gone(child)
+
+
+def test_alive():
+    child = subprocess.Popen(["/bin/sleep", "1000"])
+    assert processes.alive(child.pid)
+    child.kill()
+    child.wait()
+    assert not processes.alive(child.pid)
