@@ -89,6 +89,10 @@ class Fitted:
         rates = base_rates(np.array(list(self._labels.values())))
         self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
 
+    def known(self, object_name: str | None) -> Knowledge:
+        """Return what is known of any object."""
+        return self.knowledge
+
     def run(
         self,
         task: Task,
