@@ -190,14 +190,23 @@ def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArr
     limit = _LARGEST if name == "training_bins" else min(_LARGEST, _REST)
     if info.file_size > limit:
         raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")
-    data = archive.read(info)
-    buffer: BinaryIO = io.BytesIO(data[:_HEADER])
+    return read_array(archive.read(info), name, dtype, axes)
+
+
+def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]:
+    """Read an array in NumPy's format, of one kind and so many axes, and nothing else.
+
+    Raises
+    ------
+    ValueError : bytes of another format, kind or number of axes.
+    """
+    buffer: BinaryIO = io.BytesIO(content[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):
         raise ValueError(f"{name} is of another array format than 1.0")
     shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
     if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
         raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-    return np.frombuffer(data, dtype, offset=buffer.tell()).reshape(shape)
+    return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
 
 
 def _lay_out(

@@ -19,12 +19,14 @@ from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
+_KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
+
 
 class Learner:
     """Answers questions about objects, and learns from what people say of its answers.
 
-    Fitted on recordings it works with any robot; fitted on a percept table it replays the table's
-    objects, each left out of what is known of it.
+    Fitted on recordings it works with any robot; on a percept table it replays the table's objects,
+    each left out of what is known.
 
     Parameters
     ----------
@@ -85,8 +87,8 @@ class Learner:
     def __repr__(self) -> str:
         """Return a line that says what it has learned from."""
         fitted = type(self._source).__name__.lower() if self._source else "not fitted"
-        told = f"{len(self._lessons)} trials told of"
-        return f"Learner({self.domain.name}, agent {self.agent.name}, {fitted}, {told})"
+        name, told = self.domain.name, len(self._lessons)
+        return f"Learner({name}, agent {self.agent.name}, {fitted}, {told} trials told of)"
 
     @property
     def lessons(self) -> tuple[Lesson, ...]:
@@ -127,10 +129,11 @@ class Learner:
                 f"Attributes or behaviors of the data's domain {found.name!r} differ from those of "
                 f"{self.domain.name!r}; load the data for this domain."
             )
-        if isinstance(data, PerceptTable):
-            self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
-        else:
-            self._source = Fitted(data, self.agent, self.classifier, self.seed, self.reward)
+        self._source = (
+            Replayed(data, self.agent, self.seed, self.percepts, self.reward)
+            if isinstance(data, PerceptTable)
+            else Fitted(data, self.agent, self.classifier, self.seed, self.reward)
+        )
         return self.refit()
 
     def resume(
@@ -144,10 +147,14 @@ class Learner:
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
         self.fit(data)
         self._lessons = {lesson.key: lesson for lesson in lessons}
+<<<<<<< HEAD
         if isinstance(self.source, Replayed):
             return self.refit()
         self._relearn(self.source)
         return self
+=======
+        return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
+>>>>>>> door
 
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
@@ -161,17 +168,16 @@ class Learner:
         kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
+<<<<<<< HEAD
         self._relearn(source)
         return self
+=======
+        return self._relearn(source)
+>>>>>>> door
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what is known; of a percept table, what is known without one of its objects."""
-        source = self.source
-        if isinstance(source, Fitted):
-            return source.knowledge
-        if object_name is None:
-            raise SettingsError("A percept table knows nothing but what holds without an object.")
-        return source.knowledge(object_name)
+        return self.source.known(object_name)
 
     def ask(
         self,
@@ -226,6 +232,8 @@ class Learner:
             trial, self._met[task.key] = source.run(
                 task, robot, told=told, truth=truth, on_step=on_step, recorder=recorder
             )
+            if len(self._met) > _KEPT:
+                del self._met[next(iter(self._met))]
             return trial
 
         return logged(path, self._header(question), run)
@@ -285,7 +293,7 @@ class Learner:
         self._changed(self.source, lesson.key, lesson.object_name)
 
     def save(self, path: str | Path) -> None:
-        """Write everything into one file, which `load` reads back; see `saved`."""
+        """Write everything into one file, which `load` reads back."""
         from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
@@ -304,7 +312,12 @@ class Learner:
         Parameters
         ----------
         path : written by `save`.
+<<<<<<< HEAD
         agent, classifier, logs : as of a new learner; agents that ship are found by name.
+=======
+        agent, classifier : one's own are given again; shipped agents are found by name.
+        logs : of a new learner.
+>>>>>>> door
 
         Raises
         ------
@@ -322,10 +335,19 @@ class Learner:
         else:
             self._relearn(source, object_name)
 
+<<<<<<< HEAD
     def _relearn(self, source: Fitted, *names: str) -> None:
         pending = self._pending()
         for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
             source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
+=======
+    def _relearn(self, source: Fitted, *names: str) -> Self:
+        """Take in the lessons of some objects, or of all, that came after the last refit."""
+        pending = self._pending()
+        for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
+            source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
+        return self
+>>>>>>> door
 
     def _pending(self) -> list[Lesson]:
         """Return the lessons that came after the last refit, or that it could not learn from."""
