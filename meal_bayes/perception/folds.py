@@ -6,7 +6,6 @@ saw neither. So each set of at most three folds is left out once: with five, 25 
 every object's percept table.
 """
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -37,6 +36,8 @@ class FoldProblem:
     train : from rows to what decides (B,M,P) of any rows; it must look at no other rows' labels.
     fit_pool : from decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those
         who never saw them, to what makes log-odds of decisions; r may be 0.
+    threads : that train at a time. More than one only for what is known to bear it: scikit-learn's
+        forests set the process's warning filters while they train.
     """
 
     truth: Rows
@@ -45,6 +46,7 @@ class FoldProblem:
     machines: int
     train: Callable[[Rows], Any]
     fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Any]
+    threads: int = 1
 
     @property
     def names(self) -> tuple[int, ...]:
@@ -132,15 +134,15 @@ def _decide_anew(
         decisions = problem.train(problem.known & ~single)(single)
         return np.asarray(pools[fold_of[o]].log_odds(decisions))
 
-    with ThreadPoolExecutor(os.cpu_count() or 1) as workers:
+    with ThreadPoolExecutor(problem.threads) as workers:
         for o, outputs in zip(scored, workers.map(score, scored), strict=True):
             own[problem.objects == o] = outputs
 
 
 def _all_decisions(problem: FoldProblem, sets: Iterable[frozenset[int]]) -> Decisions:
-    """Train for every set of left-out folds; scikit-learn trains without the interpreter's lock."""
+    """Train for every set of left-out folds."""
     wanted = sorted(set(sets), key=sorted)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as workers:
+    with ThreadPoolExecutor(problem.threads) as workers:
         return dict(zip(wanted, workers.map(problem.without, wanted), strict=True))
 
 

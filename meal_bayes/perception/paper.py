@@ -7,6 +7,7 @@ split, and what is said of a fold (decision, sigmoid, weights) is learned from o
 Its percepts keep the base rate inside; they are no likelihood ratios.
 """
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +100,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
         machines=len(grams),
         train=lambda rows: _train(grams, truth, rows, settings.box),
         fit_pool=_fit_pool,
+        threads=os.cpu_count() or 1,  # support vector machines train without the interpreter's lock
     )
 
 

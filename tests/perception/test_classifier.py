@@ -1,5 +1,6 @@
 """Classifiers of one's own: they learn, they repeat, and they cannot leak."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -131,6 +132,12 @@ def test_equal_calls_give_equal_tables(make):
     )
     np.testing.assert_array_equal(first.log_odds, second.log_odds)
     np.testing.assert_array_equal(first.training_bins, second.training_bins)
+
+
+def test_warning_filters_are_as_before(make):
+    before = list(warnings.filters)
+    build_percept_table(make(2, objects=8), classifier=RandomForestClassifier(5))
+    assert list(warnings.filters) == before
 
 
 def test_the_classifier_enters_the_provenance(make):
