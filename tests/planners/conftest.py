@@ -21,8 +21,8 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.open_loop.errors import plan_error
-from meal_bayes.planners.open_loop.values import remember, room_for
+from meal_bayes.planners.kernels import entry_kernel
+from meal_bayes.planners.open_loop.errors import make_scratch, plan_error
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far
@@ -161,8 +161,7 @@ class Expectimax:
     def stop(self, x: int, seen: Counts) -> float:
         """Value of ending now: best report, or the cheapest illegal behavior."""
         m = self.momdp
-        each = [max(b, 1 - b) for b in self.positive(seen)]
-        right = sum(each) / len(each) if m.additive else math.prod(each)
+        right = math.prod(max(b, 1 - b) for b in self.positive(seen))
         value = m.incorrect + (m.correct - m.incorrect) * right
         ends = [m.cost[e] for e in range(m.n_behaviors) if self._ends(x, e)]
         return max(value, -min(ends)) if m.abstain and ends else value
@@ -303,14 +302,20 @@ def weights_of(momdp: MOMDP, log_odds: ArrayLike) -> np.ndarray:
     return np.exp(believing(momdp, log_odds).weight)
 
 
+@entry_kernel
+def _first_error(percepts, uses, prob, scratch):
+    return plan_error(percepts, uses, 0, 0, prob, scratch)
+
+
 def error_of(
     problem: Compiled, uses: ArrayLike, weight: np.ndarray, seen: ArrayLike | None = None
 ) -> float:
-    """Give the kernel's Bayes error of the first attribute after the percepts of a plan (E,)."""
-    n, e, _, k = problem.confusion.shape
-    work = room_for(problem)
-    remember(work, np.zeros((n, e, k)) if seen is None else np.asarray(seen, dtype=float))
-    return float(plan_error(problem, np.array([uses], np.int64), 0, 0, weight[None], 0, work))
+    """Compute by the kernel the Bayes error of the first attribute after a plan's percepts (E,)."""
+    scratch = make_scratch(problem.percepts, 1)
+    if seen is not None:
+        scratch.counts[:] = seen
+        scratch.total[:] = np.sum(seen, axis=2)[0]
+    return float(_first_error(problem.percepts, np.array([uses], np.int64), weight, scratch))
 
 
 def search(
@@ -319,12 +324,12 @@ def search(
     seed: int = 0,
     *,
     history: History | None = None,
-    room: int = 500_000,
+    capacity: int = 500_000,
     **options: object,
 ) -> Decision:
     """Decide once, at the start by default."""
     rng = np.random.default_rng(seed)
-    policy = POMCP(simulations=simulations, room=room, **options).solve(momdp, rng)
+    policy = POMCP(simulations=simulations, capacity=capacity, **options).solve(momdp, rng)
     return policy.decide(history or History(initial_belief(momdp)), rng)
 
 
