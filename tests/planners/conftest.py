@@ -125,7 +125,7 @@ class Expectimax:
 
     def __init__(self, momdp: MOMDP) -> None:
         self.momdp = momdp
-        self._known: dict[tuple[int, Counts], float] = {}
+        self.known: dict[tuple[int, Counts], float] = {}  # of the states met so far
 
     def nothing_seen(self) -> Counts:
         """Counts at the start."""
@@ -171,16 +171,12 @@ class Expectimax:
 
     def value(self, x: int, seen: Counts) -> float:
         """Optimal value."""
-        if (x, seen) not in self._known:
+        if (x, seen) not in self.known:
             best = self.stop(x, seen)
             for e in self.choices(x, seen):
                 best = max(best, self.edge(x, seen, e, self.value))
-            self._known[x, seen] = best
-        return self._known[x, seen]
-
-    def reached(self) -> list[tuple[int, Counts]]:
-        """All states met so far."""
-        return list(self._known)
+            self.known[x, seen] = best
+        return self.known[x, seen]
 
     def choices(self, x: int, seen: Counts) -> Iterator[int]:
         """Legal behaviors that are of any use."""
@@ -297,11 +293,6 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     return Belief(x, weight, initial_belief(momdp).seen, momdp.log_share)
 
 
-def weights_of(momdp: MOMDP, log_odds: ArrayLike) -> np.ndarray:
-    """Pr(kind) (N,C) of a belief of these log-odds."""
-    return np.exp(believing(momdp, log_odds).weight)
-
-
 @entry_kernel
 def _first_error(percepts, uses, prob, scratch):
     return plan_error(percepts, uses, 0, 0, prob, scratch)
@@ -333,11 +324,6 @@ def search(
     return policy.decide(history or History(initial_belief(momdp)), rng)
 
 
-def best_value(decision: Decision) -> float:
-    """Give the value of what was decided on."""
-    return float(np.nanmax(decision.values))
-
-
 @pytest.fixture(scope="session")
 def toy() -> MOMDP:
     """Two attributes, few percepts: small enough for brute force."""
@@ -356,10 +342,10 @@ def small() -> SimpleNamespace:
         random=random_momdp,
         expectimax=Expectimax,
         believing=believing,
-        weights=weights_of,
+        weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).weight),
         split=split,
         error=error_of,
         search=search,
-        best_value=best_value,
+        best_value=lambda decision: float(np.nanmax(decision.values)),
         start=lambda momdp: History(initial_belief(momdp)),
     )

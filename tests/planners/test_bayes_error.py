@@ -112,7 +112,10 @@ def test_error_is_exact(small, case):
 @settings(deadline=None, max_examples=60)
 def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(small, case):
     momdp, uses, *rest = case
-    found, told = small.error(compile_momdp(case[0]), *case[1:]), np.where(planned_with(momdp), uses, 0)
+    found, told = (
+        small.error(compile_momdp(case[0]), *case[1:]),
+        np.where(planned_with(momdp), uses, 0),
+    )
     assert found == pytest.approx(brute_error(momdp, told, *rest, cut=True), abs=1e-10)
     assert found >= brute_error(*case) - 1e-12
 
@@ -190,7 +193,7 @@ def test_decision_rules_are_exact_at_the_log_odds_that_they_are_made_for(small):
 
 
 def test_a_decision_rule_errs_as_often_as_its_definition_says(small):
-    """Say yes where the likelihood ratio outweighs the prior's log-odds; of three shared classes."""
+    """Say yes where the likelihood ratio outweighs prior log-odds; of three shared classes."""
     momdp = small.toy(2, 1, 2, finite=True, shared=3)
     problem = compile_momdp(momdp)
     assert problem.percepts.informative[0, :2].all()

@@ -265,7 +265,7 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite, options):
     optimum = small.expectimax(momdp)
     optimum.value(momdp.start, optimum.nothing_seen())
     problem, plans = made(momdp)
-    reached = list(optimum.reached())
+    reached = list(optimum.known)
     assert {x for x, _ in reached} == {0, 1}
     for x, seen in reached:
         belief = optimum.belief(x, seen)

@@ -120,10 +120,10 @@ def test_known_attributes_cost_a_query_nothing(small):
     assert small.best_value(wide) == pytest.approx(small.best_value(narrow), rel=0.1)
 
 
-def test_full_rooms_end_the_search(small, toy):
-    decision = small.search(toy, 5000, room=300)
+def test_a_full_tree_ends_the_search(small, toy):
+    decision = small.search(toy, 5000, capacity=300)
     assert 0 < decision.simulations < 5000
-    assert decision.visits.sum() <= 5000
+    assert decision.visits.sum() == decision.simulations
 
 
 def test_visits_and_the_logged_tree(small, toy):
@@ -150,7 +150,7 @@ def test_illegal_behaviors_have_no_value(small, toy):
     assert decision.visits[2] == 0
 
 
-@pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"room": 0}])
+@pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"capacity": 0}])
 def test_settings_are_checked(wrong):
     with pytest.raises(SettingsError, match="POMCP needs"):
         POMCP(**wrong)

@@ -187,7 +187,7 @@ def test_the_history_is_what_happened(small):
 @pytest.mark.statistical
 def test_believing_in_another_model_costs(small):
     """Shown the belief of a model that takes percepts for independent; paid by the true one."""
-    world = small.toy(1, 2, 2, finite=True, limit=3)
+    world = small.toy(3, 2, 2, finite=True, limit=3)
     believed = replace(world, precision=np.full(world.precision.shape, np.inf))
     seen = []
 
@@ -196,8 +196,8 @@ def test_believing_in_another_model_costs(small):
             seen.append(history.belief)
             return super().decide(history, rng)
 
-    wrong = run(world, Record(believed, 2), believed=believed)
-    right = run(world, Gather(world, 2))
+    wrong = run(world, Record(believed, 3), believed=believed)
+    right = run(world, Gather(world, 3))
     # What is perceived is the same, as the seeds are; only the reports differ.
     np.testing.assert_array_equal(wrong.cost, right.cost)
     assert (wrong.returns <= right.returns + 1e-9).all()
