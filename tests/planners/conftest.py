@@ -53,9 +53,8 @@ def split(shares: np.ndarray) -> np.ndarray:
 
 def random_kinds(n: int, kinds: int, shared: int, rng: np.random.Generator) -> np.ndarray:
     """Draw Pr(kind | truth): so many kinds a truth, or so many that both share."""
-    if shared:
-        return rng.dirichlet(np.ones(shared), (n, 2))
-    return split(rng.dirichlet(np.ones(kinds), (n, 2)))
+    own = rng.dirichlet(np.ones(shared or kinds), (n, 2))
+    return own if shared else split(own)
 
 
 def random_toy(
@@ -315,13 +314,17 @@ def search(
     seed: int = 0,
     *,
     history: History | None = None,
+    always: bool = False,
     capacity: int = 500_000,
     **options: object,
 ) -> Decision:
-    """Decide once, at the start by default."""
+    """Decide once, at the start by default; `always` by search, even if nothing is to decide."""
     rng = np.random.default_rng(seed)
     policy = POMCP(simulations=simulations, capacity=capacity, **options).solve(momdp, rng)
-    return policy.decide(history or History(initial_belief(momdp)), rng)
+    history = history or History(initial_belief(momdp))
+    if always:
+        return policy._search(0.0, history.belief, *policy._prepare(history.belief), rng)
+    return policy.decide(history, rng)
 
 
 @pytest.fixture(scope="session")

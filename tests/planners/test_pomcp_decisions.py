@@ -170,10 +170,29 @@ def test_threads_decide_alike(small):
 
 
 SCRIPT = """
+import sys
+import numba
 import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.open_loop import growth, library, policy, values
+from meal_bayes.planners.pomcp import leaf, policy as search
+
+def records(value):  # plain Python reads fields of records as NumPy calls them
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(records, value))
+    named = isinstance(value, np.ndarray) and value.dtype.names
+    return value.view(np.recarray) if named else value
+
+def plain(kernel):
+    return lambda *arguments: kernel(*map(records, arguments))
+
+if numba.config.DISABLE_JIT:
+    for module in (library, search, values, leaf):
+        for name in ("follow", "grow_plans", "judge_plans", "evaluate_plans", "search"):
+            if hasattr(module, name):
+                setattr(module, name, plain(getattr(module, name)))
 
 for levels in (2, 10):  # every percept vector gets a child; or a sample of them
     rng = np.random.default_rng(levels)
@@ -196,8 +215,9 @@ def test_compiled_and_plain_python_agree():
             env={**os.environ, "NUMBA_DISABLE_JIT": disable},
             capture_output=True,
             text=True,
-            check=True,
+            check=False,
         )
+        assert run.returncode == 0, run.stderr
         outputs.append(run.stdout)
     assert outputs[0].count("\n") > 10
     assert outputs[0] == outputs[1]

@@ -8,7 +8,7 @@ from scipy.stats import chisquare
 
 from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners import POMCP, Factored, History, OpenLoop
+from meal_bayes.planners import Factored, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.pomcp.sampled import KEPT, draw_percepts, make_sampled
 
@@ -54,10 +54,12 @@ def test_sampled_momdps_show_what_the_predictive_says(small, precision, options,
 
 def root_values(small, momdp, simulations, **settings):
     """Value of the best action by each backup."""
-    return [
-        small.best_value(small.search(momdp, simulations, backup=backup, **settings))
+    decisions = [
+        small.search(momdp, simulations, always=True, backup=backup, **settings)
         for backup in ("expected", "sampled")
     ]
+    assert [decision.simulations for decision in decisions] == [simulations] * 2
+    return [small.best_value(decision) for decision in decisions]
 
 
 @pytest.mark.statistical
@@ -98,11 +100,8 @@ def test_a_decision_keeps_rows_of_sampled_momdps(small, precision, backup):
 
 def test_as_many_rows_are_kept_as_there_were_simulations(small):
     momdp = small.noisy_roc36(2)
-    belief = small.believing(momdp, [0.0, 0.0])
     for simulations in (1, 3):
-        policy = POMCP(simulations, points=0).solve(momdp, np.random.default_rng(0))
-        rng = np.random.default_rng(0)
-        decision = policy._search(0.0, belief, *policy._prepare(belief), rng)
+        decision = small.search(momdp, simulations, always=True, points=0)
         assert len(decision.sampled_rows) == decision.visits[decision.action] <= simulations
 
 
