@@ -70,9 +70,7 @@ def test_a_sequence_has_the_dirichlet_multinomial_probability(cells, precision, 
 @pytest.mark.parametrize("precision", [0.5, 5.0, np.inf])
 def test_sampled_rows_have_the_predictive_as_their_mean(precision):
     mean, counts, draws = np.array([0.1, 0.6, 0.3]), np.array([2, 0, 5]), 20_000
-    rows = sample_rows(
-        np.tile(mean, (draws, 1)), precision, counts, rng=np.random.default_rng(1)
-    )
+    rows = sample_rows(np.tile(mean, (draws, 1)), precision, counts, rng=np.random.default_rng(1))
     np.testing.assert_allclose(rows.sum(axis=1), 1.0)
     error = 4.5 * rows.std(axis=0) / np.sqrt(draws) + 1e-12
     assert (abs(rows.mean(axis=0) - predictive(mean, precision, counts, 7)) <= error).all()

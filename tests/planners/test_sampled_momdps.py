@@ -63,10 +63,10 @@ def root_values(small, momdp, simulations, **settings):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("points", [0, 50_000])
-def test_both_backups_reach_one_value_on_the_noisy_robot(small, points):
+def test_both_backups_reach_one_value_on_the_noisy_robot(small):
+    """With tables, where nothing is explored for its own sake; averages hold what that costs."""
     momdp = small.noisy_roc36(2)
-    expected, sampled = root_values(small, momdp, 100_000, points=points, capacity=2_000_000)
+    expected, sampled = root_values(small, momdp, 100_000, capacity=2_000_000)
     assert sampled == pytest.approx(expected, abs=0.01 * momdp.correct)
 
 

@@ -27,7 +27,7 @@ from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
+from meal_bayes.planners.open_loop.values import Plans, behavior_values
 from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.leaf import Leaf
 from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
@@ -130,19 +130,22 @@ class POMCPPolicy:
     def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
         """Decide by bounds alone: one action is worth at least what any other is at most."""
         x, problem = belief.x, self.problem
-        few = problem.legal[x].sum() <= 1
+        lower = self._lower_bounds(belief, leaf)
+        left = np.isfinite(lower)  # what can bring anything
+        few = left.sum() <= 1
         if not few and self.tables is None:
             return None
-        lower = self._lower_bounds(belief, leaf)
         exit_value = float(problem.exit_value[x])
         action, values = choose(self.momdp, belief, lower, exit_value)
         others = (
             np.full(len(lower) + 1, -np.inf)
             if few
-            else np.append(self.tables.upper_bounds(x, belief.positive), values[-1])
+            else np.append(
+                np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf), values[-1]
+            )
         )
         chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
-        if few and chosen < 0 and problem.legal[x].any():
+        if few and chosen < 0 and left.any():
             return None  # the search may yet raise the behavior
         others[chosen] = -np.inf
         return Decision.exact(action, values) if values[chosen] >= others.max() else None
@@ -152,7 +155,7 @@ class POMCPPolicy:
         leaf.scratch.counts[:] = belief.seen
         leaf.scratch.total[:] = belief.seen[0].sum(axis=1)
         prob = np.exp(belief.weight)
-        evaluate_plans(self.problem, leaf.plans, belief.x, prob, leaf.scratch, -np.inf)
+        behavior_values(self.problem, leaf.plans, belief.x, prob, leaf.scratch)
         return leaf.scratch.value.copy()
 
     def _search(
@@ -196,7 +199,8 @@ class POMCPPolicy:
         nodes = settings.capacity
         if settings.milliseconds is None:
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
-        tree = make_tree(nodes + width + 1, momdp.n_behaviors, *belief.weight.shape)
+        spare = self.problem.dynamics.branch.shape[2] * ENUMERATE  # that an expansion may take
+        tree = make_tree(nodes + spare + 1, momdp.n_behaviors, *belief.weight.shape)
         prob = np.exp(belief.weight)
         sampled = make_sampled(percepts, prob, belief.seen.astype(np.float64))
         scratch = make_scratch(percepts, int(np.diff(plans.first).max()))
