@@ -19,11 +19,12 @@ from meal_bayes.planners.kernels import source_digest
 ROOM = Path(planners.__file__).parent
 
 
-def run(script, **environment):
+def run(script, cwd=None, **environment):
     """Run a script in a process of its own; return what it prints."""
     done = subprocess.run(
         [sys.executable, "-c", script],
         env={**os.environ, **environment},
+        cwd=cwd,
         capture_output=True,
         text=True,
         check=False,
@@ -128,12 +129,12 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop.errors import make_scratch, tabulate_errors
-momdp = build_momdp(load_domain("toy"), Query(("red",)), np.full((1, 3, 2, 2), [.3, .7]) )
+rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
+momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
 percepts = compile_momdp(momdp).percepts
-percepts = percepts._replace(informative=np.ones((1, 3), bool))
 table = np.empty((1, 65, 2))
 tabulate_errors(percepts, np.array([[1, 0, 0]]), np.zeros(1, int), make_scratch(percepts, 0), table)
-print(table[0, 40, 0])
+print(table.sum())
 """
 
 
@@ -141,11 +142,11 @@ def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
     """The entry kernel lies in `open_loop/`, the edited one in `momdp/`."""
     package = copy_of_the_package(tmp_path)
     places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    first, again = run(TABLE, **places), run(TABLE, **places)
+    first, again = run(TABLE, tmp_path, **places), run(TABLE, tmp_path, **places)
     assert first == again
     path = package / "momdp" / "observation.py"
     text = path.read_text(encoding="utf-8")
     line = "    return mean + (count - total * mean) / (precision + total)\n"
     assert line in text
     path.write_text(text.replace(line, line.replace("return mean", "return 0.5 * mean")))
-    assert run(TABLE, **places) != first
+    assert run(TABLE, tmp_path, **places) != first

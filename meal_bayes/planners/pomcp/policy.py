@@ -137,16 +137,14 @@ class POMCPPolicy:
             return None
         exit_value = float(problem.exit_value[x])
         action, values = choose(self.momdp, belief, lower, exit_value)
-        others = (
-            np.full(len(lower) + 1, -np.inf)
-            if few
-            else np.append(
-                np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf), values[-1]
-            )
-        )
         chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
-        if few and chosen < 0 and left.any():
+        if self.tables is not None:
+            upper = np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf)
+            others = np.append(upper, values[-1])
+        elif chosen < 0 and left.any():
             return None  # the search may yet raise the behavior
+        else:
+            others = np.append(np.full(len(lower), -np.inf), values[-1])
         others[chosen] = -np.inf
         return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
