@@ -147,14 +147,7 @@ class Learner:
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
         self.fit(data)
         self._lessons = {lesson.key: lesson for lesson in lessons}
-<<<<<<< HEAD
-        if isinstance(self.source, Replayed):
-            return self.refit()
-        self._relearn(self.source)
-        return self
-=======
         return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
->>>>>>> door
 
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
@@ -168,12 +161,7 @@ class Learner:
         kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
-<<<<<<< HEAD
-        self._relearn(source)
-        return self
-=======
         return self._relearn(source)
->>>>>>> door
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what is known; of a percept table, what is known without one of its objects."""
@@ -312,12 +300,8 @@ class Learner:
         Parameters
         ----------
         path : written by `save`.
-<<<<<<< HEAD
-        agent, classifier, logs : as of a new learner; agents that ship are found by name.
-=======
         agent, classifier : one's own are given again; shipped agents are found by name.
         logs : of a new learner.
->>>>>>> door
 
         Raises
         ------
@@ -335,19 +319,12 @@ class Learner:
         else:
             self._relearn(source, object_name)
 
-<<<<<<< HEAD
-    def _relearn(self, source: Fitted, *names: str) -> None:
-        pending = self._pending()
-        for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
-            source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
-=======
     def _relearn(self, source: Fitted, *names: str) -> Self:
         """Take in the lessons of some objects, or of all, that came after the last refit."""
         pending = self._pending()
         for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
             source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
         return self
->>>>>>> door
 
     def _pending(self) -> list[Lesson]:
         """Return the lessons that came after the last refit, or that it could not learn from."""

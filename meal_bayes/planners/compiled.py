@@ -14,6 +14,7 @@ from meal_bayes.momdp import MOMDP
 
 _INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's class are not planned with
 _ROUNDING = 1e-12
+_PRICE = 1e-5  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics are remembered
 
 Floats = NDArray[np.float64]
@@ -22,6 +23,7 @@ STEP = np.dtype([
     ("legal", np.bool_),
     ("cost", np.float64),  # s, summed over failures
     ("discount", np.float64),  # summed over failures
+    ("moves", np.bool_),  # to another x, maybe
     ("bonus_scale", np.float64),  # expected discounted executions until success
 ], align=True)  # fmt: skip
 BRANCH = np.dtype([
@@ -138,16 +140,17 @@ class Compiled(NamedTuple):
 _known: dict[bytes, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
 
 
-def compile_momdp(momdp: MOMDP, paid: float = np.inf) -> Compiled:
+def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> Compiled:
     """Compile a MOMDP for the kernels.
 
     Parameters
     ----------
     momdp : the decision problem.
     paid : percepts of a behavior in a trial that shaping pays for, at most.
+    price : least cost of a behavior, see `dynamics_of`.
     """
     return Compiled(
-        dynamics=dynamics_of(momdp),
+        dynamics=dynamics_of(momdp, price),
         percepts=Percepts(
             rows=momdp.confusion.copy(),
             precision=momdp.precision.copy(),
@@ -172,20 +175,25 @@ def class_prior(momdp: MOMDP) -> Floats:
     return np.asarray(prior / prior.sum(axis=1, keepdims=True))
 
 
-def dynamics_of(momdp: MOMDP) -> Dynamics:
-    """Compile what diagram, costs and discount make, once for all MOMDPs that share them."""
-    parts = (momdp.transition, momdp.informative, momdp.legal, momdp.cost)
+def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
+    """Compile what diagram, costs and discount make, once for all MOMDPs that share them.
+
+    Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could be repeated for ever
+    before what has to be done, and no plan would be worth less for it.
+    """
+    cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
+    parts = (momdp.transition, momdp.informative, momdp.legal, cost, momdp.cost)
     key = (
         b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
     )
     if key not in _known:
         if len(_known) >= _DIAGRAMS:
             _known.clear()
-        _known[key] = _dynamics(momdp)
+        _known[key] = _dynamics(momdp, cost)
     return _known[key]
 
 
-def _dynamics(momdp: MOMDP) -> Dynamics:
+def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     size = len(momdp.x_names)
     states = np.arange(size)
     idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
@@ -197,7 +205,7 @@ def _dynamics(momdp: MOMDP) -> Dynamics:
     step = np.zeros(idle.shape, STEP)
     step["legal"] = momdp.legal & (idle < 1)  # what never does anything cannot be chosen
     remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
-    step["cost"] = momdp.cost / remaining
+    step["cost"] = cost / remaining
     step["discount"] = momdp.discount * (1 - idle) / remaining
     step["bonus_scale"] = 1 / remaining
     happens = np.where(1 - idle > 0, 1 - idle, 1.0)
@@ -211,6 +219,7 @@ def _dynamics(momdp: MOMDP) -> Dynamics:
             if mass > _ROUNDING
         ]
         branch[x, e, : len(outcomes)] = outcomes
+    step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
     ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
     exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
     exit_value = -exits if momdp.abstain else np.full(size, -np.inf)

@@ -150,7 +150,7 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
 def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
     domain = load_domain(name)
-    hard = {"precision": 4.0, "kinds": 2, "discount": 1.0, "additive": True}
+    hard = {"precision": 4.0, "kinds": 2, "discount": 1.0}
     for seed, solver in enumerate(solvers(domain)):
         for options in (
             (hard, {}) if isinstance(solver, POMCP | OpenLoop) else ((hard, {})[seed % 2],)

@@ -1,10 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
-from scipy.special import logsumexp
-from scipy.stats import dirichlet_multinomial, multinomial
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import ImpossibleObservation
@@ -33,18 +28,7 @@ def momdp_of(name, rates_by_attribute, precision=np.inf, **options):
     return build_momdp(domain, Query(attributes), confusion, precision, **options)
 
 
-def follow(momdp, steps):
-    """Beliefs after each (behavior, percept levels or None)."""
-    belief, beliefs = initial_belief(momdp), []
-    for behavior, levels in steps:
-        observation = None if levels is None else np.array(levels, dtype=np.int8)
-        action = momdp.behavior_names.index(behavior)
-        belief = update_belief(belief, momdp, Transition(action, belief.x, observation))
-        beliefs.append(belief)
-    return beliefs
-
-
-def test_table_5_empty():
+def test_table_5_empty(follow):
     rates = {
         "look": (0.65, 0.45),
         "grasp": (0.70, 0.50),
@@ -58,7 +42,7 @@ def test_table_5_empty():
     assert found == [0.591, 0.669, 0.796, 0.171, 0.541, 0.059]
 
 
-def test_figure_7_yellow_and_metallic():
+def test_figure_7_yellow_and_metallic(follow):
     momdp = momdp_of(
         "ispy32",
         {
@@ -75,7 +59,7 @@ def test_figure_7_yellow_and_metallic():
     assert momdp.action_name(best_report(momdp, beliefs[5])) == "report not yellow, not metallic"
 
 
-def test_table_4_late_press():
+def test_table_4_late_press(follow):
     rows = np.array([[0.82, 0.17], [0.20, 0.80]])
     domain = load_domain("cy101")
     confusion = np.tile(rows / rows.sum(axis=1, keepdims=True), (1, len(domain.behaviors), 1, 1))
@@ -85,7 +69,7 @@ def test_table_4_late_press():
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, 8 / 13), (np.inf, 0.7491)])
-def test_six_equal_percepts(scale, expected):
+def test_six_equal_percepts(follow, scale, expected):
     # Rows Dir(3,2) given true and Dir(2,2) given false, the first number for "positive".
     domain = load_domain("toy")
     confusion = np.tile([[0.5, 0.5], [0.4, 0.6]], (1, len(domain.behaviors), 1, 1))
@@ -95,156 +79,7 @@ def test_six_equal_percepts(scale, expected):
     assert beliefs[-1].positive[0] == pytest.approx(expected, abs=5e-5)
 
 
-def rows_of(shape):
-    cells = hnp.arrays(float, shape, elements=st.floats(0.02, 1.0))
-    return cells.map(lambda a: a / a.sum(axis=-1, keepdims=True))
-
-
-@st.composite
-def problems(draw, levels=(2, 4)):
-    """A `toy` problem of two attributes: any rows, precisions, kinds; and a history in it."""
-    k, c = draw(st.sampled_from(levels)), draw(st.sampled_from([2, 3, 4, 6]))
-    finite = st.floats(0.1, 300.0)
-    precision = draw(hnp.arrays(float, (2, 3, c), elements=finite | st.just(np.inf)))
-    kinds = draw(rows_of((2, 2, c)))
-    if c % 2 == 0 and draw(st.booleans()):  # kinds of its own for each truth
-        kinds = kinds * np.eye(2).repeat(c // 2, axis=1)
-        kinds /= kinds.sum(axis=-1, keepdims=True)
-    momdp = build_momdp(
-        load_domain("toy"),
-        Query(("red", "heavy")),
-        draw(rows_of((2, 3, c, k))),
-        precision,
-        prior=draw(hnp.arrays(float, 2, elements=st.floats(0.05, 0.95))),
-        kinds=kinds,
-    )
-    percept = st.lists(st.integers(0, k - 1), min_size=2, max_size=2)
-    step = st.tuples(st.sampled_from(["look", "lift"]), percept)
-    return momdp, draw(st.lists(step, min_size=1, max_size=12))
-
-
-@given(problems(), st.randoms(use_true_random=False))
-def test_order_of_percepts_does_not_matter(problem, random):
-    momdp, steps = problem
-    shuffled = random.sample(steps, len(steps))
-    one, other = follow(momdp, steps)[-1], follow(momdp, shuffled)[-1]
-    np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
-    np.testing.assert_array_equal(one.seen, other.seen)
-
-
-@given(problems())
-def test_beliefs_stay_finite_and_count_percepts(problem):
-    momdp, steps = problem
-    for number, belief in enumerate(follow(momdp, steps), start=1):
-        assert np.isfinite(belief.log_odds).all()
-        assert ((belief.positive >= 0) & (belief.positive <= 1)).all()
-        assert belief.joint.sum() == pytest.approx(1.0)
-        assert belief.joint.max() == pytest.approx(belief.certainty)
-        np.testing.assert_allclose(np.exp(belief.weight).sum(axis=1), 1.0)
-        np.testing.assert_array_equal(belief.seen.sum(axis=(1, 2)), number)
-
-
-@given(problems())
-def test_no_percept_leaves_the_belief(problem):
-    momdp, steps = problem
-    belief = follow(momdp, steps)[-1]
-    after = update_belief(belief, momdp, Transition(0, 1, None))
-    assert after.x == 1
-    np.testing.assert_array_equal(after.log_odds, belief.log_odds)
-    np.testing.assert_array_equal(after.seen, belief.seen)
-
-
-@given(problems())
-def test_the_filter_is_the_dirichlet_multinomial(problem):
-    momdp, steps = problem
-    belief = follow(momdp, steps)[-1]
-    score = np.zeros((2, momdp.n_kinds))
-    for i, e, c in np.ndindex(2, 2, momdp.n_kinds):
-        counts, row = belief.seen[i, e], momdp.confusion[i, e, c]
-        if counts.sum() == 0:
-            continue
-        if np.isinf(momdp.precision[i, e, c]):
-            score[i, c] += multinomial.logpmf(counts, counts.sum(), row)
-        else:
-            weight = momdp.precision[i, e, c] * row
-            score[i, c] += dirichlet_multinomial.logpmf(counts, weight, counts.sum())
-    false, true = logsumexp(score[:, None], b=momdp.kinds, axis=2).T
-    prior = np.log(momdp.prior) - np.log1p(-momdp.prior)
-    np.testing.assert_allclose(belief.log_odds, prior + true - false, atol=1e-8)
-
-
-@given(problems())
-def test_swapping_attributes_swaps_the_belief(problem):
-    momdp, steps = problem
-    swapped = build_momdp(
-        load_domain("toy"),
-        Query(momdp.query.attributes[::-1]),
-        momdp.confusion[::-1],
-        momdp.precision[::-1],
-        prior=momdp.prior[::-1],
-        kinds=momdp.kinds[::-1],
-    )
-    one = follow(momdp, steps)[-1]
-    other = follow(swapped, [(name, levels[::-1]) for name, levels in steps])[-1]
-    np.testing.assert_array_equal(one.log_odds, other.log_odds[::-1])
-
-
-@given(problems())
-def test_complementing_an_attribute_complements_the_belief(problem):
-    momdp, steps = problem
-    negated = build_momdp(
-        load_domain("toy"),
-        momdp.query,
-        momdp.confusion[:, :, ::-1],
-        momdp.precision[:, :, ::-1],
-        prior=1 - momdp.prior,
-        kinds=momdp.kinds[:, ::-1, ::-1],
-    )
-    one, other = follow(momdp, steps)[-1], follow(negated, steps)[-1]
-    np.testing.assert_allclose(one.log_odds, -other.log_odds, atol=1e-9)
-
-
-@given(problems())
-def test_kinds_that_are_alike_are_one(problem):
-    momdp, steps = problem
-    doubled = build_momdp(
-        load_domain("toy"),
-        momdp.query,
-        momdp.confusion.repeat(2, axis=2),
-        momdp.precision.repeat(2, axis=2),
-        prior=momdp.prior,
-        kinds=momdp.kinds.repeat(2, axis=2) * np.tile([0.3, 0.7], momdp.n_kinds),
-    )
-    one, other = follow(momdp, steps)[-1], follow(doubled, steps)[-1]
-    np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
-
-
-def split(momdp):
-    """The same problem, every kind split into a false one and a true one."""
-    nobody = np.zeros_like(momdp.kinds[:, 0])
-    return build_momdp(
-        load_domain("toy"),
-        momdp.query,
-        np.tile(momdp.confusion, (1, 1, 2, 1)),
-        np.tile(momdp.precision, (1, 1, 2)),
-        prior=momdp.prior,
-        kinds=np.stack(
-            [np.hstack([momdp.kinds[:, 0], nobody]), np.hstack([nobody, momdp.kinds[:, 1]])], axis=1
-        ),
-    )
-
-
-@given(problems())
-def test_kinds_that_truths_share_may_as_well_be_split(problem):
-    momdp, steps = problem
-    for one, other in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
-        np.testing.assert_allclose(one.log_odds, other.log_odds, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(one.joint, other.joint, rtol=1e-12)
-        kinds = np.exp(other.weight).reshape(2, 2, -1).sum(axis=1)
-        np.testing.assert_allclose(np.exp(one.weight), kinds, rtol=1e-10, atol=1e-300)
-
-
-def test_no_belief_is_cut_off_at_the_ends():
+def test_no_belief_is_cut_off_at_the_ends(follow):
     """Log-odds far beyond what a probability can tell from 1, of a kind and of its truth."""
     kinds = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
     rows = np.tile([[0.99, 0.01], [0.01, 0.99]], (2, 3, 1, 1))
@@ -265,7 +100,7 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     return build_momdp(domain, Query((attribute,)), rows, kinds=kinds, **options)
 
 
-def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind():
+def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind(follow):
     momdp = mistaken("toy", 0.05)
     once, *_, often = follow(momdp, [("look", [1])] * 60)
     assert once.positive[0] == pytest.approx((0.95 * 0.9 + 0.05 * 0.2) / 1.1)
@@ -274,7 +109,7 @@ def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind(
     assert against.positive[0] == pytest.approx(0.05)
 
 
-def test_an_answer_tells_of_the_truth_whatever_the_object_seems():
+def test_an_answer_tells_of_the_truth_whatever_the_object_seems(follow):
     momdp = mistaken("ispy32", 0.05)
     belief = follow(momdp, [("look", [1])] * 60)[-1]
     odds = 0.95 / 0.05
@@ -285,7 +120,7 @@ def test_an_answer_tells_of_the_truth_whatever_the_object_seems():
         assert belief.positive[0] == pytest.approx(p / (1 + p))
 
 
-def test_a_kind_that_is_ruled_out_leaves_the_others():
+def test_a_kind_that_is_ruled_out_leaves_the_others(follow):
     momdp = mistaken("toy", 0.05, tpr=1.0, fpr=0.0)
     belief = follow(momdp, [("look", [1])] * 5)[-1]
     np.testing.assert_allclose(np.exp(belief.weight[0]), [0, 0.05, 0.95, 0], atol=1e-15)
@@ -294,7 +129,7 @@ def test_a_kind_that_is_ruled_out_leaves_the_others():
         follow(momdp, [("look", [1]), ("look", [0])])
 
 
-def test_a_truth_may_lack_a_kind():
+def test_a_truth_may_lack_a_kind(follow):
     """Nothing is undefined."""
     rows = np.tile([[0.8, 0.2], [0.3, 0.7]], (1, 3, 1, 1))
     kinds = np.array([[[1.0, 0.0], [0.25, 0.75]]])
@@ -305,7 +140,7 @@ def test_a_truth_may_lack_a_kind():
     assert belief.log_share[0, 0, 1] == -np.inf
 
 
-def test_moving_leaves_what_is_believed():
+def test_moving_leaves_what_is_believed(follow):
     belief = follow(momdp_of("toy", {"red": {"look": (0.9, 0.2)}}), [("look", [1])])[-1]
     moved = belief.at(1)
     assert (belief.x, moved.x) == (0, 1)
@@ -325,7 +160,7 @@ def test_sure_weights_are_sure_beliefs():
     assert belief.entropy == pytest.approx(0.0)
 
 
-def test_report_value_is_that_of_the_best_report():
+def test_report_value_is_that_of_the_best_report(follow):
     momdp = momdp_of("toy", {"red": {"look": (0.9, 0.2)}, "heavy": {}}, prior=[0.5, 0.25])
     belief = follow(momdp, [("look", [1, 1])])[-1]
     p = 0.9 / 1.1 * 0.75
@@ -334,34 +169,25 @@ def test_report_value_is_that_of_the_best_report():
     assert best_report(momdp, belief) == momdp.n_behaviors + 2
 
 
-def test_additive_reports_are_paid_by_the_attribute():
-    rates = {"red": {"look": (0.9, 0.2)}, "heavy": {}}
-    momdp = momdp_of("toy", rates, prior=[0.5, 0.25], additive=True)
-    belief = follow(momdp, [("look", [1, 1])])[-1]
-    share = (0.9 / 1.1 + 0.75) / 2
-    assert report_value(momdp, belief) == pytest.approx(-100 + 200 * share)
-    assert best_report(momdp, belief) == momdp.n_behaviors + 2
-
-
 def test_entropy_in_bits():
     momdp = momdp_of("toy", {"red": {}, "heavy": {}}, prior=[0.5, 1.0])
     assert initial_belief(momdp).entropy == pytest.approx(1.0)
 
 
-def test_impossible_percepts_are_named():
+def test_impossible_percepts_are_named(follow):
     momdp = momdp_of("toy", {"red": {"look": (1.0, 1.0)}})
     with pytest.raises(ImpossibleObservation, match="'red' by 'look' has probability zero"):
         follow(momdp, [("look", [0])])
 
 
-def test_certain_percepts_decide():
+def test_certain_percepts_decide(follow):
     momdp = momdp_of("toy", {"red": {"look": (1.0, 0.0)}})
     assert follow(momdp, [("look", [1])])[-1].positive[0] == 1.0
     with pytest.raises(ImpossibleObservation):
         follow(momdp, [("look", [1]), ("look", [0])])
 
 
-def test_very_long_histories_stay_finite():
+def test_very_long_histories_stay_finite(follow):
     momdp = momdp_of("toy", {"red": {"look": (0.99, 0.01)}})
     belief = follow(momdp, [("look", [1])] * 500)[-1]
     assert belief.positive[0] == 1.0

@@ -117,12 +117,10 @@ def test_kinds_that_are_none_are_refused(kinds, says):
         )
 
 
-@pytest.mark.parametrize("additive", [False, True])
-def test_rewards_of_reports(additive):
-    momdp = uninformed("toy", 2, correct=30.0, incorrect=-10.0, additive=additive)
+def test_reports_are_paid_all_or_nothing():
+    momdp = uninformed("toy", 2, correct=30.0, incorrect=-10.0)
     right = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.5, 0.8]])
-    expected = [30.0, 10.0, -10.0, 16.0] if additive else [30.0, -10.0, -10.0, 6.0]
-    np.testing.assert_allclose(momdp.report_reward(right), expected)
+    np.testing.assert_allclose(momdp.report_reward(right), [30.0, -10.0, -10.0, 6.0])
 
 
 def test_behaviors_without_modalities_never_give_a_percept():

@@ -77,13 +77,6 @@ def test_rewards_are_equation_4():
     np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
 
 
-def test_additive_rewards():
-    momdp = momdp_of("toy", 2, additive=True)
-    reports = flatten(momdp).reward[:-1, momdp.n_behaviors :]
-    expected = [[100, 0, 0, -100], [0, 100, -100, 0], [0, -100, 100, 0], [-100, 0, 0, 100]]
-    np.testing.assert_allclose(reports, expected * 2)
-
-
 def test_illegal_loops_of_the_published_code_are_free():
     momdp = momdp_of("roc36_published", 1)
     flat = flatten(momdp)

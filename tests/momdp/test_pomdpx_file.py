@@ -132,10 +132,10 @@ def test_actions_and_hidden_values_stand_in_our_order(tmp_path):
     np.testing.assert_allclose(ours.y0, prior, atol=1e-15)
 
 
-def test_additive_and_shaped_rewards(tmp_path):
+def test_shaped_rewards(tmp_path):
     momdp = momdp_of("roc36", 2)
     bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
-    momdp = replace(momdp, bonus=bonus, additive=True)
+    momdp = replace(momdp, bonus=bonus)
     reward = written(momdp, tmp_path).reward.transpose(1, 2, 0)
     flat = flatten(momdp).reward[:-1]
     np.testing.assert_array_equal(reward[:-1].reshape(flat.shape), flat)

@@ -21,8 +21,8 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.open_loop.errors import plan_error
-from meal_bayes.planners.open_loop.values import remember, room_for
+from meal_bayes.planners.kernels import entry_kernel
+from meal_bayes.planners.open_loop.errors import make_scratch, plan_error
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far
@@ -53,9 +53,8 @@ def split(shares: np.ndarray) -> np.ndarray:
 
 def random_kinds(n: int, kinds: int, shared: int, rng: np.random.Generator) -> np.ndarray:
     """Draw Pr(kind | truth): so many kinds a truth, or so many that both share."""
-    if shared:
-        return rng.dirichlet(np.ones(shared), (n, 2))
-    return split(rng.dirichlet(np.ones(kinds), (n, 2)))
+    own = rng.dirichlet(np.ones(shared or kinds), (n, 2))
+    return own if shared else split(own)
 
 
 def random_toy(
@@ -125,7 +124,7 @@ class Expectimax:
 
     def __init__(self, momdp: MOMDP) -> None:
         self.momdp = momdp
-        self._known: dict[tuple[int, Counts], float] = {}
+        self.known: dict[tuple[int, Counts], float] = {}  # of the states met so far
 
     def nothing_seen(self) -> Counts:
         """Counts at the start."""
@@ -161,8 +160,7 @@ class Expectimax:
     def stop(self, x: int, seen: Counts) -> float:
         """Value of ending now: best report, or the cheapest illegal behavior."""
         m = self.momdp
-        each = [max(b, 1 - b) for b in self.positive(seen)]
-        right = sum(each) / len(each) if m.additive else math.prod(each)
+        right = math.prod(max(b, 1 - b) for b in self.positive(seen))
         value = m.incorrect + (m.correct - m.incorrect) * right
         ends = [m.cost[e] for e in range(m.n_behaviors) if self._ends(x, e)]
         return max(value, -min(ends)) if m.abstain and ends else value
@@ -172,16 +170,12 @@ class Expectimax:
 
     def value(self, x: int, seen: Counts) -> float:
         """Optimal value."""
-        if (x, seen) not in self._known:
+        if (x, seen) not in self.known:
             best = self.stop(x, seen)
             for e in self.choices(x, seen):
                 best = max(best, self.edge(x, seen, e, self.value))
-            self._known[x, seen] = best
-        return self._known[x, seen]
-
-    def reached(self) -> list[tuple[int, Counts]]:
-        """All states met so far."""
-        return list(self._known)
+            self.known[x, seen] = best
+        return self.known[x, seen]
 
     def choices(self, x: int, seen: Counts) -> Iterator[int]:
         """Legal behaviors that are of any use."""
@@ -298,19 +292,20 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     return Belief(x, weight, initial_belief(momdp).seen, momdp.log_share)
 
 
-def weights_of(momdp: MOMDP, log_odds: ArrayLike) -> np.ndarray:
-    """Pr(kind) (N,C) of a belief of these log-odds."""
-    return np.exp(believing(momdp, log_odds).weight)
+@entry_kernel
+def _first_error(percepts, uses, prob, scratch):
+    return plan_error(percepts, uses, 0, 0, prob, scratch)
 
 
 def error_of(
     problem: Compiled, uses: ArrayLike, weight: np.ndarray, seen: ArrayLike | None = None
 ) -> float:
-    """Give the kernel's Bayes error of the first attribute after the percepts of a plan (E,)."""
-    n, e, _, k = problem.confusion.shape
-    work = room_for(problem)
-    remember(work, np.zeros((n, e, k)) if seen is None else np.asarray(seen, dtype=float))
-    return float(plan_error(problem, np.array([uses], np.int64), 0, 0, weight[None], 0, work))
+    """Compute by the kernel the Bayes error of the first attribute after a plan's percepts (E,)."""
+    scratch = make_scratch(problem.percepts, 1)
+    if seen is not None:
+        scratch.counts[:] = seen
+        scratch.total[:] = np.sum(seen, axis=2)[0]
+    return float(_first_error(problem.percepts, np.array([uses], np.int64), weight, scratch))
 
 
 def search(
@@ -319,18 +314,17 @@ def search(
     seed: int = 0,
     *,
     history: History | None = None,
-    room: int = 500_000,
+    always: bool = False,
+    capacity: int = 500_000,
     **options: object,
 ) -> Decision:
-    """Decide once, at the start by default."""
+    """Decide once, at the start by default; `always` by search, even if nothing is to decide."""
     rng = np.random.default_rng(seed)
-    policy = POMCP(simulations=simulations, room=room, **options).solve(momdp, rng)
-    return policy.decide(history or History(initial_belief(momdp)), rng)
-
-
-def best_value(decision: Decision) -> float:
-    """Give the value of what was decided on."""
-    return float(np.nanmax(decision.values))
+    policy = POMCP(simulations=simulations, capacity=capacity, **options).solve(momdp, rng)
+    history = history or History(initial_belief(momdp))
+    if always:
+        return policy._search(0.0, history.belief, *policy._prepare(history.belief), rng)
+    return policy.decide(history, rng)
 
 
 @pytest.fixture(scope="session")
@@ -351,10 +345,10 @@ def small() -> SimpleNamespace:
         random=random_momdp,
         expectimax=Expectimax,
         believing=believing,
-        weights=weights_of,
+        weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).weight),
         split=split,
         error=error_of,
         search=search,
-        best_value=best_value,
+        best_value=lambda decision: float(np.nanmax(decision.values)),
         start=lambda momdp: History(initial_belief(momdp)),
     )

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import betabinom, binom
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop.errors import SPAN, tabulate_rules
-from meal_bayes.planners.open_loop.values import room_for
+from meal_bayes.planners.open_loop.errors import (
+    OUTCOMES,
+    RULES,
+    SPAN,
+    make_scratch,
+    tabulate_errors,
+)
 
 COARSE = 0.02  # by how much errors read off the tables may be too high
 
@@ -38,6 +44,17 @@ def brute_error(momdp, uses, weight, seen=None, *, cut=False):
             count[e, z] += 1
         error += (share @ joint).min()
     return error
+
+
+def outcomes(momdp, behaviors):
+    """Pr(percepts | latent class) (C,) of every sequence of percepts of the first attribute."""
+    for percepts in itertools.product(range(momdp.levels), repeat=len(behaviors)):
+        count, joint = np.zeros((momdp.n_behaviors, momdp.levels)), np.ones(momdp.n_kinds)
+        for e, z in zip(behaviors, percepts, strict=True):
+            s, p = momdp.precision[0, e], momdp.confusion[0, e, :, z]
+            joint *= (s * p + count[e, z]) / (s + count[e].sum())
+            count[e, z] += 1
+        yield joint
 
 
 @st.composite
@@ -76,16 +93,16 @@ def gatherings(draw, levels=2, most=5):
     return momdp, [*uses, 0], weight / weight.sum(), seen
 
 
-def tells_of(momdp):
+def planned_with(momdp):
     """Behaviors that the planner plans with, (E,)."""
-    return compile_momdp(momdp).informative[0]
+    return compile_momdp(momdp).percepts.informative[0]
 
 
 @given(gatherings())
 @settings(deadline=None, max_examples=150)
 def test_error_is_exact(small, case):
     momdp, uses, *rest = case
-    uses = np.where(tells_of(momdp), uses, 0)
+    uses = np.where(planned_with(momdp), uses, 0)
     assert small.error(compile_momdp(case[0]), *case[1:]) == pytest.approx(
         brute_error(momdp, uses, *rest), abs=1e-10
     )
@@ -95,7 +112,10 @@ def test_error_is_exact(small, case):
 @settings(deadline=None, max_examples=60)
 def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(small, case):
     momdp, uses, *rest = case
-    found, told = small.error(compile_momdp(case[0]), *case[1:]), np.where(tells_of(momdp), uses, 0)
+    found, told = (
+        small.error(compile_momdp(case[0]), *case[1:]),
+        np.where(planned_with(momdp), uses, 0),
+    )
     assert found == pytest.approx(brute_error(momdp, told, *rest, cut=True), abs=1e-10)
     assert found >= brute_error(*case) - 1e-12
 
@@ -118,33 +138,69 @@ def test_of_many_percepts_of_a_behavior_fifteen_are_planned_with(small):
     assert ten == pytest.approx(brute_error(momdp, [10, 0, 0], weight), abs=1e-12)
 
 
+@pytest.mark.parametrize("precision", [3.7, np.inf])
+def test_percepts_of_one_behavior_are_counted_by_the_beta_binomial(small, precision):
+    rates = [0.3, 0.9, 0.8, 0.55]  # of four classes that truths share
+    rows = np.tile([[1 - p, p] for p in rates], (1, 3, 1, 1))
+    classes = np.array([[[0.4, 0.1, 0.1, 0.4], [0.1, 0.4, 0.3, 0.2]]])
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, precision, kinds=classes)
+    weight, share = np.array([[0.2, 0.4, 0.1, 0.3]]), np.exp(momdp.log_share[0])
+    for k in range(15):
+        urns = [
+            binom(k, p) if np.isinf(precision) else betabinom(k, precision * p, precision * (1 - p))
+            for p in rates
+        ]
+        joint = weight[0][:, None] * np.array([urn.pmf(range(k + 1)) for urn in urns])
+        exact = (share @ joint).min(axis=0).sum()
+        found = small.error(compile_momdp(momdp), [k, 0, 0], weight)
+        assert found == pytest.approx(exact, abs=1e-12)
+
+
+def table_of(problem, uses):
+    """Pr(error | latent class) of the rules of one plan (E,), from the kernel (G,C)."""
+    table = np.empty((1, RULES, problem.percepts.rows.shape[2]))
+    scratch = make_scratch(problem.percepts, 0, OUTCOMES)
+    tabulate_errors(problem.percepts, np.array([uses]), np.zeros(1, np.int64), scratch, table)
+    return table[0]
+
+
 @given(gatherings())
 @settings(deadline=None, max_examples=100)
-def test_no_rule_is_better_than_the_best(small, case):
+def test_no_decision_rule_is_better_than_the_bayes_error(small, case):
     momdp, uses, weight, _ = case
     problem = compile_momdp(momdp)
-    errs = np.empty((129, 1, momdp.n_kinds))
-    table = np.array([uses], dtype=np.int64), np.zeros(1, dtype=np.int64)
-    tabulate_rules(problem, *table, room_for(problem), errs)
-    exact = small.error(compile_momdp(momdp), uses, weight)
-    rules = errs[:, 0] @ weight[0]
-    assert (errs >= 0).all()
-    assert (errs <= 1 + 1e-12).all()
+    table = table_of(problem, uses)
+    exact = small.error(problem, uses, weight)
+    rules = table @ weight[0]
+    assert (table >= 0).all()
+    assert (table <= 1 + 1e-12).all()
     assert rules.min() >= exact - 1e-12
-    # Where the kind is the truth, the rules next to the log-odds are nearly exact.
+    # Where the class is the truth, the rules next to the log-odds are the best, and nearly exact.
     if momdp.kind_is_truth:
         odds = np.log(weight[0, 1] / weight[0, 0])
-        cell = int((odds + SPAN) * 128 / (2 * SPAN))
+        cell = int((odds + SPAN) * (RULES - 1) / (2 * SPAN))
         assert min(rules[cell], rules[cell + 1]) == pytest.approx(rules.min(), abs=1e-12)
         assert rules.min() <= exact + COARSE
 
 
-def test_rules_are_exact_at_the_log_odds_that_they_are_made_for(small):
+def test_decision_rules_are_exact_at_the_log_odds_that_they_are_made_for(small):
     momdp = small.random("toy", 1, 2, np.random.default_rng(4))
-    problem, errs = compile_momdp(momdp), np.empty((129, 1, 2))
-    table = np.array([[2, 3, 0]]), np.zeros(1, dtype=np.int64)
-    tabulate_rules(problem, *table, room_for(problem), errs)
-    for g, odds in enumerate(np.linspace(-SPAN, SPAN, 129)):
+    table = table_of(compile_momdp(momdp), [2, 3, 0])
+    for errors, odds in zip(table, np.linspace(-SPAN, SPAN, RULES), strict=True):
         weight = small.weights(momdp, [odds])
         exact = brute_error(momdp, [2, 3, 0], weight)
-        assert errs[g, 0] @ weight[0] == pytest.approx(exact, abs=1e-12)
+        assert errors @ weight[0] == pytest.approx(exact, abs=1e-12)
+
+
+def test_a_decision_rule_errs_as_often_as_its_definition_says(small):
+    """Say yes where the likelihood ratio outweighs prior log-odds; of three shared classes."""
+    momdp = small.toy(2, 1, 2, finite=True, shared=3)
+    problem = compile_momdp(momdp)
+    assert problem.percepts.informative[0, :2].all()
+    table, share = table_of(problem, [2, 1, 0]), np.exp(momdp.log_share[0])
+    given_class = np.array(list(outcomes(momdp, [0, 0, 1])))  # (M,C)
+    false, true = given_class @ momdp.kinds[0, 0], given_class @ momdp.kinds[0, 1]
+    for errors, odds in zip(table, np.linspace(-SPAN, SPAN, RULES), strict=True):
+        yes = (np.log(true / false) + odds > 0)[:, None]
+        expected = (given_class * np.where(yes, share[0], share[1])).sum(axis=0)
+        np.testing.assert_allclose(errors, expected, atol=1e-12)

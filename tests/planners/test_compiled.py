@@ -2,11 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import betabinom, binom
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.compiled import class_prior, compile_momdp
 
 FORK = Domain(
     name="fork",
@@ -40,7 +39,7 @@ def branches(problem, x, e):
     }  # fmt: skip
 
 
-def test_folding_of_a_failing_move(small):
+def test_failures_of_a_move_are_summed_out(small):
     # c = 4.5 s, p = .95: c' = c / (1 - g (1 - p)), g' = g p / (1 - g (1 - p)).
     momdp = small.momdp("roc36", {"heavy": {}})
     problem, grasp = compile_momdp(momdp), behavior(momdp, "grasp")
@@ -50,7 +49,7 @@ def test_folding_of_a_failing_move(small):
     assert branches(problem, 1, grasp) == {(1.0, 2, True)}
 
 
-def test_folding_of_a_failing_loop(small):
+def test_failures_of_a_loop_are_summed_out(small):
     momdp = small.momdp("ispy32", {"heavy": {}})
     problem, press = compile_momdp(momdp), behavior(momdp, "press")
     assert problem.cost[1, press] == pytest.approx(22 / (1 - 0.99 * 0.05))
@@ -58,13 +57,13 @@ def test_folding_of_a_failing_loop(small):
     assert branches(problem, 1, press) == {(1.0, 1, True)}
 
 
-def test_what_never_fails_is_not_folded(small):
+def test_what_never_fails_keeps_cost_and_discount(small):
     momdp = small.momdp("roc36", {"heavy": {}})
     problem, look = compile_momdp(momdp), behavior(momdp, "look")
     assert (problem.cost[0, look], problem.discount[0, look]) == (0.5, 0.99)
 
 
-def test_moves_without_percept(small):
+def test_moves_without_percept_are_silent_branches(small):
     momdp = small.momdp("roc36", {"heavy": {}})
     problem, reinit = compile_momdp(momdp), behavior(momdp, "reinit")
     assert branches(problem, 5, reinit) == {(1.0, 0, False)}
@@ -109,7 +108,7 @@ def test_where_everything_is_legal_there_is_no_exit(small):
     assert compile_momdp(small.momdp(domain, {"red": {}}, abstain=True)).exit_value[0] == -np.inf
 
 
-def test_several_outcomes(small):
+def test_each_outcome_is_a_branch(small):
     momdp = small.momdp(FORK, {"heavy": {}})
     problem = compile_momdp(momdp)
     assert branches(problem, 0, 0) == {(0.625, 1, True), (0.375, 2, False)}
@@ -120,7 +119,7 @@ def test_several_outcomes(small):
     assert problem.cost[1, 0] == pytest.approx(2 / (1 - 0.99 * 0.1))
 
 
-def test_what_does_nothing_is_no_choice(small):
+def test_what_never_does_anything_is_not_legal(small):
     momdp = small.momdp(FORK, {"heavy": {}})
     assert momdp.legal[:3, 1].all()
     problem = compile_momdp(momdp)
@@ -138,66 +137,44 @@ def test_outcomes_are_distributions(small, name):
     assert ((problem.discount > 0) & (problem.discount <= 0.99 + 1e-12))[problem.legal].all()
 
 
-@pytest.mark.parametrize("precision", [3.7, np.inf])
-def test_first_counts_are_beta_binomial(small, precision):
-    rates = [0.3, 0.9, 0.8, 0.55]  # of the kinds
-    rows = np.tile([[1 - p, p] for p in rates], (1, 3, 1, 1))
-    momdp = build_momdp(
-        load_domain("toy"), Query(("red",)), rows, precision, kinds=np.full((1, 2, 4), 0.25)
-    )
-    fresh = compile_momdp(momdp).fresh[0, 0]
-    for c, yes in enumerate(rates):
-        for k in range(fresh.shape[1]):
-            urn = betabinom(k, precision * yes, precision * (1 - yes))
-            exact = binom(k, yes) if np.isinf(precision) else urn
-            np.testing.assert_allclose(fresh[c, k, : k + 1], exact.pmf(range(k + 1)), atol=1e-10)
-            assert not fresh[c, k, k + 1 :].any()
-
-
-@pytest.mark.parametrize("options", [{"kinds": 3}, {"shared": 3}])
-def test_affinity_is_that_of_the_truths(small, options):
-    """Of several kinds it is the mixtures that overlap."""
-    momdp = small.toy(1, 2, 2, finite=True, **options)
-    problem = compile_momdp(momdp)
-    for i, e, k in np.ndindex(2, 3, problem.affinity.shape[2]):
-        yes, s = momdp.confusion[i, e, :, 1], momdp.precision[i, e]
-        counts = [
-            betabinom(k, w * p, w * (1 - p)).pmf(range(k + 1)) for p, w in zip(yes, s, strict=True)
-        ]
-        false, true = momdp.kinds[i] @ counts
-        expected = np.sqrt(false * true).sum()
-        assert np.exp(problem.affinity[i, e, k]) == pytest.approx(expected, rel=1e-9)
-
-
 @pytest.mark.parametrize("options", [{"kinds": 2}, {"shared": 3}])
-def test_kinds_and_their_prior(small, options):
+def test_latent_classes_and_their_prior(small, options):
     momdp = small.toy(2, 2, 2, finite=False, **options)
+    percepts = compile_momdp(momdp).percepts
+    np.testing.assert_allclose(class_prior(momdp), np.exp(initial_belief(momdp).weight))
+    np.testing.assert_array_equal(percepts.classes, momdp.kinds)
+    np.testing.assert_allclose(percepts.truth, np.exp(momdp.log_share))
+    assert percepts.class_is_truth == momdp.kind_is_truth
+    sure = class_prior(replace(momdp, prior=[0.0, 1.0]))
+    assert (sure > 0).all()  # plans are made for beliefs that percepts can still move
+    np.testing.assert_allclose(sure.sum(axis=1), 1.0)
+
+
+def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
+    one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
+    other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
+    assert one.dynamics is other.dynamics
+    for options in ({"discount": 0.9}, {"abstain": True}):
+        unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
+        assert unlike.dynamics is not one.dynamics
+
+
+def test_shaping_pays_for_percepts_within_the_limit(small):
+    momdp = small.momdp("toy", {"red": {}}, limit=[5, 1, np.inf])
     problem = compile_momdp(momdp)
-    np.testing.assert_allclose(problem.prior, np.exp(initial_belief(momdp).weight))
-    np.testing.assert_array_equal(problem.kinds, momdp.kinds)
-    sure = compile_momdp(replace(momdp, prior=[0.0, 1.0]))
-    assert (sure.prior > 0).all()  # plans are made for beliefs that percepts can still move
+    assert not problem.shaped
+    np.testing.assert_array_equal(problem.paid, [5, 1, np.inf])
+    np.testing.assert_array_equal(compile_momdp(momdp, 2.0).paid, [2, 1, 2])
+    assert compile_momdp(replace(momdp, bonus=np.ones((1, 3, 2)))).shaped
 
 
-@pytest.mark.parametrize(
-    ("precision", "limit", "plain", "exact"),
-    [(np.inf, np.inf, True, True), (np.inf, 3, False, True), (5.0, np.inf, False, False)],
-)
-def test_what_is_known_of_rows(small, precision, limit, plain, exact):
-    problem = compile_momdp(small.momdp("ispy32", {"heavy": {}}, precision, limit=limit))
-    assert problem.plain == plain
-    ask = load_domain("ispy32").behavior_index("ask")
-    np.testing.assert_array_equal(
-        problem.exact, [exact or e == ask for e in range(len(problem.exact))]
-    )
-
-
-def test_rows_that_say_nothing_are_known(small):
+def test_rows_that_tell_nothing_are_not_planned_with(small):
     problem = compile_momdp(small.momdp("toy", {"red": {"look": (0.6, 0.5)}, "heavy": {}}))
-    np.testing.assert_array_equal(problem.informative, [[True, False, False], [False] * 3])
+    informative = problem.percepts.informative
+    np.testing.assert_array_equal(informative, [[True, False, False], [False] * 3])
 
 
-def test_what_tells_of_the_kind_is_planned_with():
+def test_what_tells_of_the_latent_class_is_planned_with():
     """Look says nothing of the truth, but whether lift is to be believed."""
     honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
@@ -206,4 +183,5 @@ def test_what_tells_of_the_kind_is_planned_with():
     kinds = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
     momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
     assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
-    np.testing.assert_array_equal(compile_momdp(momdp).informative, [[True, True, False]])
+    informative = compile_momdp(momdp).percepts.informative
+    np.testing.assert_array_equal(informative, [[True, True, False]])

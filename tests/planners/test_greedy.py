@@ -72,15 +72,6 @@ def test_a_mistaken_kind_is_worth_no_second_look(small):
     assert decide(momdp, History(belief)).action == momdp.n_behaviors + 1
 
 
-def test_additive_reports_are_priced_as_they_are_paid(small):
-    momdp = small.momdp("toy", small.rates, additive=True, prior=[0.9, 0.2])
-    decision = decide(momdp, small.start(momdp))
-    assert decision.values[-1] == pytest.approx(-100 + 200 * 0.85)
-    bits = entropy(0.9, 0.1) + entropy(0.2, 0.8)
-    look = gain(0.9, 0.8, 0.25) + gain(0.2, 0.55, 0.4)
-    assert decision.values[0] == pytest.approx(70 + look * 30 / bits - 1)
-
-
 def test_used_up_behaviors_tell_nothing(small):
     momdp = small.momdp("toy", {"red": {"look": (0.8, 0.25)}}, limit=1)
     belief = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1])))

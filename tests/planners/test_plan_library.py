@@ -1,85 +1,91 @@
 """Plans are walks of the diagram, their errors exact, their values lower bounds."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import betabinom, binom
 
 from meal_bayes.domain import load_domain
-from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop.library import moves_of, no_plans, plans_for
-from meal_bayes.planners.open_loop.values import (
-    Plans,
-    open_loop_values,
-    plan_values,
-    remember,
-    room_for,
-)
+from meal_bayes.planners.compiled import class_prior, compile_momdp
+from meal_bayes.planners.open_loop.errors import make_scratch
+from meal_bayes.planners.open_loop.library import diagram_of, plan_library
+from meal_bayes.planners.open_loop.values import PLAN, Plans, evaluate_plans, judge_plans
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 MOST = 15  # percepts of one behavior that are planned with
 COARSE = 0.02  # by how much errors read off the tables may be too high
 
 
-def noted(problem, plans, seen):
-    work = room_for(problem, plans)
-    n, e, _, k = problem.confusion.shape
-    remember(work, np.zeros((n, e, k)) if seen is None else np.asarray(seen, dtype=float))
-    return work
+def made(momdp):
+    """Compiled MOMDP and its plans."""
+    problem = compile_momdp(momdp)
+    return problem, plan_library(momdp, problem)
+
+
+def evaluated(problem, plans, x, weight, seen=None, floor=-np.inf):
+    """Best plan by first behavior, in the scratch buffers, and the best value of all."""
+    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    if seen is not None:
+        scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
+    return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor)
 
 
 def values_at(problem, plans, x, weight, seen=None):
     """Best plan value by first behavior, (E,)."""
-    out = np.empty((1, problem.legal.shape[1]))
-    open_loop_values(problem, plans, x, weight[None], 0, noted(problem, plans, seen), out)
-    return out[0]
-
-
-def outcomes_of(problem, uses, i):
-    """Pr(yes-percepts | kind) of all that a plan (E,) may perceive of an attribute, (C,M)."""
-    joint = np.ones((problem.prior.shape[1], 1))
-    for e in np.flatnonzero(uses * problem.informative[i]):
-        k = int(min(uses[e], problem.limit[e], MOST))
-        counts = problem.fresh[i, e, :, k, : k + 1]
-        joint = (joint[:, :, None] * counts[:, None]).reshape(len(joint), -1)
-    return joint
+    return evaluated(problem, plans, x, weight, seen)[0].value
 
 
 def exact_values(problem, plans, x, weights):
     """Value (B,J) of every plan from x at beliefs (B,N,C) before any percept; no shaping."""
+    percepts = problem.percepts
+    yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=3)
+
+    @cache
+    def counts(i, e, k):  # (C,k+1)
+        s, p = percepts.precision[i, e, :, None], yes[i, e, :, None].clip(0.0, 1.0)
+        urn = betabinom.pmf(range(k + 1), k, s * p, s * (1 - p))
+        return np.where(np.isinf(s), binom.pmf(range(k + 1), k, p), urn)
+
+    @cache
+    def outcomes(i, uses):  # Pr(yes-percepts | class) of all that a plan may perceive, (C,M)
+        joint = np.ones((percepts.rows.shape[2], 1))
+        for e, used in enumerate(uses):
+            k = int(min(used * percepts.informative[i, e], percepts.limit[e], MOST))
+            if k:
+                joint = (joint[:, :, None] * counts(i, e, k)[:, None]).reshape(len(joint), -1)
+        return joint
+
     out = np.empty((len(weights), plans.first[x + 1] - plans.first[x]))
     for row, j in enumerate(range(plans.first[x], plans.first[x + 1])):
         right = np.empty(weights.shape[:2])
         for i in range(right.shape[1]):
-            joint = weights[:, i, :, None] * outcomes_of(problem, plans.uses[j], i)  # (B,C,M)
-            truth = problem.share[i] @ joint  # (B,2,M)
-            right[:, i] = 1 - truth.min(axis=1).sum(axis=1)
-        share = right.mean(axis=1) if problem.additive else right.prod(axis=1)
-        gained = problem.incorrect + (problem.correct - problem.incorrect) * share
-        out[:, row] = plans.discount[j] * gained - plans.cost[j]
+            joint = weights[:, i, :, None] * outcomes(i, tuple(plans.uses[j].tolist()))  # (B,C,M)
+            right[:, i] = 1 - (percepts.truth[i] @ joint).min(axis=1).sum(axis=1)
+        gained = problem.incorrect + problem.gap * right.prod(axis=1)
+        out[:, row] = plans.plan["discount"][j] * gained - plans.plan["cost"][j]
     return out
 
 
 def by_behavior(problem, plans, x, values):
     """Best of the plans' values by first behavior, (E,)."""
     out = np.full(problem.legal.shape[1], -np.inf)
-    np.maximum.at(out, plans.action[plans.first[x] : plans.first[x + 1]], values)
+    np.maximum.at(out, plans.plan["action"][plans.first[x] : plans.first[x + 1]], values)
     return out
 
 
-def one_plan(problem, uses):
-    """Plan that costs nothing and gathers these percepts."""
+def plans_of(problem, walks):
+    """Plans from the first x, by (first behavior, cost, discount, uses), without tables."""
     size, n_behaviors = problem.legal.shape
-    n, kinds = problem.prior.shape
+    n, _, classes, _ = problem.percepts.rows.shape
     return Plans(
-        first=np.minimum(np.arange(size + 1), 1),
-        action=np.zeros(1, dtype=np.int64),
-        cost=np.zeros(1),
-        discount=np.ones(1),
-        uses=np.array([uses], dtype=np.int64),
-        weight=np.zeros((1, n_behaviors)),
-        rule=np.zeros((1, n), dtype=np.int64),
-        errs=np.zeros((3, 1, kinds)),
+        first=np.array([0] + [len(walks)] * size),
+        plan=np.array([walk[:3] for walk in walks], PLAN),
+        uses=np.array([walk[3] for walk in walks], dtype=np.int64),
+        executions=np.zeros((len(walks), n_behaviors)),
+        row=np.zeros((len(walks), n), dtype=np.int64),
+        table=np.zeros((1, 3, classes)),
     )
 
 
@@ -91,8 +97,10 @@ def test_merging_outcomes_raises_the_error_a_little(small, options, precision):
     momdp = small.random("cy101", 1, 2, rng, precision=precision, **options)
     weight, uses = small.weights(momdp, [0.3]), [3] * 9 + [0] * 2
     problem = compile_momdp(momdp)
-    joint = weight[0, :, None] * outcomes_of(problem, np.array(uses), 0)
-    exact = (problem.share[0] @ joint).min(axis=0).sum()
+    free = replace(momdp, correct=0.0, incorrect=-1.0)  # a plan is worth minus its error
+    exact = -exact_values(
+        compile_momdp(free), plans_of(problem, [(0, 0.0, 1.0, uses)]), 0, weight[None]
+    )
     found = small.error(problem, uses, weight)
     assert exact - 1e-12 <= found <= exact + COARSE
     assert found < small.error(problem, [3, 3, 3, 1, 0, 0, 0, 0, 0, 0, 0], weight)
@@ -101,12 +109,11 @@ def test_merging_outcomes_raises_the_error_a_little(small, options, precision):
 @pytest.mark.parametrize("precision", [5.0, np.inf])
 def test_certain_beliefs_have_no_error(small, precision):
     momdp = small.momdp("toy", small.rates, precision)
-    problem = compile_momdp(momdp)
-    plans = plans_for(problem)
+    problem, plans = made(momdp)
     for log_odds in ([np.inf, -np.inf], [40.0, -800.0]):
         weight = np.exp(small.believing(momdp, log_odds).weight)
         values = exact_values(problem, plans, 0, weight[None])[0]
-        ends = problem.correct * plans.discount - plans.cost
+        ends = momdp.correct * plans.plan["discount"] - plans.plan["cost"]
         np.testing.assert_allclose(values, ends[: len(values)])
         tabled = values_at(problem, plans, 0, weight)
         np.testing.assert_allclose(tabled, by_behavior(problem, plans, 0, values))
@@ -120,8 +127,7 @@ def test_certain_beliefs_have_no_error(small, precision):
 def test_tables_are_close_to_exact_and_never_above(small, name, levels, options, precision):
     rng = np.random.default_rng(3)
     momdp = small.random(name, 2, levels, rng, precision=precision, **options)
-    problem = compile_momdp(momdp)
-    plans = plans_for(problem)
+    problem, plans = made(momdp)
     odds = [*rng.uniform(-6, 6, (5, 2)), [20.0, -0.3]]
     weights = np.array([small.weights(momdp, each) for each in odds])
     weights *= rng.gamma(3.0, 1.0, weights.shape)
@@ -137,18 +143,41 @@ def test_tables_are_close_to_exact_and_never_above(small, name, levels, options,
             assert gap.max(initial=0.0) <= (4 if options else 2) * COARSE
 
 
-@pytest.mark.parametrize("additive", [False, True])
-def test_values_of_single_plans(small, additive):
-    """What competes in the making of a library: each plan that is the best so far has its value."""
-    momdp = small.random("roc36", 2, 2, np.random.default_rng(6), additive=additive)
-    problem = compile_momdp(momdp)
-    plans, weight = plans_for(problem), small.weights(momdp, [0.4, -1.0])
-    values = np.empty((1, int(np.diff(plans.first).max())))
-    plan_values(problem, plans, 0, weight[None], room_for(problem, plans), values)
-    exact = exact_values(problem, plans, 0, weight[None])[0]
-    best = values[0, : len(exact)].argmax()
-    assert exact[best] - 2 * COARSE * 1000 <= values[0, best] <= exact[best] + 1e-9
-    assert exact[best] >= exact.max() - 2 * COARSE * 1000
+@pytest.mark.parametrize("precision", [5.0, np.inf])
+def test_above_a_floor_only_the_best_of_all_is_sought(small, precision):
+    momdp = small.random("roc36", 2, 2, np.random.default_rng(6), precision=precision)
+    problem, plans = made(momdp)
+    weight = small.weights(momdp, [0.4, -1.0])
+    seen = np.zeros((2, momdp.n_behaviors, 2))
+    for looks in (0, 1):  # of the tables; computed, where rows are not known
+        seen[:, 0, 1] = looks
+        scratch, best = evaluated(problem, plans, 0, weight, seen)
+        assert best == scratch.value.max()
+        for floor in (best - 50.0, best - 1e-6, best, best + 1.0):
+            found = evaluated(problem, plans, 0, weight, seen, floor)[1]
+            assert found == pytest.approx(max(best, floor), abs=1e-9)
+
+
+def test_plans_are_judged_by_the_beliefs_at_which_they_are_best(small):
+    momdp = small.random("roc36", 2, 2, np.random.default_rng(6))
+    problem, plans = made(momdp)
+    odds = np.random.default_rng(7).uniform(-4, 4, (30, 2))
+    weights = np.array([small.weights(momdp, each) for each in odds])
+    wins, expected = np.zeros((2, len(plans.plan), 2), np.int64)
+    highest = np.full((momdp.terminal, momdp.n_behaviors), -np.inf)
+    for x in range(momdp.terminal):
+        for weight in weights:
+            scratch, best = evaluated(problem, plans, x, weight)
+            for a in np.flatnonzero(scratch.value == best):
+                expected[scratch.best[a], 0] += 1
+            for a in np.flatnonzero(scratch.value > highest[x]):
+                own = plans.plan["action"] == a
+                own[: plans.first[x]] = own[plans.first[x + 1] :] = False
+                expected[own, 1], expected[scratch.best[a], 1] = 0, 1
+                highest[x, a] = scratch.value[a]
+    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    judge_plans(problem, plans, weights, scratch, np.empty((momdp.n_behaviors, 2)), wins)
+    np.testing.assert_array_equal(wins, expected)
 
 
 @pytest.mark.parametrize("name", DOMAINS)
@@ -159,16 +188,10 @@ def test_values_of_single_plans(small, additive):
 def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
     rng = np.random.default_rng(4)
     momdp = small.random(name, n, 2, rng, precision=precision, limit=5, **options)
-    problem = compile_momdp(momdp)
-    plans = plans_for(problem)
+    problem, plans = made(momdp)
     for x in range(momdp.terminal):
         values = values_at(problem, plans, x, small.weights(momdp, np.zeros(n)))
         np.testing.assert_array_equal(np.isfinite(values), problem.legal[x])
-
-
-def test_an_empty_library(small):
-    problem = compile_momdp(small.momdp("roc36", {"heavy": {}}))
-    assert not no_plans(problem).first.any()
 
 
 def toy_paths(problem, x, uses_left):
@@ -195,14 +218,13 @@ def account(problem, x, path):
 
 def library(plans, x):
     for j in range(plans.first[x], plans.first[x + 1]):
-        uses = tuple(map(int, plans.uses[j]))
-        yield int(plans.action[j]), round(plans.cost[j], 9), round(plans.discount[j], 9), uses
+        action, cost, discount = plans.plan[j].item()
+        yield action, round(cost, 9), round(discount, 9), tuple(plans.uses[j].tolist())
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_plans_are_walks_of_the_diagram(small, seed):
-    problem = compile_momdp(small.toy(seed, 2, 2, finite=False, limit=3))
-    plans = plans_for(problem)
+    problem, plans = made(small.toy(seed, 2, 2, finite=False, limit=3))
     for x in range(2):
         walks = {account(problem, x, p) for p, _ in toy_paths(problem, x, (4, 4)) if p}
         found = set(library(plans, x))
@@ -211,35 +233,29 @@ def test_plans_are_walks_of_the_diagram(small, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}, {"additive": True}])
+@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}])
 def test_the_library_holds_nearly_the_best_plan(small, seed, options):
     momdp = small.toy(seed, 2, 2, finite=True, limit=3, **options)
-    problem = compile_momdp(momdp)
-    plans = plans_for(problem)
+    problem, plans = made(momdp)
     paths = (path for path, _ in toy_paths(problem, 0, (3, 3)) if path)
     walks = sorted({account(problem, 0, path) for path in paths})
-    every = plans._replace(
-        first=np.array([0, len(walks), len(walks), len(walks)]),
-        action=np.array([w[0] for w in walks]),
-        cost=np.array([w[1] for w in walks]),
-        discount=np.array([w[2] for w in walks]),
-        uses=np.array([w[3] for w in walks]),
-        weight=np.zeros((len(walks), 3)),
-    )
+    every = plans_of(problem, walks)
     odds = np.random.default_rng(seed).uniform(-3, 3, (20, 2))
     weights = np.array([small.weights(momdp, each) for each in odds])
     best = exact_values(problem, every, 0, weights).max(axis=1)
     ours = exact_values(problem, plans, 0, weights).max(axis=1)
-    true = (weights * problem.share[:, 1]).sum(axis=2)
+    true = (weights * problem.percepts.truth[:, 1]).sum(axis=2)
     stop = momdp.report_reward(np.maximum(true, 1 - true))
     assert (ours <= best + 1e-6).all()
     lost = np.maximum(best, stop) - np.maximum(ours, stop)
-    assert (lost <= 2.0).all()  # of 200 between right and wrong
+    # Of 200 between right and wrong; 14 plans are kept (twice as many lost 2 at most).
+    assert lost.max() <= 3.0
+    assert lost.mean() <= 1.0
 
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"mistaken": 0.1}, {"kinds": 3}, {"shared": 3}, {"additive": True}, {"abstain": True}],
+    [{}, {"mistaken": 0.1}, {"kinds": 3}, {"shared": 3}, {"abstain": True}],
 )
 @pytest.mark.parametrize(
     ("n", "levels", "finite"), [(1, 2, False), (2, 2, False), (2, 2, True), (1, 4, True)]
@@ -248,9 +264,8 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite, options):
     momdp = small.toy(n + levels, n, levels, finite=finite, limit=2, **options)
     optimum = small.expectimax(momdp)
     optimum.value(momdp.start, optimum.nothing_seen())
-    problem = compile_momdp(momdp)
-    plans = plans_for(problem)
-    reached = list(optimum.reached())
+    problem, plans = made(momdp)
+    reached = list(optimum.known)
     assert {x for x, _ in reached} == {0, 1}
     for x, seen in reached:
         belief = optimum.belief(x, seen)
@@ -263,7 +278,8 @@ def test_shaping_is_paid_for_what_can_be_perceived(small, toy):
     bonus = np.zeros((2, 3, 2))
     bonus[:, 1] = [[1.0, 3.0], [0.0, 2.0]]
     shaped = problem._replace(bonus=bonus, shaped=True)
-    plans = one_plan(problem, [0, 4, 0])._replace(weight=np.array([[0.0, 5.0, 0.0]]))
+    plans = plans_of(problem, [(0, 0.0, 1.0, [0, 4, 0])])
+    plans = plans._replace(executions=np.array([[0.0, 5.0, 0.0]]))
     even = small.weights(toy, [0.0, 0.0])
     plain = values_at(problem, plans, 0, even)[0]
     # 3 of the 4 percepts are within the limit; Pr(true) = .5 each: 2 + 1 a percept, weight 5.
@@ -273,7 +289,7 @@ def test_shaping_is_paid_for_what_can_be_perceived(small, toy):
 @pytest.mark.parametrize("name", DOMAINS)
 def test_ways_to_a_percept_are_cheapest(small, name):
     problem = compile_momdp(small.momdp(name, {load_domain(name).attributes[0]: {}}))
-    macros = moves_of(problem).macros
+    ways = diagram_of(problem.dynamics).ways
     price = np.full(problem.legal.shape, np.inf)  # undiscounted, by relaxation
     for _ in range(problem.legal.shape[0]):
         for x, a in np.argwhere(problem.legal):
@@ -282,30 +298,31 @@ def test_ways_to_a_percept_are_cheapest(small, name):
                 price[x, a] = problem.cost[x, a]
             other = problem.cost[x, a] + price[after]
             price[x] = np.minimum(price[x], other)
-    np.testing.assert_array_equal(macros.first >= 0, np.isfinite(price))
-    reached = macros.first >= 0
-    assert (macros.cost[reached] <= price[reached] + 1e-9).all()  # discounted, so never dearer
-    assert (macros.cost[reached] >= price[reached] * 0.9).all()
+    np.testing.assert_array_equal(ways.hop >= 0, np.isfinite(price))
+    reached = ways.hop >= 0
+    assert (ways.cost[reached] <= price[reached] + 1e-9).all()  # discounted, so never dearer
+    assert (ways.cost[reached] >= price[reached] * 0.9).all()
     for x, e in np.argwhere(reached):
-        assert problem.legal[x, macros.first[x, e]]
-        assert macros.uses[x, e, e] >= 1
+        assert problem.legal[x, ways.hop[x, e]]
+        assert ways.uses[x, e, e] >= 1
 
 
-def test_moves_are_made_once_for_a_diagram(small):
+def test_ways_are_found_once_for_a_diagram(small):
     one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
     other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
-    assert moves_of(one) is moves_of(other)
+    assert diagram_of(one.dynamics) is diagram_of(other.dynamics)
     dearer = compile_momdp(small.momdp("roc36", {"heavy": {}}, discount=0.9))
-    assert moves_of(dearer) is not moves_of(one)
+    assert diagram_of(dearer.dynamics) is not diagram_of(one.dynamics)
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])
 def test_sure_priors_of_shared_kinds_have_plans(small, prior):
     """No percept moves them; every plan is worth its report, less what it costs."""
     momdp = small.toy(1, 2, 2, finite=True, shared=3)
-    problem = compile_momdp(replace(momdp, prior=np.broadcast_to(prior, 2)))
-    plans = plans_for(problem)
-    values = values_at(problem, plans, 0, problem.prior)
-    exact = exact_values(problem, plans, 0, problem.prior[None])[0]
-    np.testing.assert_allclose(values, by_behavior(problem, plans, 0, exact), atol=2.0)
-    assert (values <= by_behavior(problem, plans, 0, exact) + 1e-9).all()
+    momdp = replace(momdp, prior=np.broadcast_to(prior, 2))
+    problem, plans = made(momdp)
+    sure = class_prior(momdp)
+    values = values_at(problem, plans, 0, sure)
+    exact = by_behavior(problem, plans, 0, exact_values(problem, plans, 0, sure[None])[0])
+    np.testing.assert_allclose(values, exact, atol=2.0)
+    assert (values <= exact + 1e-9).all()

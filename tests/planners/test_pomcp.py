@@ -14,9 +14,9 @@ from meal_bayes.momdp import (
     update_belief,
 )
 from meal_bayes.planners import POMCP, History
-from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop.library import _arrays, _with_rules, moves_of
-from meal_bayes.planners.open_loop.values import room_for
+from meal_bayes.planners.open_loop.errors import OUTCOMES
+from meal_bayes.planners.open_loop.library import Candidates, _tabulated, diagram_of
+from meal_bayes.planners.pomcp import POMCPPolicy
 from meal_bayes.planners.rollout import simulate
 
 PROBLEMS = {
@@ -28,7 +28,6 @@ PROBLEMS = {
     | {"mistaken": [0.05, 0.2]},
     "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
     "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
-    "additive": {"seed": 6, "n": 2, "levels": 2, "finite": True, "limit": 2, "additive": True},
 }
 
 
@@ -174,22 +173,29 @@ class TestWithoutThese:
     def test_values_lie_between_known_bounds(self, small, n, floor, optimum, bound):
         """Upper bounds by factored value iteration; SARSOP closes A1 at 441.3, PBVI A2 at 387.2."""
         momdp = small.noisy_roc36(n)
-        assert floor < small.best_value(small.search(momdp, 3000, points=0)) < bound
-        assert optimum < small.best_value(small.search(momdp, 300)) < bound + 1.0
+        plans = small.search(momdp, 3000, always=True, points=0)
+        assert floor < small.best_value(plans) < bound
+        tables = small.search(momdp, 300, always=True)
+        assert optimum < small.best_value(tables) < bound + 1.0
 
     def test_three_noisy_attributes(self, small):
         momdp = small.noisy_roc36(3)
-        assert 150 < small.best_value(small.search(momdp, 1000, points=0)) < 243.2
-        assert small.best_value(small.search(momdp, 30)) > 200
+        bound = 239.9  # by factored value iteration
+        searches = [small.search(momdp, k, always=True, points=0) for k in (0, 100, 1000)]
+        values = [small.best_value(decision) for decision in searches]
+        assert 152 < values[0] < values[1] < values[2] < bound  # from the best plan up
+        assert values[2] - values[0] > 10
+        tables = small.search(momdp, 30, always=True)
+        assert small.best_value(tables) == pytest.approx(bound, abs=1.0)
 
     def test_the_leaf_looks_ahead(self, small):
         """With one behavior and then the report as the leaf, giving up looks best."""
         momdp = small.noisy_roc36(3)
         policy = POMCP(300, points=0).solve(momdp, np.random.default_rng(0))
-        problem = compile_momdp(momdp)
-        single = [[(int(a),) for a in np.flatnonzero(row)] for row in problem.legal]
-        plans = _arrays(problem, moves_of(problem), single)
-        blind = replace(policy, plans=_with_rules(problem, plans, room_for(problem)))
+        simple = diagram_of(policy.problem.dynamics).simple
+        single = simple.take(np.flatnonzero(simple.path[:, 1] < 0))
+        plans = _tabulated(policy.problem, single, OUTCOMES)
+        blind = POMCPPolicy(momdp, policy.settings, plans)
         start, look = History(initial_belief(momdp)), momdp.behavior_names.index("look")
         seeing, unseeing = (p.decide(start, np.random.default_rng(1)) for p in (policy, blind))
         assert seeing.action == look
@@ -214,20 +220,23 @@ class TestWithoutThese:
         assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > 350
 
 
-def test_kinds_that_truths_share_are_worth_what_split_ones_are(small):
+def test_latent_classes_that_truths_share_are_worth_what_split_ones_are(small):
     """By the same library of plans: both are one problem, of which one form is twice as large."""
     momdp = small.toy(6, 2, 4, finite=True, shared=5)
     twice = {"confusion": (1, 1, 2, 1), "precision": (1, 1, 2)}
     halves = {name: np.tile(getattr(momdp, name), times) for name, times in twice.items()}
     problems = momdp, replace(momdp, kinds=small.split(momdp.kinds), **halves)
     shared, split = (POMCP(200).solve(problem, np.random.default_rng(0)) for problem in problems)
-    plans = _with_rules(split.problem, shared.plans, room_for(split.problem))
+    plans = shared.plans
+    start = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
+    same = Candidates(start, plans.uses, plans.plan, plans.uses, plans.executions)  # no paths
+    split = POMCPPolicy(problems[1], split.settings, _tabulated(split.problem, same, OUTCOMES))
     steps = (0, np.array([3, 0])), (1, np.array([2, 2])), (0, np.array([0, 1]))
     beliefs = [initial_belief(problem) for problem in problems]
     for action, percept in steps:
         one, other = (
             policy.decide(History(belief), np.random.default_rng(0))
-            for policy, belief in zip((shared, replace(split, plans=plans)), beliefs, strict=True)
+            for policy, belief in zip((shared, split), beliefs, strict=True)
         )
         np.testing.assert_allclose(one.values, other.values, rtol=1e-10)
         np.testing.assert_array_equal(one.visits, other.visits)

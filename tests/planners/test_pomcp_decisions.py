@@ -120,10 +120,10 @@ def test_known_attributes_cost_a_query_nothing(small):
     assert small.best_value(wide) == pytest.approx(small.best_value(narrow), rel=0.1)
 
 
-def test_full_rooms_end_the_search(small, toy):
-    decision = small.search(toy, 5000, room=300)
+def test_a_full_tree_ends_the_search(small, toy):
+    decision = small.search(toy, 5000, capacity=300)
     assert 0 < decision.simulations < 5000
-    assert decision.visits.sum() <= 5000
+    assert decision.visits.sum() == decision.simulations
 
 
 def test_visits_and_the_logged_tree(small, toy):
@@ -150,7 +150,7 @@ def test_illegal_behaviors_have_no_value(small, toy):
     assert decision.visits[2] == 0
 
 
-@pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"room": 0}])
+@pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"capacity": 0}])
 def test_settings_are_checked(wrong):
     with pytest.raises(SettingsError, match="POMCP needs"):
         POMCP(**wrong)
@@ -170,10 +170,29 @@ def test_threads_decide_alike(small):
 
 
 SCRIPT = """
+import sys
+import numba
 import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.open_loop import growth, library, policy, values
+from meal_bayes.planners.pomcp import leaf, policy as search
+
+def records(value):  # plain Python reads fields of records as NumPy calls them
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(records, value))
+    named = isinstance(value, np.ndarray) and value.dtype.names
+    return value.view(np.recarray) if named else value
+
+def plain(kernel):
+    return lambda *arguments: kernel(*map(records, arguments))
+
+if numba.config.DISABLE_JIT:
+    for module in (library, search, values, leaf):
+        for name in ("follow", "grow_plans", "judge_plans", "evaluate_plans", "search"):
+            if hasattr(module, name):
+                setattr(module, name, plain(getattr(module, name)))
 
 for levels in (2, 10):  # every percept vector gets a child; or a sample of them
     rng = np.random.default_rng(levels)
@@ -196,8 +215,9 @@ def test_compiled_and_plain_python_agree():
             env={**os.environ, "NUMBA_DISABLE_JIT": disable},
             capture_output=True,
             text=True,
-            check=True,
+            check=False,
         )
+        assert run.returncode == 0, run.stderr
         outputs.append(run.stdout)
     assert outputs[0].count("\n") > 10
     assert outputs[0] == outputs[1]

@@ -19,7 +19,6 @@ PROBLEMS = {
     "mistaken": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2, "mistaken": 0.2},
     "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
     "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
-    "additive": {"seed": 6, "n": 2, "levels": 2, "finite": True, "limit": 2, "additive": True},
     "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
     | {"discount": 1.0},
 }
@@ -129,13 +128,12 @@ def test_the_report_is_paid_as_the_problem_says(small):
         def decide(self, history, rng):
             return Decision(best_report(self.momdp, history.belief), *[np.zeros(4)] * 3)
 
-    for additive, share in ((False, 0.9 * 0.8), (True, 0.85)):
-        momdp = small.momdp("toy", small.rates, prior=[0.9, 0.2], additive=additive)
-        found = run(momdp, Report(momdp, 0), 50)
-        np.testing.assert_allclose(found.returns, -100 + 200 * share)
-        np.testing.assert_allclose(found.certainty, 0.72)
-        assert found.decisions == 50
-        assert not found.cost.any()
+    momdp = small.momdp("toy", small.rates, prior=[0.9, 0.2])
+    found = run(momdp, Report(momdp, 0), 50)
+    np.testing.assert_allclose(found.returns, -100 + 200 * 0.9 * 0.8)
+    np.testing.assert_allclose(found.certainty, 0.72)
+    assert found.decisions == 50
+    assert not found.cost.any()
 
 
 def test_percepts_run_out(small):
@@ -189,7 +187,7 @@ def test_the_history_is_what_happened(small):
 @pytest.mark.statistical
 def test_believing_in_another_model_costs(small):
     """Shown the belief of a model that takes percepts for independent; paid by the true one."""
-    world = small.toy(1, 2, 2, finite=True, limit=3)
+    world = small.toy(3, 2, 2, finite=True, limit=3)
     believed = replace(world, precision=np.full(world.precision.shape, np.inf))
     seen = []
 
@@ -198,8 +196,8 @@ def test_believing_in_another_model_costs(small):
             seen.append(history.belief)
             return super().decide(history, rng)
 
-    wrong = run(world, Record(believed, 2), believed=believed)
-    right = run(world, Gather(world, 2))
+    wrong = run(world, Record(believed, 3), believed=believed)
+    right = run(world, Gather(world, 3))
     # What is perceived is the same, as the seeds are; only the reports differ.
     np.testing.assert_array_equal(wrong.cost, right.cost)
     assert (wrong.returns <= right.returns + 1e-9).all()

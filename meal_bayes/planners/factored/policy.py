@@ -83,8 +83,9 @@ class Factored:
             )
         momdp = _without_percepts(momdp, momdp.limit <= 0)
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
-        iteration = ValueIteration(momdp, compile_momdp(momdp), tolerance)
-        bound = iteration.bounds(self.points)
+        free = ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
+        bound = free.bounds(self.points)
+        iteration = replace(free, problem=compile_momdp(momdp))
         estimate = iteration.estimate(bound, _FINER * self.points)
         iteration.forget_grids()
         return FactoredPolicy(iteration, _rounded_up(bound), _rounded_up(estimate))
@@ -110,7 +111,8 @@ class FactoredPolicy:
         momdp, x = self.iteration.momdp, self.iteration.momdp.start
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
         ending = max(report, float(self.iteration.problem.exit_value[x]))
-        ahead = float(self.upper_bounds(x, momdp.prior).max())
+        free = compile_momdp(momdp, price=0.0)
+        ahead = float(_values_ahead(momdp, free, self.bound, x, momdp.prior).max())
         return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:

@@ -8,7 +8,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
+from meal_bayes.planners.open_loop.values import Plans, behavior_values
 from meal_bayes.planners.solver import Decision, History, choose
 
 
@@ -42,6 +42,6 @@ class OpenLoopPolicy:
         scratch = make_scratch(self.problem.percepts, int(np.diff(plans.first).max()))
         scratch.counts[:] = belief.seen
         scratch.total[:] = belief.seen[0].sum(axis=1)
-        evaluate_plans(self.problem, plans, belief.x, np.exp(belief.weight), scratch, -np.inf)
+        behavior_values(self.problem, plans, belief.x, np.exp(belief.weight), scratch)
         exit_value = float(self.problem.exit_value[belief.x])
         return Decision.exact(*choose(self.momdp, belief, scratch.value, exit_value))

@@ -197,6 +197,31 @@ def evaluate_plans(model, plans, x, prob, scratch, floor):
     return best
 
 
+@kernel
+def _is_idle(model, x, a, total):
+    """Whether a behavior can bring nothing: no other x, no percept that tells, no pay."""
+    if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
+        return False
+    if total[a] < model.percepts.limit[a]:
+        for i in range(model.percepts.informative.shape[0]):
+            if model.percepts.informative[i, a]:
+                return False
+    return True
+
+
+@entry_kernel
+def behavior_values(model, plans, x, prob, scratch):
+    """Value of the best plan by first behavior -> `scratch.value`, -inf where it can bring nothing.
+
+    Of a behavior that brings nothing, plans that are computed in other ways than their rests may
+    seem worth more than these; who followed them would go round for ever.
+    """
+    evaluate_plans(model, plans, x, prob, scratch, -np.inf)
+    for a in range(scratch.value.shape[0]):
+        if _is_idle(model, x, a, scratch.total):
+            scratch.value[a] = -np.inf
+
+
 @entry_kernel
 def judge_plans(model, plans, beliefs, scratch, out, wins):
     """Count at how many beliefs (B,N,C) a plan is the best of its x -> wins (J,2).

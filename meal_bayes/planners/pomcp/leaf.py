@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
+from meal_bayes.planners.open_loop.values import Plans, behavior_values, evaluate_plans, stop_value
 
 
 class Leaf(NamedTuple):
@@ -46,13 +46,13 @@ def leaf_value(model, leaf, x, prob):
 
 @kernel
 def edge_values(model, leaf, x, prob):
-    """Value of every behavior of a visited node -> `leaf.scratch.value` (E,), -inf if illegal."""
+    """Value of every behavior of a visited node -> `leaf.scratch.value` (E,), -inf for none."""
     scratch = leaf.scratch
-    evaluate_plans(model, leaf.plans, x, prob, scratch, -np.inf)
+    behavior_values(model, leaf.plans, x, prob, scratch)
     if leaf.table.value.shape[0] == 0:
         return
     for a in range(scratch.value.shape[0]):
-        if not model.dynamics.step[x, a].legal:
+        if scratch.value[a] == -np.inf:
             continue
         mean = 0.0
         for k in range(model.dynamics.branch.shape[2]):

@@ -29,7 +29,7 @@ from meal_bayes.planners.factored.iteration import spans_percepts
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
+from meal_bayes.planners.open_loop.values import Plans, behavior_values
 from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.leaf import Leaf
 from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
@@ -134,24 +134,30 @@ class POMCPPolicy:
     def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
         """Decide by bounds alone, where an action is worth at least what any other is at most."""
         x, problem = belief.x, self.problem
-        alone, tables = problem.legal[x].sum() == 1, self.tables
-        if not alone and tables is None:
-            return None
         lower = self._lower_bounds(belief, leaf)
-        action, values = choose(self.momdp, belief, lower, float(problem.exit_value[x]))
-        chosen = action if action < len(lower) and problem.legal[x, action] else -1
-        if alone or tables is None:  # the search can only raise its value
-            return Decision.exact(action, values) if chosen >= 0 else None
-        upper = np.append(tables.upper_bounds(x, belief.positive), values[-1])
-        upper[chosen] = -np.inf
-        return Decision.exact(action, values) if values[chosen] >= upper.max() else None
+        left = np.isfinite(lower)  # what can bring anything
+        few = left.sum() <= 1
+        if not few and self.tables is None:
+            return None
+        exit_value = float(problem.exit_value[x])
+        action, values = choose(self.momdp, belief, lower, exit_value)
+        chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
+        if self.tables is not None:
+            upper = np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf)
+            others = np.append(upper, values[-1])
+        elif chosen < 0 and left.any():
+            return None  # the search may yet raise the behavior
+        else:
+            others = np.append(np.full(len(lower), -np.inf), values[-1])
+        others[chosen] = -np.inf
+        return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
     def _lower_bounds(self, belief: Belief, leaf: Leaf) -> NDArray[np.float64]:
         """Value of the best plan by first behavior, (E,)."""
         leaf.scratch.counts[:] = belief.seen
         leaf.scratch.total[:] = belief.seen[0].sum(axis=1)
         prob = np.exp(belief.weight)
-        evaluate_plans(self.problem, leaf.plans, belief.x, prob, leaf.scratch, -np.inf)
+        behavior_values(self.problem, leaf.plans, belief.x, prob, leaf.scratch)
         return leaf.scratch.value.copy()
 
     def _search(
@@ -192,7 +198,8 @@ class POMCPPolicy:
         nodes = settings.capacity
         if settings.milliseconds is None:
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
-        tree = make_tree(nodes + width + 1, momdp.n_behaviors, *belief.weight.shape)
+        spare = self.problem.dynamics.branch.shape[2] * ENUMERATE  # that an expansion may take
+        tree = make_tree(nodes + spare + 1, momdp.n_behaviors, *belief.weight.shape)
         prob = np.exp(belief.weight)
         sampled = make_sampled(percepts, prob, belief.seen.astype(np.float64))
         scratch = make_scratch(percepts, int(np.diff(plans.first).max()))

@@ -87,7 +87,7 @@ def _select(model, tree, node, exploration):
     spread = np.log(tree.node[node].visits + 1.0)
     for a in range(tree.edge.shape[1]):
         edge = tree.edge[node, a]
-        if model.dynamics.step[tree.node[node].x, a].legal:
+        if edge.value > -np.inf:  # else it is illegal, or can bring nothing
             score = edge.value + exploration * np.sqrt(spread / (edge.visits + 1.0))
             if score > best_score:
                 best, best_score = a, score

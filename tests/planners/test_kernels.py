@@ -1,0 +1,152 @@
+"""How kernels are built: small, few arguments, one signature each, and a cache that sees edits."""
+
+import ast
+import importlib
+import inspect
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import meal_bayes
+from meal_bayes import planners
+from meal_bayes.planners.kernels import source_digest
+
+ROOM = Path(planners.__file__).parent
+
+
+def run(script, cwd=None, **environment):
+    """Run a script in a process of its own; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, **environment},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def kernels():
+    """Every compiled function of the room, by name."""
+    found = {}
+    for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
+        for name, value in vars(importlib.import_module(info.name)).items():
+            if hasattr(value, "py_func"):
+                found[f"{value.py_func.__module__}.{name}"] = value
+    return found
+
+
+def test_no_kernel_has_more_than_eight_parameters():
+    every = kernels()
+    assert len(every) > 30
+    for name, kernel in every.items():
+        assert len(inspect.signature(kernel.py_func).parameters) <= 8, name
+
+
+@pytest.mark.parametrize("path", sorted(ROOM.rglob("*.py")), ids=lambda path: path.name)
+def test_functions_are_short(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef):
+            assert node.end_lineno - node.lineno < 60, node.name
+
+
+def test_planning_leaves_the_settings_of_numba_alone():
+    script = """
+import numba
+def settings():
+    return {name: repr(getattr(numba.config, name)) for name in dir(numba.config) if name.isupper()}
+before = settings()
+from meal_bayes.planners import OpenLoop, warm_up
+warm_up(OpenLoop())
+assert settings() == before and len(before) > 50
+"""
+    run(script)
+
+
+SIGNATURES = """
+import importlib, pkgutil
+from meal_bayes import planners
+from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
+for solver in (Factored(500), OpenLoop(), POMCP(5)):
+    warm_up(solver)
+import numpy as np
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.planners import History
+domain, rng = load_domain("toy"), np.random.default_rng(0)
+rows = rng.dirichlet(np.ones(2), (2, 3, 2))
+for precision, limit in ((np.inf, np.inf), (5.0, 3)):
+    momdp = build_momdp(domain, Query(domain.attributes), rows, precision, limit=limit)
+    for solver in (OpenLoop(), POMCP(5), POMCP(5, points=0)):
+        solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
+    for name, value in vars(importlib.import_module(info.name)).items():
+        if len(getattr(value, "signatures", ())) > 1:
+            print(name, len(value.signatures))
+"""
+
+
+@pytest.mark.parametrize(
+    "fresh", [False, pytest.param(True, marks=pytest.mark.long)]
+)  # entry kernels; all
+def test_kernels_have_one_signature(fresh, tmp_path):
+    """A second one doubles the time of compilation; literal integers make such."""
+    assert run(SIGNATURES, **({"NUMBA_CACHE_DIR": str(tmp_path)} if fresh else {})) == ""
+
+
+def copy_of_the_package(folder):
+    package = folder / "meal_bayes"
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(meal_bayes.__file__).parent, package, ignore=ignored)
+    return package
+
+
+def test_an_edit_of_any_kernel_file_changes_the_digest(tmp_path):
+    package = copy_of_the_package(tmp_path)
+    roots = package / "planners", package / "momdp" / "observation.py"
+    before = source_digest(roots)
+    files = {Path(inspect.getfile(kernel.py_func)) for kernel in kernels().values()}
+    assert len({path.parent for path in files}) >= 4
+    for path in files:
+        copy = package / path.relative_to(Path(meal_bayes.__file__).parent)
+        text = copy.read_text(encoding="utf-8")
+        copy.write_text(f"{text}#", encoding="utf-8")
+        assert source_digest(roots) != before, path
+        copy.write_text(text, encoding="utf-8")
+    assert source_digest(roots) == before
+
+
+TABLE = """
+import numpy as np
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import build_momdp
+from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.open_loop.errors import make_scratch, tabulate_errors
+rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
+momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
+percepts = compile_momdp(momdp).percepts
+table = np.empty((1, 65, 2))
+tabulate_errors(percepts, np.array([[1, 0, 0]]), np.zeros(1, int), make_scratch(percepts, 0), table)
+print(table.sum())
+"""
+
+
+def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
+    """The entry kernel lies in `open_loop/`, the edited one in `momdp/`."""
+    package = copy_of_the_package(tmp_path)
+    places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    first, again = run(TABLE, tmp_path, **places), run(TABLE, tmp_path, **places)
+    assert first == again
+    path = package / "momdp" / "observation.py"
+    text = path.read_text(encoding="utf-8")
+    line = "    return mean + (count - total * mean) / (precision + total)\n"
+    assert line in text
+    path.write_text(text.replace(line, line.replace("return mean", "return 0.5 * mean")))
+    assert run(TABLE, tmp_path, **places) != first

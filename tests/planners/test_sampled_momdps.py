@@ -1,0 +1,115 @@
+"""The search acts on MOMDPs sampled from the posterior: their percepts, values and rows."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare
+
+from meal_bayes.momdp import Transition, initial_belief, update_belief
+from meal_bayes.momdp.observation import predictive
+from meal_bayes.planners import Factored, History, OpenLoop
+from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.pomcp.sampled import KEPT, draw_percepts, make_sampled
+
+DRAWS = 100_000
+
+
+def sequence_probabilities(momdp, belief, behaviors):
+    """Pr(percept levels) of every sequence, from the predictive: (N, K^T)."""
+    out = []
+    for i, log_prob in enumerate(belief.weight):
+        for levels in itertools.product(range(momdp.levels), repeat=len(behaviors)):
+            counts, prob = belief.seen[i].astype(float), np.exp(log_prob)  # a copy; (C,)
+            for e, z in zip(behaviors, levels, strict=True):
+                mean, s = momdp.confusion[i, e, :, z], momdp.precision[i, e]
+                prob = prob * predictive(mean, s, counts[e, z], counts[e].sum())
+                counts[e, z] += 1
+            out.append(prob.sum())
+    return np.reshape(out, (len(momdp.query), -1))
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("precision", [1.0, 5.0, np.inf])
+@pytest.mark.parametrize("options", [{}, {"shared": 3}])
+@pytest.mark.parametrize("behaviors", [(0, 0, 0), (0, 1, 0)])
+def test_sampled_momdps_show_what_the_predictive_says(small, precision, options, behaviors):
+    """To depth 3, after two percepts of the trial; attributes independently of each other."""
+    rng = np.random.default_rng(8)
+    momdp = small.random("toy", 2, 2, rng, precision=precision, **options)
+    belief = initial_belief(momdp)
+    for e, levels in ((0, [1, 0]), (1, [1, 1])):
+        belief = update_belief(belief, momdp, Transition(e, 0, np.array(levels)))
+    counts = belief.seen.astype(float)
+    sampled = make_sampled(compile_momdp(momdp).percepts, np.exp(belief.weight), counts)
+    shown = np.zeros((DRAWS, 3, 2), np.int64)
+    draw_percepts(compile_momdp(momdp).percepts, sampled, np.array(behaviors), rng, shown)
+    cells = np.ravel_multi_index(tuple(shown.transpose(1, 2, 0).reshape(6, -1)), (2,) * 6)
+    one, other = sequence_probabilities(momdp, belief, behaviors)
+    joint = np.einsum("abc,def->adbecf", one.reshape(2, 2, 2), other.reshape(2, 2, 2)).ravel()
+    assert joint.sum() == pytest.approx(1.0)
+    test = chisquare(np.bincount(cells, minlength=64), DRAWS * joint)
+    assert test.pvalue > 0.01
+
+
+def root_values(small, momdp, simulations, **settings):
+    """Value of the best action by each backup."""
+    decisions = [
+        small.search(momdp, simulations, always=True, backup=backup, **settings)
+        for backup in ("expected", "sampled")
+    ]
+    assert [decision.simulations for decision in decisions] == [simulations] * 2
+    return [small.best_value(decision) for decision in decisions]
+
+
+@pytest.mark.statistical
+def test_both_backups_reach_one_value_on_the_noisy_robot(small):
+    """With tables, where nothing is explored for its own sake; averages hold what that costs."""
+    momdp = small.noisy_roc36(2)
+    expected, sampled = root_values(small, momdp, 100_000, capacity=2_000_000)
+    assert sampled == pytest.approx(expected, abs=0.01 * momdp.correct)
+
+
+@pytest.mark.statistical
+def test_both_backups_reach_one_value_at_finite_precision(small):
+    momdp = small.momdp("toy", small.rates, 3.0, limit=2)
+    optimum = small.expectimax(momdp)
+    best = optimum.value(momdp.start, optimum.nothing_seen())
+    for value in root_values(small, momdp, 100_000):
+        assert value == pytest.approx(best, abs=0.01 * momdp.correct)
+
+
+@pytest.mark.parametrize("precision", [5.0, np.inf])
+@pytest.mark.parametrize("backup", ["expected", "sampled"])
+def test_a_decision_keeps_rows_of_sampled_momdps(small, precision, backup):
+    momdp = small.momdp("toy", small.rates, precision, limit=3)
+    decision = small.search(momdp, 100, backup=backup)
+    assert decision.action < momdp.n_behaviors
+    rows = decision.sampled_rows
+    assert rows.shape == (KEPT, 2, momdp.levels)
+    np.testing.assert_allclose(rows.sum(axis=2), 1.0)
+    for i in range(2):
+        classes = momdp.confusion[i, decision.action]
+        found = {tuple(row) for row in rows[:, i]}
+        if np.isinf(precision):
+            assert found <= set(map(tuple, classes))
+        else:
+            assert len(found) == KEPT  # each MOMDP has an object of its own
+            assert not found & set(map(tuple, classes))
+
+
+def test_as_many_rows_are_kept_as_there_were_simulations(small):
+    momdp = small.noisy_roc36(2)
+    for simulations in (1, 3):
+        decision = small.search(momdp, simulations, always=True, points=0)
+        assert len(decision.sampled_rows) == decision.visits[decision.action] <= simulations
+
+
+def test_reports_and_exact_decisions_have_no_sampled_rows(small, toy):
+    sure = History(small.believing(toy, [9.0, 9.0]))
+    assert small.search(toy, 50, history=sure).sampled_rows is None
+    plain = small.momdp("toy", small.rates)
+    for solver in (Factored(2000), OpenLoop()):
+        policy = solver.solve(plain, np.random.default_rng(0))
+        decision = policy.decide(small.start(plain), np.random.default_rng(0))
+        assert decision.sampled_rows is None

@@ -1,0 +1,53 @@
+"""Nothing is searched where nothing can be decided, and what is done is what a search would do."""
+
+import numpy as np
+import pytest
+
+from meal_bayes.planners import History
+from meal_bayes.planners.pomcp.certain import certain_behavior
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("points", [0, 50_000])
+def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
+    momdp = small.noisy_roc36(n)
+    assert momdp.legal[momdp.start].sum() == 1
+    decision = small.search(momdp, 300, points=points)
+    searched = small.search(momdp, 3000, always=True, points=points)
+    assert (decision.simulations, searched.simulations) == (0, 3000)
+    assert decision.action == searched.action
+    assert np.nanmax(decision.values) <= np.nanmax(searched.values) + 1e-9
+
+
+@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}, {"abstain": True}])
+def test_what_is_certain_is_better_than_ending_for_certain(small, options):
+    found = 0
+    for seed in range(4):
+        momdp = small.toy(seed, 2, 2, finite=True, limit=2, **options)
+        optimum = small.expectimax(momdp)
+        optimum.value(momdp.start, optimum.nothing_seen())
+        for x, seen in list(optimum.known):
+            decision = certain_behavior(momdp, optimum.belief(x, seen))
+            if decision is not None:
+                found += 1
+                edge = optimum.edge(x, seen, decision.action, optimum.value)
+                assert optimum.stop(x, seen) < decision.values[decision.action] <= edge + 1e-9
+    assert found > 0
+
+
+@pytest.mark.parametrize("odds", [[9.0, -9.0], [12.0, 12.0], [-8.0, 10.0]])
+def test_bounds_end_a_trial_without_a_search(small, odds):
+    momdp = small.noisy_roc36(2)
+    for x in range(momdp.terminal):
+        history = History(small.believing(momdp, odds, x))
+        decision = small.search(momdp, 100, history=history)
+        searched = small.search(momdp, 100, history=history, always=True)
+        assert decision.simulations == 0
+        assert decision.action == searched.action >= momdp.n_behaviors
+
+
+def test_a_budget_of_simulations_is_used_up(small):
+    """However few outcomes an expansion has, the tree is large enough."""
+    for n in (1, 2, 3):
+        decision = small.search(small.noisy_roc36(n), 30, always=True)
+        assert decision.simulations == 30
