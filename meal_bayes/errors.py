@@ -28,6 +28,10 @@ class DownloadError(MealBayesError):
     """A file that cannot be had: no network and no cache, or a checksum that differs."""
 
 
+class RobotError(MealBayesError):
+    """A robot that does not do what its driver promises, such as a state that is not known."""
+
+
 class LogError(MealBayesError):
     """A trial log that cannot be used."""
 

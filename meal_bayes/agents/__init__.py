@@ -11,7 +11,7 @@ from meal_bayes.agents.morc import Morc
 from meal_bayes.agents.morc_itrs import PUBLISHED, MorcItrs, OnlineAgent, Surroundings, heard
 from meal_bayes.agents.online_recipes import ONLINE_AGENTS, load_online_agent
 from meal_bayes.agents.recipes import AGENTS, load_agent
-from meal_bayes.agents.trial import Step, Streams, Task, Trial, run_trial
+from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial, truth_of
 
 __all__ = [
     "AGENTS",
@@ -24,6 +24,7 @@ __all__ = [
     "Morc",
     "MorcItrs",
     "OnlineAgent",
+    "Recorder",
     "Step",
     "Streams",
     "Surroundings",
@@ -35,4 +36,5 @@ __all__ = [
     "load_agent",
     "load_online_agent",
     "run_trial",
+    "truth_of",
 ]

@@ -41,12 +41,13 @@ class Feedback:
         """Labels of the queried attributes that a person's words imply, (N,); -1 unknown.
 
         By a verdict the robot learns v where its report was right, or where it asked for a single
-        attribute (Sect. 7.3); an abstention teaches nothing.
+        attribute (Sect. 7.3); an abstention teaches nothing, nor does what the person does not
+        know.
         """
         if self.answers == "all":
             errs = rng.random(len(trial.truth)) < self.error
-            return np.where(trial.truth ^ errs, 1, 0).astype(np.int8)
-        if trial.report is None:
+            return np.where(trial.truth < 0, -1, (trial.truth == 1) ^ errs).astype(np.int8)
+        if trial.report is None or trial.success is None:
             return np.full(len(trial.truth), -1, np.int8)
         return implied(trial.report, right=trial.success ^ bool(rng.random() < self.error))
 

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.trial import Step, Streams, Task, Trial, run_trial
-from meal_bayes.arrays import freeze
+from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
 
 _PERCEPTS = ("recorded", "model")
@@ -51,20 +50,27 @@ class Morc:
             labels = np.where(self.table.labels < 0, self.told, self.table.labels)
             self.table = replace(self.table, labels=labels)
 
-    def run(self, task: Task, *, on_step: Callable[[Step], None] | None = None) -> Trial:
+    def run(
+        self,
+        task: Task,
+        *,
+        on_step: Callable[[Step], None] | None = None,
+        recorder: Recorder | None = None,
+    ) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
+        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
         momdp, policy = self.prepare(task)
-        streams = Streams.of(self.seed, task, self.agent.name)
         return run_trial(
             task,
             momdp,
             policy,
             self._robot(task),
             self._perceiver(task),
-            streams,
-            truth=self._truth(task),
+            Streams.of(self.seed, task, self.agent.name),
+            truth=self.table.labels[task.object_index, columns],
             agent=self.agent.name,
             on_step=on_step,
+            recorder=recorder,
         )
 
     def prepare(self, task: Task) -> tuple[MOMDP, Policy]:
@@ -98,10 +104,17 @@ class Morc:
             )
         return self._knowledge[held_out]
 
-    def _robot(self, task: Task) -> RecordedRobot:
-        order = stream(self.seed, "recordings", *task.key)
-        repeats = self.percepts == "model"
-        return RecordedRobot(self.table.domain, self.table.recordings, order, repeats=repeats)
+    def _robot(self, task: Task) -> CheckedRobot:
+        domain = self.table.domain
+        robot = RecordedRobot(
+            domain,
+            task.object_index,
+            self.table.recordings,
+            stream(self.seed, "recordings", *task.key),
+            stream(self.seed, "robot", *task.key),
+            repeats=self.percepts == "model",
+        )
+        return CheckedRobot(robot, domain, object_index=task.object_index)
 
     def _perceiver(self, task: Task) -> Perceiver:
         if self.percepts == "recorded":
@@ -109,13 +122,3 @@ class Morc:
         every = range(len(self.table.domain.attributes))
         confusion, _ = self.knowledge(task.object_index).posterior.select(every, exact=True)
         return ConfusionSampler(self.table.domain, self.table.labels, confusion)
-
-    def _truth(self, task: Task) -> NDArray[np.bool_]:
-        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
-        labels = self.table.labels[task.object_index, columns]
-        if (labels < 0).any():
-            bad = np.array(task.query.attributes)[labels < 0].tolist()
-            raise SettingsError(
-                f"Nobody has labelled {task.object_name!r} for {bad}; ask what the labels hold."
-            )
-        return freeze(labels == 1, np.bool_)

@@ -13,7 +13,6 @@ from meal_bayes.agents.curiosity import chosen_weights, exploration_bonus, infor
 from meal_bayes.agents.experience import Experience, Feedback
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
 from meal_bayes.agents.trial import Streams, Task, Trial, run_trial
-from meal_bayes.arrays import freeze
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
@@ -27,7 +26,8 @@ from meal_bayes.perception import (
     fit_and_score,
 )
 from meal_bayes.planners import OpenLoop, OpenLoopPolicy, Policy, Remembering
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots import CheckedRobot, RecordedRobot
+from meal_bayes.robots.recorded import Order
 from meal_bayes.seeds import stream
 
 PUBLISHED = ("shaped_test", "sample_wise", "joint_label", "model_percepts")
@@ -126,9 +126,7 @@ class MorcItrs:
     def test(self, task: Task) -> Trial:
         """Answer with D frozen; all recordings of the object are fresh."""
         order = stream(self.seed, "recordings", *task.key)
-        repeats = "model_percepts" in self.world.published
-        robot = RecordedRobot(self.world.body, self._recordings, order, repeats=repeats)
-        return self._run(task, *self._settled(task), robot)
+        return self._run(task, *self._settled(task), order)
 
     def train(self, task: Task) -> Trial:
         """Answer and explore, with recordings that enter D (Alg. 2, l. 5-18)."""
@@ -144,13 +142,7 @@ class MorcItrs:
             else:
                 momdp = momdp if agent.curiosity == "none" else self._shaped(momdp, task)
                 policy = self._solve(task, momdp)
-        robot = RecordedRobot(
-            self.world.body,
-            self._recordings,
-            self.experience.supply,
-            repeats="model_percepts" in self.world.published,
-        )
-        return self._run(task, momdp, policy, robot)
+        return self._run(task, momdp, policy, self.experience.supply(task.object_index))
 
     def _settled(self, task: Task) -> tuple[MOMDP, Policy]:
         """Give the policy of a query in tests, solved once between two refits."""
@@ -226,17 +218,26 @@ class MorcItrs:
         bonus[0] = worth[:, None]
         return replace(momdp, bonus=bonus)
 
-    def _run(self, task: Task, momdp: MOMDP, policy: Policy, robot: RecordedRobot) -> Trial:
+    def _run(
+        self, task: Task, momdp: MOMDP, policy: Policy, order: np.random.Generator | Order
+    ) -> Trial:
+        body, o = self.world.body, task.object_index
+        robot = RecordedRobot(
+            body,
+            o,
+            self._recordings,
+            order,
+            stream(self.seed, "robot", *task.key),
+            repeats="model_percepts" in self.world.published,
+        )
         return run_trial(
             task,
             momdp,
             policy,
-            robot,
+            CheckedRobot(robot, body, object_index=o),
             self.percepts,
             Streams.of(self.seed, task, self.agent.name),
-            truth=freeze(
-                self.world.dataset.labels[task.object_index, self._columns(task)] == 1, np.bool_
-            ),
+            truth=self.world.dataset.labels[o, self._columns(task)],
             agent=self.agent.name,
         )
 

@@ -1,14 +1,15 @@
 """One trial: the task, its steps, and the inner loop that Algorithms 1 and 2 share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.domain import Query
+from meal_bayes.domain import Query, unknown
+from meal_bayes.errors import QueryError
 from meal_bayes.momdp import (
     MOMDP,
     Belief,
@@ -19,7 +20,7 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Robot
+from meal_bayes.robots import CheckedRobot, Execution
 from meal_bayes.seeds import stream
 
 
@@ -29,7 +30,7 @@ class Task:
 
     name: str
     query: Query
-    object_index: int
+    object_index: int  # in the data set; -1: an object of which nothing is recorded
     object_name: str
     key: tuple[str | int, ...]
 
@@ -43,8 +44,9 @@ class Step:
     next_x: int
     observation: NDArray[np.int8] | None  # (N,) percept levels, None = "none"
     cost: float  # s, paid in this step
-    reward: float  # true (unshaped) reward of this step
+    reward: float  # true (unshaped) reward of this step; nan where the truth is not known
     belief: Belief  # after the step
+    warning: str = ""  # why something that the robot handed over was no percept
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +58,25 @@ class Trial:
     momdp: MOMDP
     first_belief: Belief
     steps: tuple[Step, ...]
-    truth: NDArray[np.bool_]  # (N,)
+    truth: NDArray[np.int8]  # (N,) 1 true, 0 false, -1 not known
     report: NDArray[np.bool_] | None  # (N,), None = abstained
+    ended: str = ""  # why it was broken off, such as "robot error: ..."; empty: it was not
 
     def __post_init__(self) -> None:
-        set_frozen(self, truth=freeze(self.truth, np.bool_))
+        set_frozen(self, truth=freeze(self.truth, np.int8))
         if self.report is not None:
             set_frozen(self, report=freeze(self.report, np.bool_))
 
     @property
-    def success(self) -> bool:
-        """Rst of Eq. 5: a report right in all attributes."""
+    def judged(self) -> bool:
+        """Whether it can be told right or wrong: it came to its end, and the truth is known."""
+        return not self.ended and bool((self.truth >= 0).all())
+
+    @property
+    def success(self) -> bool | None:
+        """Rst of Eq. 5: a report right in all attributes; None where that is not known."""
+        if not self.judged:
+            return None
         return self.report is not None and bool((self.report == self.truth).all())
 
     @property
@@ -76,7 +86,7 @@ class Trial:
 
     @property
     def reward(self) -> float:
-        """Undiscounted, unshaped return."""
+        """Undiscounted, unshaped return; nan where the truth of a report is not known."""
         return float(sum(step.reward for step in self.steps))
 
     @property
@@ -85,10 +95,38 @@ class Trial:
         return self.steps[-1].belief if self.steps else self.first_belief
 
 
-class Streams(NamedTuple):
-    """The random streams of one trial; all but `planner` are the same for every agent."""
+def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
+    """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.
 
-    robot: np.random.Generator  # failures, order of recordings
+    Parameters
+    ----------
+    query : what is asked.
+    truth : by attribute, or (N,) in the query's order; None where nothing is known.
+
+    Raises
+    ------
+    QueryError : an attribute that is not asked about, or another number of values.
+    """
+    if truth is None:
+        return np.full(len(query), -1, np.int8)
+    if isinstance(truth, Mapping):
+        for name in truth:
+            if name not in query.attributes:
+                raise QueryError(unknown("attribute", str(name), query.attributes))
+        known = [truth.get(name) for name in query.attributes]
+        return np.array([-1 if value is None else bool(value) for value in known], np.int8)
+    values = np.asarray(truth)
+    if values.shape != (len(query),) or not np.isin(values, (-1, 0, 1)).all():
+        raise QueryError(
+            f"truth is {truth}; expected 1, 0 or -1 for each of {list(query.attributes)}, or "
+            "{attribute: True or False}."
+        )
+    return values.astype(np.int8)
+
+
+class Streams(NamedTuple):
+    """The random streams of one trial; `percepts` is the same for every agent."""
+
     percepts: np.random.Generator  # answers, percepts drawn from tables
     planner: np.random.Generator
 
@@ -96,80 +134,173 @@ class Streams(NamedTuple):
     def of(cls, seed: int, task: Task, agent: str) -> "Streams":
         """Streams named by seed and task, and the planner's by the agent as well."""
         return cls(
-            stream(seed, "robot", *task.key),
             stream(seed, "percepts", *task.key),
             stream(seed, "planner", agent, *task.key),
         )
+
+
+class Recorder(Protocol):
+    """Keeps a trial as it happens: each step before the next behavior is executed."""
+
+    def begin(self, trial: Trial) -> None:
+        """Take a trial that has no steps yet."""
+        ...
+
+    def step(self, step: Step) -> None:
+        """Take its next step."""
+        ...
+
+    def end(self, trial: Trial) -> None:
+        """Take the whole trial."""
+        ...
 
 
 def run_trial(
     task: Task,
     momdp: MOMDP,
     policy: Policy,
-    robot: Robot,
+    robot: CheckedRobot,
     perceiver: Perceiver,
     streams: Streams,
     *,
-    truth: NDArray[np.bool_],
+    truth: Mapping[str, bool] | ArrayLike | None = None,
     agent: str = "",
     max_steps: int = 100,
     on_step: Callable[[Step], None] | None = None,
+    recorder: Recorder | None = None,
 ) -> Trial:
     """Run one trial (Alg. 1, l. 6-11): decide, execute, perceive, filter, until `term`.
 
-    After `max_steps` behaviors the best report is made. `truth` (N,) is only compared with the
-    report; neither policy nor belief sees it.
+    What the robot, the perceiver or the policy raises, an interruption too, ends the trial: the
+    recorder gets what there is of it, with `ended`, and the exception goes on.
+
+    Parameters
+    ----------
+    robot : the body, behind its boundary.
+    truth : see `truth_of`; only compared with the report, neither policy nor belief sees it.
+    max_steps : behaviors, after which the best report is made.
+    on_step : called after every step.
+    recorder : told of every step before the next behavior is executed.
+
+    Raises
+    ------
+    RobotError : the robot came to a state that the domain does not know.
     """
-    belief = initial_belief(momdp)
-    first, x = belief, robot.start(task.object_index)
-    belief = belief.at(x)
-    history, steps, report = History(belief), list[Step](), None
-    while x != momdp.terminal:
-        decision = policy.decide(history, streams.planner)
-        if decision.action < momdp.n_behaviors and len(steps) >= max_steps:
+    running = _Running(task, momdp, policy, robot, perceiver, streams, truth_of(task.query, truth))
+    trial = running.trial(agent)
+    if recorder is not None:
+        recorder.begin(trial)
+    try:
+        running.start()
+        while running.belief.x != momdp.terminal:
+            step = running.step(max_steps)
+            if recorder is not None:
+                recorder.step(step)
+            if on_step is not None:
+                on_step(step)
+    except BaseException as fault:
+        if recorder is not None:
+            said = f"{type(fault).__name__}: {fault}".removesuffix(": ")
+            recorder.end(running.trial(agent, ended=f"{running.at} error: {said}"))
+        raise
+    trial = running.trial(agent)
+    if recorder is not None:
+        recorder.end(trial)
+    return trial
+
+
+class _Running:
+    """A trial that is under way."""
+
+    def __init__(
+        self,
+        task: Task,
+        momdp: MOMDP,
+        policy: Policy,
+        robot: CheckedRobot,
+        perceiver: Perceiver,
+        streams: Streams,
+        truth: NDArray[np.int8],
+    ) -> None:
+        self.task, self.momdp, self.policy = task, momdp, policy
+        self.robot, self.perceiver, self.streams, self.truth = robot, perceiver, streams, truth
+        self.belief = self.first = initial_belief(momdp)
+        self.history = History(self.belief)
+        self.steps: list[Step] = []
+        self.report: NDArray[np.bool_] | None = None
+        self.at = "robot"  # who is at work
+
+    def trial(self, agent: str, *, ended: str = "") -> Trial:
+        return Trial(
+            self.task, agent, self.momdp, self.first, tuple(self.steps), self.truth, self.report,
+            ended,
+        )  # fmt: skip
+
+    def start(self) -> None:
+        self.belief = self.belief.at(self.robot.start())
+        self.history = History(self.belief)
+
+    def step(self, max_steps: int) -> Step:
+        momdp, belief, history = self.momdp, self.belief, self.history
+        self.at = "planner"
+        decision = self.policy.decide(history, self.streams.planner)
+        if decision.action < momdp.n_behaviors and len(self.steps) >= max_steps:
             decision = unvalued(momdp, best_report(momdp, belief))
         if decision.action >= momdp.n_behaviors:
-            step, report = _report(momdp, belief, decision, truth)
+            step = self._report(decision)
         else:
-            step = _execute(momdp, belief, decision, task, robot, perceiver, streams)
-        steps.append(step)
-        if on_step is not None:
-            on_step(step)
-        belief, x = step.belief, step.next_x
-        history = History(
-            belief,
+            step = self._execute(decision)
+        self.steps.append(step)
+        self.belief = step.belief
+        self.history = History(
+            step.belief,
             (*history.actions, decision.action),
             (*history.perceived, step.observation is not None),
-            (*history.moved, x),
+            (*history.moved, step.next_x),
             history.cost + step.cost,
         )
-    return Trial(task, agent, momdp, first, tuple(steps), truth, report)
+        return step
+
+    def _report(self, decision: Decision) -> Step:
+        momdp, x = self.momdp, self.belief.x
+        self.report = momdp.query.values_of(decision.action - momdp.n_behaviors)
+        reward = float("nan")
+        if (self.truth >= 0).all():
+            reward = float(momdp.report_reward((self.report == self.truth).astype(float)))
+        last = self.belief.at(momdp.terminal)
+        return Step(x, decision, momdp.terminal, None, 0.0, reward, last)
+
+    def _execute(self, decision: Decision) -> Step:
+        action, belief, momdp = decision.action, self.belief, self.momdp
+        self.at = "robot"
+        execution = self.robot.execute(action)
+        self.at = "perceiver"
+        observation, warning = self._perceive(execution)
+        transition = Transition(action, execution.next_x, observation)
+        after = update_belief(belief, momdp, transition)
+        # Where illegal behaviors are self-loops (the published ROC36 diagram) they cost nothing.
+        free = not momdp.legal[belief.x, action] and execution.next_x == belief.x
+        cost = 0.0 if free else float(momdp.cost[action])
+        return Step(
+            belief.x, decision, execution.next_x, observation, cost, -cost, after, warning
+        )
+
+    def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
+        """Return percept levels (N,), or None, and what is to be warned of."""
+        query, answers = self.task.query, execution.answers
+        if execution.instance is not None:
+            seen = self.perceiver.observe(execution.instance, query, self.streams.percepts)
+            return seen, execution.warning
+        if answers is None:
+            return None, execution.warning
+        missing = [name for name in query.attributes if name not in answers]
+        if missing:
+            return None, f"no percept: the person did not answer about {missing}"
+        return _levels(query.attributes, answers, self.momdp.levels), ""
 
 
-def _report(
-    momdp: MOMDP, belief: Belief, decision: Decision, truth: NDArray[np.bool_]
-) -> tuple[Step, NDArray[np.bool_]]:
-    report = momdp.query.values_of(decision.action - momdp.n_behaviors)
-    reward = float(momdp.report_reward((report == truth).astype(float)))
-    last = belief.at(momdp.terminal)
-    return Step(belief.x, decision, momdp.terminal, None, 0.0, reward, last), report
-
-
-def _execute(
-    momdp: MOMDP,
-    belief: Belief,
-    decision: Decision,
-    task: Task,
-    robot: Robot,
-    perceiver: Perceiver,
-    streams: Streams,
-) -> Step:
-    action, observation = decision.action, None
-    execution = robot.execute(action, streams.robot)
-    if execution.instance is not None:
-        observation = perceiver.observe(execution.instance, task.query, streams.percepts)
-    belief_after = update_belief(belief, momdp, Transition(action, execution.next_x, observation))
-    # Where illegal behaviors are self-loops (the published ROC36 diagram) they cost nothing.
-    free = not momdp.legal[belief.x, action] and execution.next_x == belief.x
-    cost = 0.0 if free else float(momdp.cost[action])
-    return Step(belief.x, decision, execution.next_x, observation, cost, -cost, belief_after)
+def _levels(
+    names: Sequence[str], answers: Mapping[str, bool], levels: int
+) -> NDArray[np.int8]:
+    """Return the percepts (N,) of a person's answers: the two extreme levels."""
+    return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)

@@ -1,11 +1,12 @@
-"""Bodies: execute a behavior, observe the next x, hand over the instance.
+"""Bodies: execute a behavior, observe the next state, hand over what was felt.
 
-In: a `Domain`, and recordings or a synthetic model. Out: `Execution`s. A real robot implements
-`Robot`.
+In: a `Domain`, and recordings or a synthetic model. Out: `Outcome`s, by names. A real robot
+implements `Robot`; `CheckedRobot` is the boundary behind which all is checked.
 """
 
+from meal_bayes.robots.boundary import CheckedRobot, Execution
 from meal_bayes.robots.recorded import RecordedRobot
-from meal_bayes.robots.robot import Execution, Robot
+from meal_bayes.robots.robot import Outcome, Robot
 from meal_bayes.robots.simulated import SimulatedRobot
 
-__all__ = ["Execution", "RecordedRobot", "Robot", "SimulatedRobot"]
+__all__ = ["CheckedRobot", "Execution", "Outcome", "RecordedRobot", "Robot", "SimulatedRobot"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import Domain, TransitionDiagram
+from meal_bayes.domain import Domain, TransitionDiagram, unknown
 from meal_bayes.errors import SettingsError
 
 Rows = tuple[tuple[tuple[float, ...], ...], ...]  # (E,X,X)
@@ -16,9 +16,9 @@ _BLOCK = 16  # executions of each behavior whose luck is drawn at once
 
 
 class Move(NamedTuple):
-    """One execution: the next x, whether it can be perceived, and a number for what is."""
+    """One execution: the next state, whether it can be perceived, and a number for what is."""
 
-    next_x: int
+    state: str
     perceivable: bool
     luck: float  # in [0, 1), of this execution alone
 
@@ -31,8 +31,10 @@ class DiagramWalk:
     blocks for all behaviors at once, and the generator serves nothing else.
     """
 
-    def __init__(self, domain: Domain) -> None:
-        self._names = domain.behavior_names
+    def __init__(self, domain: Domain, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._states = domain.diagram.states
+        self._names = {name: e for e, name in enumerate(domain.behavior_names)}
         self._senses = [behavior.senses for behavior in domain.behaviors]
         self._reach, self._shows = _compile(domain.diagram, domain.behavior_names)
         self._start = domain.diagram.states.index(domain.diagram.start)
@@ -40,31 +42,29 @@ class DiagramWalk:
         self._blocks: list[NDArray[np.float64]] = []  # each (E, _BLOCK, 3)
         self._executed = [0] * len(self._names)
 
-    def start(self) -> int:
+    def start(self) -> str:
         """Begin a trial and return x0."""
         self._x, self._blocks = self._start, []
         self._executed = [0] * len(self._names)
-        return self._start
+        return self._states[self._start]
 
-    def move(self, behavior: int, rng: np.random.Generator) -> Move:
+    def move(self, name: str) -> Move:
         """Execute a behavior and move on."""
         if self._x is None:
-            raise SettingsError("The robot has no object yet; call start(object_index) first.")
-        if not 0 <= behavior < len(self._names):
-            raise SettingsError(
-                f"Behavior {behavior} does not exist; expected 0 to {len(self._names) - 1} "
-                "(reports are not executed)."
-            )
+            raise SettingsError("The robot is in no trial yet; call start() first.")
+        if name not in self._names:
+            raise SettingsError(unknown("behavior", name, self._names))
+        behavior = self._names[name]
         block, place = divmod(self._executed[behavior], _BLOCK)
         while len(self._blocks) <= block:
-            self._blocks.append(rng.random((len(self._names), _BLOCK, 3)))
+            self._blocks.append(self._rng.random((len(self._names), _BLOCK, 3)))
         self._executed[behavior] += 1
         outcome, shown, luck = self._blocks[block][behavior, place].tolist()
         reach = self._reach[behavior][self._x]
         next_x = bisect.bisect_right(reach, outcome)
         perceivable = self._senses[behavior] and shown < self._shows[behavior][self._x][next_x]
         self._x = next_x
-        return Move(next_x, perceivable, luck)
+        return Move(self._states[next_x], perceivable, luck)
 
 
 @lru_cache(maxsize=16)

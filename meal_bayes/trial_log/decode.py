@@ -33,6 +33,8 @@ from meal_bayes.trial_log.schema import (
 )
 from meal_bayes.trial_log.shapes import misfit
 
+UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
+
 
 class _Known(NamedTuple):
     momdp: MOMDP
@@ -82,6 +84,18 @@ class TrialBuilder:
     def _check_closed(self) -> None:
         if self._open:
             raise LogCorruptError("a trial has no outcome")
+
+    def unfinished(self) -> Trial | None:
+        """Return the trial under way as far as it went, with `ended`; None where there is none."""
+        if not self._open:
+            return None
+        start, *steps = self._open
+        begin = _parse(TrialMessage, start)
+        known = self._momdps.get(begin.momdp)
+        if known is None:
+            raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
+        outcome = OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
+        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, known.momdp)
 
     def drop(self) -> None:
         """Forget the trial under way."""
@@ -198,8 +212,9 @@ def _trial(begin: Any, messages: list[Any], outcome: Any, momdp: MOMDP) -> Trial
         momdp=momdp,
         first_belief=first,
         steps=tuple(steps),
-        truth=np.array(list(begin.truth), dtype=np.bool_),
+        truth=np.array(list(begin.truth), dtype=np.int8),
         report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
+        ended=outcome.ended,
     )
     problem = misfit(trial)
     if problem is not None:
@@ -243,6 +258,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         cost=message.cost,
         reward=message.reward,
         belief=_belief(message, seen, momdp),
+        warning=message.warning,
     )
 
 

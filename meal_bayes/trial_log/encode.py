@@ -8,7 +8,6 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError
@@ -32,10 +31,10 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import misfit
+from meal_bayes.trial_log.shapes import report_misfit, start_misfit, step_misfit
 
 _SHOWN = 6  # attributes in a line of text
-_INFO = 2  # the level of foxglove.Log
+_INFO, _WARNING = 2, 3  # levels of foxglove.Log
 _ARRAYS = ("transition", "informative", "legal", "confusion", "precision")
 _VECTORS = ("prior", "kinds", "cost", "bonus", "limit")
 
@@ -60,9 +59,10 @@ def digest(parts: Iterable[bytes]) -> bytes:
 def trial_digest(momdp: bytes, start: bytes, steps: Iterable[bytes], outcome: Any) -> bytes:
     """Digest of a trial: its MOMDP's digest, its messages, and what its outcome says."""
     numbers = struct.pack(
-        "<qq?dd", outcome.trial, outcome.steps, outcome.success, outcome.cost, outcome.reward
+        "<qqqdd", outcome.trial, outcome.steps, outcome.success, outcome.cost, outcome.reward
     )
-    return digest((momdp, start, *steps, bytes(outcome.report), numbers))
+    ended = outcome.ended.encode()
+    return digest((momdp, start, *steps, bytes(outcome.report), numbers, ended))
 
 
 def encode_momdp(momdp: MOMDP) -> bytes:
@@ -96,47 +96,86 @@ def numbered(number: int, momdp: bytes) -> bytes:
     return prefix + momdp
 
 
-def encode_trial(
-    trial: Trial,
-    number: int,
-    momdp: int,
-    momdp_digest: bytes,
-    pictures: ConfusionPictures | None = None,
-) -> list[Packed]:
-    """Pack a trial; its MOMDP is the file's number `momdp`.
+class TrialEncoder:
+    """Packs one trial: its start, its steps one by one, its outcome.
 
     Where another behavior is done than the step before, its picture comes along, for other tools.
+
+    Parameters
+    ----------
+    number : of the trial in the file.
+    momdp : number of its MOMDP in the file.
+    momdp_digest : the MOMDP's digest.
+    pictures : draws confusion matrices.
 
     Raises
     ------
     LogError : the arrays do not fit each other, or the trial is beyond the format's limits.
     """
-    problem = misfit(trial)
-    if problem is not None:
-        raise LogError(f"Trial {number} cannot be logged: {problem}.")
-    start = _bytes(_start(trial, number, momdp))
-    seen = _seen_beside_replay(trial)
-    positive = _positive([step.belief for step in trial.steps], trial.momdp)
-    packed, steps, shown = [Packed(TRIAL, log_time(number, 0), start)], list[bytes](), -1
-    for index, step in enumerate(trial.steps):
-        belief = positive[index].tolist()
-        data = _bytes(_step(step, trial.momdp, number, index, belief, seen.get(index, [])))
-        time = log_time(number, index + 1)
-        steps.append(data)
-        packed.append(Packed(STEP, time, data))
-        packed.append(Packed(LINES, time, _line(trial, step, number, index, belief, time)))
+
+    def __init__(
+        self,
+        number: int,
+        momdp: int,
+        momdp_digest: bytes,
+        pictures: ConfusionPictures | None = None,
+    ) -> None:
+        self._number, self._momdp, self._digest = number, momdp, momdp_digest
+        self._pictures, self._shown, self._size = pictures, -1, 0
+        self._start, self._steps = b"", list[bytes]()
+
+    def begin(self, trial: Trial) -> list[Packed]:
+        """Pack the start of a trial; its steps come later."""
+        self._check(start_misfit(trial))
+        self._trial, self._before = trial, trial.first_belief
+        self._start = _bytes(_start(trial, self._number, self._momdp))
+        return self._counted([Packed(TRIAL, log_time(self._number, 0), self._start)])
+
+    def step(self, step: Step) -> list[Packed]:
+        """Pack the next step with a line of text, and a picture where the behavior is another."""
+        momdp, index = self._trial.momdp, len(self._steps)
+        self._check(step_misfit(step, momdp, f"step {index}"))
+        positive = step.belief.positive.tolist()
+        seen = [] if _replays(self._before, step, momdp) else step.belief.seen.ravel().tolist()
+        data = _bytes(_step(step, momdp, self._number, index, positive, seen))
+        time = log_time(self._number, index + 1)
+        self._steps.append(data)
+        self._before = step.belief
+        line = _line(self._trial, step, self._number, index, positive, time)
+        packed = [Packed(STEP, time, data), Packed(LINES, time, line)]
         action = step.decision.action
-        if pictures is not None and action != shown and action < trial.momdp.n_behaviors:
-            picture = pictures.of(trial.momdp, momdp, action)
+        if self._pictures is not None and action != self._shown and action < momdp.n_behaviors:
+            picture = self._pictures.of(momdp, self._momdp, action)
             packed.append(Packed(PICTURES, time, _timed(picture, time)))
-            shown = action
-    outcome = _outcome(trial, number)
-    outcome.digest = trial_digest(momdp_digest, start, steps, outcome)
-    packed.append(Packed(OUTCOME, log_time(number, len(steps) + 1), _bytes(outcome)))
-    size = sum(len(message.data) for message in packed)
-    if size > TRIAL_LIMIT:
-        raise LogError(f"Trial {number} takes {size} bytes; a log holds at most {TRIAL_LIMIT}.")
-    return packed
+            self._shown = action
+        return self._counted(packed)
+
+    def end(self, trial: Trial) -> list[Packed]:
+        """Pack the outcome."""
+        self._check(report_misfit(trial))
+        outcome = _outcome(trial, self._number)
+        outcome.digest = trial_digest(self._digest, self._start, self._steps, outcome)
+        time = log_time(self._number, len(self._steps) + 1)
+        return self._counted([Packed(OUTCOME, time, _bytes(outcome))])
+
+    def whole(self, trial: Trial) -> list[Packed]:
+        """Pack a trial that is whole."""
+        packed = self.begin(trial)
+        for step in trial.steps:
+            packed += self.step(step)
+        return packed + self.end(trial)
+
+    def _check(self, problem: str | None) -> None:
+        if problem is not None:
+            raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
+
+    def _counted(self, packed: list[Packed]) -> list[Packed]:
+        self._size += sum(len(message.data) for message in packed)
+        if self._size > TRIAL_LIMIT:
+            raise LogError(
+                f"Trial {self._number} takes {self._size} bytes; a log holds at most {TRIAL_LIMIT}."
+            )
+        return packed
 
 
 def _bytes(message: Any) -> bytes:
@@ -147,16 +186,6 @@ def _bytes(message: Any) -> bytes:
             f"{MESSAGE_LIMIT} in one message (log fewer edges of the search tree)."
         )
     return data
-
-
-def _positive(beliefs: list[Belief], momdp: MOMDP) -> NDArray[np.float64]:
-    """Pr(attribute is true) of all beliefs at once, (T,N)."""
-    if not beliefs:
-        return np.zeros((0, 0))
-    weight = np.array([belief.weight for belief in beliefs])[:, :, None]  # (T,N,1,C)
-    with np.errstate(over="ignore", invalid="ignore"):
-        of_truth = np.logaddexp.reduce(weight + momdp.log_share, axis=3)  # (T,N,2)
-        return np.asarray(1.0 / (1.0 + np.exp(of_truth[..., 0] - of_truth[..., 1])))
 
 
 def _start(trial: Trial, number: int, momdp: int) -> Any:
@@ -173,25 +202,18 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         truth=trial.truth.tolist(),
         belief_x=first.x,
         weight=first.weight.ravel().tolist(),
-        positive=_positive([first], trial.momdp)[0].tolist(),
+        positive=first.positive.tolist(),
         seen=first.seen.ravel().tolist() if first.seen.any() else [],
     )
 
 
-def _seen_beside_replay(trial: Trial) -> dict[int, list[int]]:
-    """Percept counts of the steps where actions and percepts do not already tell them."""
-    beliefs = (trial.first_belief, *(step.belief for step in trial.steps))
-    change = np.diff(np.array([belief.seen for belief in beliefs]), axis=0)  # (T,N,E,K)
-    told_by = [
-        (index, step.decision.action, step.observation)
-        for index, step in enumerate(trial.steps)
-        if step.observation is not None and step.decision.action < trial.momdp.n_behaviors
-    ]
-    if told_by:
-        at, action, levels = (np.array(column) for column in zip(*told_by, strict=True))
-        change[at[:, None], np.arange(len(trial.truth)), action[:, None], levels] -= 1
-    told = change.any(axis=(1, 2, 3))
-    return {int(i): trial.steps[i].belief.seen.ravel().tolist() for i in np.flatnonzero(told)}
+def _replays(before: Belief, step: Step, momdp: MOMDP) -> bool:
+    """Whether action and percept already tell the percept counts after a step."""
+    change = step.belief.seen - before.seen
+    action = step.decision.action
+    if step.observation is not None and action < momdp.n_behaviors:
+        change[np.arange(len(change)), action, step.observation] -= 1
+    return not change.any()
 
 
 def _step(
@@ -219,6 +241,7 @@ def _step(
         weight=step.belief.weight.ravel().tolist(),
         positive=positive,
         seen=seen,
+        warning=step.warning,
         **_tree(decision.tree),
     )
 
@@ -243,9 +266,10 @@ def _outcome(trial: Trial, number: int) -> Any:
         trial=number,
         steps=len(trial.steps),
         report=() if trial.report is None else trial.report.tolist(),
-        success=trial.success,
+        success=-1 if trial.success is None else int(trial.success),
         cost=trial.cost,
         reward=trial.reward,
+        ended=trial.ended,
     )
 
 
@@ -270,6 +294,8 @@ def _line(
         f"{momdp.x_names[step.x]} -> {momdp.x_names[step.next_x]}, {step.cost:g} s, "
         f"percept {percepts}, belief {belief}{more}, reward {step.reward:g}"
     )
-    line = LogMessage(level=_INFO, message=text, name=trial.agent)
+    if step.warning:
+        text += f"; {step.warning}"
+    line = LogMessage(level=_WARNING if step.warning else _INFO, message=text, name=trial.agent)
     line.timestamp.seconds = time // 1_000_000_000
     return _bytes(line)

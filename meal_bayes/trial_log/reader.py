@@ -120,6 +120,14 @@ class Scan:
                 yield from self._read(record)
             self._check_end()
 
+    def unfinished(self) -> Trial | None:
+        """Return the trial that was under way when the file ends, once all has been read."""
+        try:
+            return self.builder.unfinished()
+        except FAULTS as fault:
+            self._note(fault)
+            return None
+
     def _next(self, records: Iterator[Record]) -> Record | None:
         try:
             return next(records, None)

@@ -40,6 +40,8 @@ def check_log(path: str | Path) -> LogReport:
 def salvage(path: str | Path) -> Iterator[Trial]:
     """Read every whole trial of a file, torn or not; the faults between them are passed over.
 
+    A trial that was under way when the file ends comes last, as far as it went, with `ended`.
+
     Raises
     ------
     LogError : there is no such file.
@@ -50,7 +52,9 @@ def salvage(path: str | Path) -> Iterator[Trial]:
 
 
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
-    """Write the whole trials of a torn file into a new whole file and give its name.
+    """Write the trials of a torn file, as `salvage` reads them, into a new whole file.
+
+    Return its name.
 
     The new file stands beside the torn one as `<stem>.recovered.mcap` unless `out` says otherwise;
     its header is the old one with `recovered_from`. The torn file stays as it is.
@@ -82,7 +86,10 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
 
 def _salvage(scan: Scan) -> Iterator[Trial]:
     yield from scan.trials()
-    if scan.builder.header is None and not scan.builder.trials:
+    unfinished = scan.unfinished()
+    if unfinished is not None:
+        yield unfinished
+    elif scan.builder.header is None and not scan.builder.trials:
         raise LogCorruptError(
             f"{scan.path} holds nothing of a trial log: {scan.problems[0]}; expected a {SUFFIX} "
             "file that meal_bayes wrote."

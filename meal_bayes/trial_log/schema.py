@@ -10,7 +10,7 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 PROFILE = "meal_bayes"  # the profile of the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
@@ -45,15 +45,16 @@ _FIELDS = {
     ),
     "Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
-        f"object_name:string key:string truth:bool* {_BELIEF}"
+        f"object_name:string key:string truth:int64* {_BELIEF}"
     ),
     "Step": (
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
-        f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF}"
+        f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string"
     ),
     "Outcome": (
-        "trial:int64 steps:int64 report:bool* success:bool cost:double reward:double digest:bytes"
+        "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double digest:bytes "
+        "ended:string"
     ),
 }
 _TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}

@@ -11,10 +11,32 @@ from meal_bayes.trial_log.schema import NAME_LIMIT
 
 def misfit(trial: Trial) -> str | None:
     """Say what in a trial does not fit its MOMDP, or None when all does."""
-    return next(_misfits(trial), None)
+    found = start_misfit(trial) or report_misfit(trial)
+    steps = (
+        step_misfit(step, trial.momdp, f"step {index}") for index, step in enumerate(trial.steps)
+    )
+    return found or next((problem for problem in steps if problem is not None), None)
 
 
-def _misfits(trial: Trial) -> Iterator[str]:
+def start_misfit(trial: Trial) -> str | None:
+    """Say what does not fit before the first step."""
+    return next(_start_misfits(trial), None)
+
+
+def report_misfit(trial: Trial) -> str | None:
+    """Say what does not fit of a trial's report."""
+    n = len(trial.momdp.query)
+    if trial.report is not None and trial.report.shape != (n,):
+        return f"report has shape {trial.report.shape}, expected {(n,)}"
+    return None
+
+
+def step_misfit(step: Step, momdp: MOMDP, where: str) -> str | None:
+    """Say what in a step does not fit its MOMDP."""
+    return next(_step_misfits(step, momdp, where), None)
+
+
+def _start_misfits(trial: Trial) -> Iterator[str]:
     momdp = trial.momdp
     n = len(momdp.query)
     for kind, names in (
@@ -26,13 +48,9 @@ def _misfits(trial: Trial) -> Iterator[str]:
             yield f"the MOMDP has {len(names)} {kind}, a log holds at most {NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
-    if trial.truth.shape != (n,):
-        yield f"truth has shape {trial.truth.shape}, expected {(n,)}"
-    if trial.report is not None and trial.report.shape != (n,):
-        yield f"report has shape {trial.report.shape}, expected {(n,)}"
+    if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
+        yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
-    for index, step in enumerate(trial.steps):
-        yield from _step_misfits(step, momdp, f"step {index}")
 
 
 def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:

@@ -3,19 +3,19 @@
 import json
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self, TextIO
+from typing import Any, BinaryIO, NamedTuple, Self, TextIO, TypeVar
 
 import numpy as np
 from mcap.writer import Writer
 
-from meal_bayes.agents.trial import Trial
+from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.encode import digest, encode_momdp, encode_trial, numbered
+from meal_bayes.trial_log.encode import Packed, TrialEncoder, digest, encode_momdp, numbered
 from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     ACTIVE,
@@ -32,6 +32,9 @@ from meal_bayes.trial_log.schema import (
     log_time,
 )
 
+Value = TypeVar("Value")
+Result = TypeVar("Result")
+
 
 class _Placed(NamedTuple):
     """A MOMDP of the file."""
@@ -45,7 +48,8 @@ class TrialWriter:
     """Writes trials into `path`, which exists only once the file is whole.
 
     Until then the file is called `<path>.active`; when `write` returns, the trial has left the
-    process, and `salvage` reads it whatever happens next. Seconds of wall-clock time go into
+    process, and `salvage` reads it whatever happens next. It is a `Recorder` as well: a trial that is
+    told step by step is on disk step by step. Seconds of wall-clock time go into
     `<stem>.timing.csv` beside the file, so that two equal runs write equal logs. Where the `with`
     block ends by an exception, the file keeps the name that says it is unfinished.
 
@@ -68,6 +72,7 @@ class TrialWriter:
         self._pictures = ConfusionPictures()
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
         self._last: tuple[MOMDP, _Placed] | None = None
+        self._open = False  # a trial was begun and has no end yet
         self._torn = False  # a write was broken off: what follows could not be read
 
     @property
@@ -105,24 +110,63 @@ class TrialWriter:
         ------
         LogError : the trial's arrays do not fit each other; the file stays as it was.
         """
-        if self._file is None or self._torn:
+        packed = self._place_trial(trial)
+        packed += self._packed(self._encoder.whole, trial)
+        self._put(packed)
+        self._close(trial, packed[-1], seconds)
+
+    def begin(self, trial: Trial) -> None:
+        """Put the start of a trial on disk; its steps follow one by one, then its end."""
+        packed = self._place_trial(trial)
+        packed += self._packed(self._encoder.begin, trial)
+        self._open = True
+        self._put(packed, sync=True)
+
+    def step(self, step: Step) -> None:
+        """Put the next step of the trial that was begun on disk."""
+        self._put(self._packed(self._encoder.step, step), sync=True)
+
+    def end(self, trial: Trial) -> None:
+        """Put the outcome of the trial that was begun on disk."""
+        packed = self._packed(self._encoder.end, trial)
+        self._put(packed, sync=True)
+        self._open = False
+        self._close(trial, packed[-1], None)
+
+    def _place_trial(self, trial: Trial) -> list[Packed]:
+        """Make the encoder of the next trial, and pack its MOMDP where that is new."""
+        if self._file is None or self._torn or self._open:
             raise LogError(f"{self.path} is not open; write inside `with TrialWriter(...) as log`.")
         number = self._trials
+        placed, momdp = self._packed(self._place, trial.momdp)
+        self._placed = placed
+        self._encoder = TrialEncoder(number, placed.number, placed.digest, self._pictures)
+        return [Packed(MOMDPS, log_time(number, 0), momdp)] if momdp else []
+
+    def _packed(self, pack: Callable[[Value], Result], value: Value) -> Result:
         try:
-            placed, momdp = self._place(trial.momdp)
-            packed = encode_trial(trial, number, placed.number, placed.digest, self._pictures)
+            return pack(value)
         except (TypeError, ValueError, OverflowError) as fault:
-            raise LogError(f"Trial {number} cannot be logged: {fault}.") from fault
+            raise LogError(f"Trial {self._trials} cannot be logged: {fault}.") from fault
+
+    def _put(self, packed: list[Packed], *, sync: bool = False) -> None:
+        """Write messages; when this returns they have left the process, or (sync) are on disk."""
+        if self._file is None or self._torn:
+            raise LogError(f"{self.path} is not open; write inside `with TrialWriter(...) as log`.")
         self._torn = True
-        if momdp:
-            self._add(MOMDPS, log_time(number, 0), momdp)
         for message in packed:
             self._add(message.topic, message.time, message.data)
         self._mcap.flush()
+        if sync:
+            self._file.flush()
+            os.fsync(self._file.fileno())
         self._torn = False
-        self._remember(trial.momdp, placed)
+
+    def _close(self, trial: Trial, outcome: Packed, seconds: float | None) -> None:
+        number = self._trials
+        self._remember(trial.momdp, self._placed)
         self._trials, self._steps = number + 1, self._steps + len(trial.steps)
-        self._chain = digest((self._chain, packed[-1].data))
+        self._chain = digest((self._chain, outcome.data))
         if seconds is not None:
             self._note_seconds(number, seconds)
 
@@ -134,7 +178,7 @@ class TrialWriter:
     ) -> None:
         if self._file is None:
             return
-        whole = kind is None and not self._torn
+        whole = kind is None and not self._torn and not self._open
         try:
             if whole:
                 self._finish(self._file)

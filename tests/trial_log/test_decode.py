@@ -12,7 +12,7 @@ from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log import TrialWriter, check_log, encode, read_trials, salvage
 from meal_bayes.trial_log.container import FAULTS
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.encode import digest, encode_momdp, encode_trial, numbered, trial_digest
+from meal_bayes.trial_log.encode import TrialEncoder, digest, encode_momdp, numbered, trial_digest
 from meal_bayes.trial_log.schema import (
     MOMDPS,
     OUTCOME,
@@ -27,8 +27,8 @@ from meal_bayes.trial_log.schema import (
 
 def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: data):
     """Messages of a trial, changed before digests are made; `kind` counts momdp, trial, steps."""
-    kinds = [MOMDPS, *(m.topic for m in encode_trial(trial, 0, 0, b"") if m.topic in (TRIAL, STEP))]
-    packed = [m for m in encode_trial(trial, 0, 0, b"") if m.topic in (TRIAL, STEP)]
+    kinds = [MOMDPS, *(m.topic for m in TrialEncoder(0, 0, b"").whole(trial) if m.topic in (TRIAL, STEP))]
+    packed = [m for m in TrialEncoder(0, 0, b"").whole(trial) if m.topic in (TRIAL, STEP)]
     data = [numbered(0, encode_momdp(trial.momdp)), *(message.data for message in packed)]
     classes = {MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage}
     for place, kind in enumerate(kinds):
