@@ -55,6 +55,7 @@ LIBRARIES: dict[str, set[str]] = {
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
+    "mujoco": {f"robots.simulated_arm.{module}" for module in ("camera", "model", "physics")},
     "click": {"cli"},
     "rich": {"cli"},
 }

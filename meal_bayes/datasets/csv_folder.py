@@ -45,6 +45,24 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return Dataset(domain, objects, features, labels)
 
 
+def save_csv_folder(dataset: Dataset, folder: Path) -> None:
+    """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
+
+    Numbers are written so that they read back equal.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for (behavior, modality), values in dataset.features.items():
+        lines = ["object,recording," + ",".join(f"f{i}" for i in range(values.shape[2]))]
+        for name, rows in zip(dataset.objects, values.tolist(), strict=True):
+            lines += [f"{name},{r},{','.join(map(repr, row))}" for r, row in enumerate(rows, 1)]
+        (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    lines = [",".join(("object", *dataset.domain.attributes))]
+    words = {value: cell for cell, value in _VALUES.items()}
+    for name, row in zip(dataset.objects, dataset.labels.tolist(), strict=True):
+        lines.append(",".join((name, *(words[value] for value in row))))
+    (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
+
+
 def _order(recordings: set[str]) -> tuple[str, ...]:
     return tuple(sorted(recordings, key=lambda name: (len(name), name)))  # 2 before 10
 

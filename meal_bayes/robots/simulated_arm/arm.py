@@ -1,13 +1,10 @@
 """The robot: executes behaviors by name in the physics, and says what came of them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.domain import TERMINAL, unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.robots.robot import Outcome
 from meal_bayes.robots.simulated_arm.behaviors import (
     BEHAVIORS,
     LEGAL,
@@ -20,14 +17,6 @@ from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.robots.simulated_arm.physics import OnFrame, Scene
 from meal_bayes.robots.simulated_arm.sensors import features_of
 from meal_bayes.seeds import stream
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What came of one behavior: the state, and the features by modality if it succeeded."""
-
-    state: str
-    features: Mapping[str, NDArray[np.float64]] | None
 
 
 class SimulatedArm:
@@ -78,7 +67,7 @@ class SimulatedArm:
 
         Raises
         ------
-        RobotFault : the object is gone, the gripper jams, or the physics broke down.
+        RobotError : the object is gone, the gripper jams, or the physics broke down.
         """
         if behavior not in BEHAVIORS:
             raise SettingsError(unknown("behavior", behavior, BEHAVIORS))

@@ -1,6 +1,7 @@
 """The behaviors: what the arm does, what of it is felt, and in which state it leaves things."""
 
-from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, RobotFault, Scene
+from meal_bayes.errors import RobotError
+from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, Scene
 
 READY, GRASPED, LIFTED, MOVED = STATES = ("ready", "grasped", "lifted", "moved")
 
@@ -15,10 +16,10 @@ BEHAVIORS: dict[str, tuple[Motion, ...]] = {
         Motion(0.5, z=_HIGH),
     ),
     "push": (
-        Motion(0.8, y=-0.16, z=_HIGH, width=0.0),
+        Motion(0.8, y=-0.10, z=_HIGH, width=0.0),
         Motion(0.7, z=0.025),
-        Motion(0.4, y=-0.03, recorded=True),
-        Motion(0.6, recorded=True),
+        Motion(0.25, y=-0.01, recorded=True),
+        Motion(0.75, recorded=True),
         Motion(0.5, y=-0.06, z=_HIGH),
     ),
     "grasp": (
@@ -69,13 +70,13 @@ def observe_state(scene: Scene) -> str:
 
     Raises
     ------
-    RobotFault : the gripper jams.
+    RobotError : the gripper jams.
     """
     place, home = scene.object_place, scene.home
     if scene.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
     told, width = scene.data.ctrl[2], scene.data.qpos[2]
     if told - width > _JAMMED:
-        raise RobotFault(f"the gripper jams: told to open {told:.3f} m, it stands at {width:.3f} m")
+        raise RobotError(f"the gripper jams: told to open {told:.3f} m, it stands at {width:.3f} m")
     near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE
     return READY if near and scene.upright > _UPRIGHT else MOVED

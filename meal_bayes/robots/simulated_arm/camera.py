@@ -34,9 +34,9 @@ def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = 
     half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
     up = half * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     right = half * columns / rows * (2 * (np.arange(columns) + 0.5) / columns - 1)
-    local = np.stack(
-        [*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1
-    ).reshape(-1, 3)
+    local = np.stack([*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1).reshape(
+        -1, 3
+    )
     rays = local @ data.cam_xmat[camera].reshape(3, 3).T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     shown = np.ones(6, dtype=np.uint8)
@@ -50,7 +50,8 @@ def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = 
     brightness = 0.55 + 0.45 * np.abs(normals @ _LIGHT)
     colors = model.geom_rgba[geoms, :3] * brightness[:, None]
     colors[geoms < 0] = _BACKGROUND
-    return np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3)
+    picture: Floats = np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3)
+    return picture
 
 
 def picture_features(scene: "Scene", rng: np.random.Generator) -> dict[str, Floats]:

@@ -40,18 +40,21 @@ def _add_shell(body: mujoco.MjsBody, parameters: ObjectParameters) -> None:
     mass = (parameters.shell_mass - 3 * _PART_MASS) / 3
     _add_box(body, "bottom", (x - GIVE, y, WALL), (0, 0, -z + WALL), parameters, mass)
     for side, sign in (("front", -1), ("back", 1)):
-        place = (0, sign * (y - WALL), -2 * WALL)
+        place = (0.0, sign * (y - WALL), -2 * WALL)
         _add_box(body, side, (x - 2 * WALL, WALL, z - 4 * WALL), place, parameters, mass)
     for side, sign in (("left", -1), ("right", 1)):
         part = _add_part(body, f"wall_{side}", (-sign, 0, 0), parameters)
-        size, place = (WALL, y, z - 2 * WALL), (sign * (x - WALL), 0, 0)
+        size, place = (WALL, y, z - 2 * WALL), (sign * (x - WALL), 0.0, 0.0)
         _add_box(part, side, size, place, parameters, _PART_MASS)
     lid = _add_part(body, "lid", (0, 0, -1), parameters)
     _add_box(lid, "top", (x - 2 * WALL, y, WALL), (0, 0, z - WALL), parameters, _PART_MASS)
 
 
 def _add_part(
-    body: mujoco.MjsBody, name: str, inward: tuple[float, float, float], parameters: ObjectParameters
+    body: mujoco.MjsBody,
+    name: str,
+    inward: tuple[float, float, float],
+    parameters: ObjectParameters,
 ) -> mujoco.MjsBody:
     """Add a wall or lid that gives inward against its spring."""
     part = body.add_body(name=name)

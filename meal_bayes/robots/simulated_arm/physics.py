@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.errors import MealBayesError
+from meal_bayes.errors import RobotError
 from meal_bayes.robots.simulated_arm.model import build_model
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 
@@ -18,6 +18,11 @@ FRAMES_PER_SECOND = 30  # of simulated time
 OPEN = 0.05  # m, of each finger
 _FALLEN = -0.1  # m, below the table
 _STRETCH = 0.3  # m, an object that came apart
+_BROKEN = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
 _SETTLE = 0.4  # s, before a trial; costs nothing
 _HIGH = 0.25  # m, where the hand waits
 
@@ -25,10 +30,6 @@ _HIGH = 0.25  # m, where the hand waits
 mujoco.set_mju_user_warning(lambda _: None)
 
 OnFrame = Callable[["Scene"], None]
-
-
-class RobotFault(MealBayesError):
-    """The body cannot go on: the object is gone, the gripper jams, the physics broke down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,8 @@ class Scene:
             if self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
                 at = self.model.jnt_qposadr[joint]
                 x, y = self.data.qpos[at : at + 2]
-                self.data.qpos[at : at + 2] = (cos * x - sin * y, sin * x + cos * y) + shift
+                self.data.qpos[at : at + 2] = cos * x - sin * y, sin * x + cos * y
+                self.data.qpos[at : at + 2] += shift
                 self.data.qpos[at + 3 : at + 7] = spin
 
     def held(self) -> bool:
@@ -135,7 +137,7 @@ class Scene:
 
         Raises
         ------
-        RobotFault : the object fell off the table or came apart, or the state is not finite.
+        RobotError : the object fell off the table or came apart, or the state is not finite.
         """
         steps = round(motion.seconds / self.model.opt.timestep)
         begin = self.data.ctrl.copy()
@@ -176,18 +178,12 @@ class Scene:
 
     def _check(self) -> None:
         data = self.data
-        broken = any(
-            data.warning[kind].number
-            for kind in (
-                mujoco.mjtWarning.mjWARN_BADQPOS,
-                mujoco.mjtWarning.mjWARN_BADQVEL,
-                mujoco.mjtWarning.mjWARN_BADQACC,
-            )
-        )
-        if broken or not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
-            raise RobotFault("the physics broke down: a position or speed is not finite")
+        if any(data.warning[kind].number for kind in _BROKEN) or not (
+            np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
+        ):
+            raise RobotError("the physics broke down: a position or speed is not finite")
         if self.object_place[2] < _FALLEN:
-            raise RobotFault("the object fell off the table")
+            raise RobotError("the object fell off the table")
         content = data.xpos[self._object + 1 :]
         if (np.abs(content - self.object_place) > _STRETCH).any():
-            raise RobotFault("the object came apart: its content is outside")
+            raise RobotError("the object came apart: its content is outside")

@@ -1,52 +1,66 @@
-"""Recording: every behavior on every object, as often as asked, with what went wrong tried again."""
+"""Recording: every behavior on every object, as often as asked; what went wrong is tried again."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from meal_bayes.datasets import Dataset
+from meal_bayes.domain import Domain
+from meal_bayes.errors import RobotError
 from meal_bayes.robots.simulated_arm.arm import SimulatedArm
 from meal_bayes.robots.simulated_arm.behaviors import GRASPED, LEGAL, LIFTED, READY
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters
-from meal_bayes.robots.simulated_arm.physics import RobotFault
+from meal_bayes.robots.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
 
-Recording = Mapping[tuple[str, str], NDArray[np.float64]]  # (behavior, modality) -> (D,)
-Happened = Counter[tuple[str, str, str]]  # (state, behavior, state after)
+Recording = Mapping[tuple[str, str], ArrayLike]  # (behavior, modality) -> (D,)
+Happened = Counter[tuple[str, str, str]]  # (state, behavior, state after, or `FAULT`)
 
-ORDER = ("look", "press", "grasp", "lift", "hold", "shake", "lower", "drop", "push")
+ORDER = ("look", "press", "grasp", "lift", "hold", "lower", "shake", "drop", "push")
 ATTEMPTS = 4  # at each behavior of a recording
-FAULT = "fault"  # in place of the state after
+FAULT = "fault"
 
 _TOWARDS = {READY: "grasp", GRASPED: "lift"}  # what comes nearer to `LIFTED`
 
 
-def record_object(
-    parameters: ObjectParameters,
-    recordings: int,
-    seed: int,
-    *path: str | int,
-    on_execution: Callable[[str, str, str], None] = lambda *_: None,
-) -> list[Recording]:
-    """Record an object: one mapping a recording, without the behaviors that never succeeded.
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What was felt of one object.
 
-    Parameters
+    Attributes
     ----------
-    seed, path : name the random streams.
-    on_execution : called with (state, behavior, state after or `FAULT`) of everything executed.
+    recordings : the features of each recording, without the behaviors that never succeeded.
+    happened : how often each behavior led from which state to which.
     """
-    return [
-        _record(SimulatedArm(parameters, seed, *path, number), on_execution)
-        for number in range(recordings)
-    ]
+
+    name: str
+    parameters: ObjectParameters
+    recordings: tuple[Recording, ...]
+    happened: Happened
+
+    @property
+    def whole(self) -> bool:
+        """Whether every behavior succeeded in every recording."""
+        return all({name for name, _ in rows} == set(ORDER) for rows in self.recordings)
 
 
-def _record(arm: SimulatedArm, on_execution: Callable[[str, str, str], None]) -> Recording:
-    found: dict[tuple[str, str], NDArray[np.float64]] = {}
+def record_object(number: int, *, recordings: int, seed: int) -> Recorded:
+    """Draw the training object of that number, and record it."""
+    parameters, happened = draw_object(seed, "training", number), Happened()
+    rows = tuple(
+        _record(SimulatedArm(parameters, seed, "training", number, row), happened)
+        for row in range(recordings)
+    )
+    return Recorded(f"object_{number:03d}", parameters, rows, happened)
+
+
+def _record(arm: SimulatedArm, happened: Happened) -> Recording:
+    found: dict[tuple[str, str], ArrayLike] = {}
     state = arm.start()
     for behavior in ORDER:
         for _ in range(ATTEMPTS):
-            state, features = _attempt(arm, state, behavior, on_execution)
+            state, features = _attempt(arm, state, behavior, happened)
             if features is not None:
                 found |= {(behavior, modality): values for modality, values in features.items()}
                 break
@@ -54,18 +68,18 @@ def _record(arm: SimulatedArm, on_execution: Callable[[str, str, str], None]) ->
 
 
 def _attempt(
-    arm: SimulatedArm, state: str, behavior: str, on_execution: Callable[[str, str, str], None]
-) -> tuple[str, Mapping[str, NDArray[np.float64]] | None]:
+    arm: SimulatedArm, state: str, behavior: str, happened: Happened
+) -> tuple[str, Mapping[str, ArrayLike] | None]:
     """Bring the object where the behavior is legal, and execute it; one slip ends the attempt."""
     while True:
         here = state in LEGAL[behavior]
         step = behavior if here else _way(state, LEGAL[behavior])
         try:
             outcome = arm.execute(step)
-        except RobotFault:
-            on_execution(state, step, FAULT)
+        except RobotError:
+            happened[state, step, FAULT] += 1
             return arm.start(), None
-        on_execution(state, step, outcome.state)
+        happened[state, step, outcome.state] += 1
         slipped = step in _TOWARDS.values() and outcome.state not in (GRASPED, LIFTED)
         state = outcome.state
         if here or slipped:
@@ -76,3 +90,16 @@ def _way(state: str, goals: tuple[str, ...]) -> str:
     """Choose what leads from a state towards one of the goals."""
     reachable = state in _TOWARDS and READY not in goals
     return _TOWARDS[state] if reachable else "reinit"
+
+
+def to_dataset(domain: Domain, recorded: Iterable[Recorded]) -> Dataset:
+    """Join the whole recordings of objects, labeled by what their parameters make true."""
+    found = [one for one in recorded if one.whole]
+    contexts = [(kind.name, modality) for kind in domain.behaviors for modality in kind.modalities]
+    features = {
+        context: np.array([[row[context] for row in one.recordings] for one in found], np.float32)
+        for context in contexts
+    }
+    truths = [attributes_of(one.parameters) for one in found]
+    labels = np.array([[truth[name] for name in domain.attributes] for truth in truths], np.int8)
+    return Dataset(domain, tuple(one.name for one in found), features, labels)

@@ -49,14 +49,19 @@ def _in_bins(values: Floats, statistic: Callable[[Floats], float] = np.mean) -> 
     return np.array([statistic(part) for part in np.array_split(values, BINS)])
 
 
+def _from_first(values: Floats) -> Floats:
+    bins = _in_bins(values)
+    change: Floats = bins - bins[0]
+    return change
+
+
 def _force(sensed: Channels) -> Floats:
     return _in_bins(sensed["force"])
 
 
 def _slip(sensed: Channels) -> Floats:
     """Bin how far the object slid in the fingers since the behavior began, m."""
-    slid = _in_bins(sensed["object_z"] - sensed["height"])
-    return slid - slid[0]
+    return _from_first(sensed["object_z"] - sensed["height"])
 
 
 def _depth(sensed: Channels) -> Floats:
@@ -68,8 +73,7 @@ def _depth(sensed: Channels) -> Floats:
 
 
 def _flow(sensed: Channels) -> Floats:
-    moved = _in_bins(sensed["object_y"])
-    return moved - moved[0]
+    return _from_first(sensed["object_y"])
 
 
 def _vibration(sensed: Channels) -> Floats:

@@ -1,0 +1,5 @@
+"""Doctests of the robot in physics need MuJoCo; without it, the tests of it skip and say so."""
+
+from importlib.util import find_spec
+
+collect_ignore_glob = [] if find_spec("mujoco") else ["meal_bayes/robots/simulated_arm/*"]
