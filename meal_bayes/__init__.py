@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from meal_bayes.agents import Trial, run_trial
     from meal_bayes.agents.asking import ask
     from meal_bayes.datasets import load_dataset, load_percepts
-    from meal_bayes.datasets.percepts import save_percepts
+    from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.domain import Query, load_domain, read_query
     from meal_bayes.errors import MealBayesError
     from meal_bayes.evaluation import summarize
@@ -86,7 +86,7 @@ _ROOMS = {
     "agents": ("Trial", "run_trial"),
     "agents.asking": ("ask",),
     "datasets": ("load_dataset", "load_percepts"),
-    "datasets.percepts": ("save_percepts",),
+    "datasets.percept_file": ("save_percepts",),
     "domain": ("Query", "load_domain", "read_query"),
     "errors": ("MealBayesError",),
     "evaluation": ("summarize",),

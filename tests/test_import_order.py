@@ -14,7 +14,7 @@ GROUND = {"errors", "arrays", "seeds"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
-EVERYTHING = {*BELOW_LOG, "agents", "trial_log", "experiments", "evaluation", "viewer", "cli"}
+EVERYTHING = {*BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "cli"}
 
 # Room -> the rooms (or single modules of a room) that it may import, besides itself and the ground.
 ROOMS: dict[str, set[str]] = {
@@ -31,7 +31,7 @@ ROOMS: dict[str, set[str]] = {
     "agents": BELOW_LOG,
     "trial_log": {*BELOW_LOG, "agents.trial"},
     # perception and domain: a run under the paper's classifiers computes its own percept table
-    "experiments": {"trial_log", "agents", "perception", "datasets", "domain"},
+    "experiments": {"learner", "trial_log", "agents", "perception", "datasets", "domain"},
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},
     "cli": {*EVERYTHING, "__init__"},  # for the version

@@ -9,8 +9,9 @@ from meal_bayes.agents.experience import Experience, Feedback, implied
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.morc import Morc
 from meal_bayes.agents.morc_itrs import PUBLISHED, MorcItrs, OnlineAgent, Surroundings, heard
-from meal_bayes.agents.online_recipes import ONLINE_AGENTS, load_online_agent
-from meal_bayes.agents.recipes import AGENTS, load_agent
+from meal_bayes.agents.online_recipes import ONLINE_AGENTS, as_online_agent, load_online_agent
+from meal_bayes.agents.origin import Origin, origin_of
+from meal_bayes.agents.recipes import AGENTS, as_agent, distinct, load_agent
 from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial, truth_of
 
 __all__ = [
@@ -24,17 +25,22 @@ __all__ = [
     "Morc",
     "MorcItrs",
     "OnlineAgent",
+    "Origin",
     "Recorder",
     "Step",
     "Streams",
     "Surroundings",
     "Task",
     "Trial",
+    "as_agent",
+    "as_online_agent",
+    "distinct",
     "heard",
     "implied",
     "knowledge_without",
     "load_agent",
     "load_online_agent",
+    "origin_of",
     "run_trial",
     "truth_of",
 ]

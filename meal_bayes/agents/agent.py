@@ -1,6 +1,6 @@
 """An agent: how it turns what is known into a decision problem, and how it solves that."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +13,18 @@ from meal_bayes.planners import Policy, Solver, compile_kernels
 
 TRUST = 0.99  # Pr(what a person told is right)
 
+Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
+ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
+
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """A recipe. The two wings meet here: two arrays go from the posterior to the planner."""
+    """A recipe. The two wings meet here: two arrays go from the posterior to the planner.
+
+    An observation model of one's own takes what is known and the positions of the N queried
+    attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `kinds` (N,2,C), or None
+    for kinds that are the truth (see `build_momdp`).
+    """
 
     name: str
     solver: Callable[[Domain, Query], Solver]
@@ -27,6 +35,7 @@ class Agent:
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
     searches: bool = False  # does its solver need the compiled kernels?
     discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
+    observation_model: ObservationModel | None = None  # what percepts tell; by the flags above
 
     def warm_up(self) -> None:
         """Have the kernels compiled, if the solver needs them; the first decision does it else."""
@@ -70,11 +79,9 @@ class Agent:
         """
         domain = knowledge.domain
         columns = [domain.attribute_index(name) for name in query.attributes]
-        confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
-        kinds = None
-        if self.shared_degree and knowledge.degree is not None:
-            confusion, precision = knowledge.degree.select(confusion, precision)
-            kinds = np.tile(knowledge.degree.kinds, (len(columns), 1, 1))  # (N,2,M)
+        confusion, precision, kinds = (self.observation_model or self._observation)(
+            knowledge, columns
+        )
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
         if told is not None:
             prior = np.where(told < 0, prior, np.where(told == 1, trust, 1.0 - trust))
@@ -92,3 +99,11 @@ class Agent:
             abstain=self.abstain,
             counts=knowledge.posterior.counts[columns],
         )
+
+    def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
+        """Return the rows of the confusion posterior, of latent classes where they are shared."""
+        confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
+        if not self.shared_degree or knowledge.degree is None:
+            return confusion, precision, None
+        rows, weight = knowledge.degree.select(confusion, precision)
+        return rows, weight, np.tile(knowledge.degree.kinds, (len(columns), 1, 1))  # (N,2,M)

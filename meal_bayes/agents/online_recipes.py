@@ -1,9 +1,9 @@
-"""The named agents that learn while they work: the paper's (Sect. 7.3) and ours. No logic."""
+"""The agents that learn while they work: the paper's (Sect. 7.3), ours, and one's own."""
 
 from dataclasses import replace
 
 from meal_bayes.agents.morc_itrs import OnlineAgent
-from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.agents.recipes import AGENTS, as_agent
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.planners import Factored, OpenLoop, Solver
@@ -41,3 +41,22 @@ def load_online_agent(name: str) -> OnlineAgent:
     if name not in ONLINE_AGENTS:
         raise SettingsError(unknown("online agent", name, ONLINE_AGENTS))
     return ONLINE_AGENTS[name]
+
+
+def as_online_agent(value: object) -> OnlineAgent:
+    """Return the online agent that a value stands for.
+
+    Parameters
+    ----------
+    value : a name, an `OnlineAgent`, or what `as_agent` takes: an agent that is not curious.
+
+    Raises
+    ------
+    SettingsError : an unknown name, or a value that cannot plan.
+    """
+    if isinstance(value, OnlineAgent):
+        return value
+    if isinstance(value, str):
+        return load_online_agent(value)
+    agent = as_agent(value)
+    return OnlineAgent(agent.name, agent)

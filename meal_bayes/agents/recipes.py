@@ -1,4 +1,8 @@
-"""The named agents: the paper's strategies (Sect. 7) and ours. A table, no logic."""
+"""The named agents: the paper's strategies (Sect. 7) and ours; and agents given as values."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar, cast
 
 from meal_bayes.agents.agent import Agent
 from meal_bayes.domain import Domain, Query, unknown
@@ -26,11 +30,11 @@ def _random_legal(domain: Domain, query: Query) -> Solver:
 
 
 def _predefined(domain: Domain, query: Query) -> Solver:
-    return Predefined(domain.predefined)
+    return Predefined(domain.default_sequence)
 
 
 def _predefined_plus(domain: Domain, query: Query) -> Solver:
-    return Predefined(domain.predefined, persistent=True)
+    return Predefined(domain.default_sequence, persistent=True)
 
 
 def _greedy(domain: Domain, query: Query) -> Solver:
@@ -83,3 +87,64 @@ def load_agent(name: str) -> Agent:
     if name not in AGENTS:
         raise SettingsError(unknown("agent", name, AGENTS))
     return AGENTS[name]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Always:
+    """The same solver for every query."""
+
+    planner: Solver
+
+    def __call__(self, domain: Domain, query: Query) -> Solver:
+        return self.planner
+
+
+def as_agent(value: object) -> Agent:
+    """Return the agent that a value stands for.
+
+    Parameters
+    ----------
+    value : the name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp,
+        rng)`, its class, or a function of domain and query that makes one. A planner gets the
+        observation model, prior and levels of `bayes`, and its own name.
+
+    Raises
+    ------
+    SettingsError : an unknown name, or a value that cannot plan.
+    """
+    if isinstance(value, Agent):
+        return value
+    if isinstance(value, str):
+        return load_agent(value)
+    named = getattr(value, "__name__", type(value).__name__)
+    ours = replace(AGENTS["bayes"], name=named, searches=False)
+    if isinstance(value, type) and hasattr(value, "solve"):
+        return replace(ours, solver=_Always(value()))
+    if hasattr(value, "solve"):
+        return replace(ours, solver=_Always(cast(Solver, value)))
+    if callable(value):
+        return replace(ours, solver=cast(Callable[[Domain, Query], Solver], value))
+    raise SettingsError(
+        f"An agent is a name, an Agent, or a planner with a method solve(momdp, rng); "
+        f"found {named}."
+    )
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+NamedAgent = TypeVar("NamedAgent", bound=_Named)
+
+
+def distinct(agents: Iterable[NamedAgent]) -> tuple[NamedAgent, ...]:
+    """Return the agents; `SettingsError` where two have one name, or there is none."""
+    found = tuple(agents)
+    names = [agent.name for agent in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+    if not found:
+        raise SettingsError("No agent named; name at least one.")
+    return found

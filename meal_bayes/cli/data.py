@@ -100,7 +100,7 @@ def percepts(dataset: str, perception: str, root: Path | None, out: Path | None)
     With --out it is written; a shipped data set's is compared with the one in the package.
     """
     from meal_bayes.datasets import load_dataset
-    from meal_bayes.datasets.percepts import save_percepts
+    from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.errors import SettingsError
     from meal_bayes.perception import build_percept_table
 

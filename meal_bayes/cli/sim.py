@@ -1,18 +1,20 @@
 """`meal-bayes sim`: an arm in physics records objects, and is asked about new ones."""
 
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.table import Table
 
 from meal_bayes.cli.options import jobs_option, seed_option
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import Advance, note, progress
 
 if TYPE_CHECKING:
-    from meal_bayes.datasets import Dataset
     from meal_bayes.robots.simulated_arm import Recorded
+    from meal_bayes.robots.simulated_arm.record import Happened
 
 DOMAIN = "simulated_arm"
 
@@ -34,50 +36,60 @@ def sim() -> None:
 def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
     """Record every behavior on objects drawn from the seed, as CSV files and a TOML.
 
-    An object that slips out of the gripper again and again is told of and left out.
+    What fails is tried again; an object that slips again and again has fewer recordings.
     """
     with progress("recording", "objects") as advance:
-        dataset = record_training(objects, recordings, seed, jobs=jobs, advance=advance)
-    path = save_recordings(dataset, out)
-    click.echo(f"{out}: {len(dataset.objects)} objects, {recordings} recordings each")
+        recorded = record_training(objects, recordings, seed, jobs=jobs, advance=advance)
+    path = save_recordings(recorded, out)
+    happened = sum((one.happened for one in recorded), Counter[tuple[str, str, str]]())
+    click.echo(f"{out}: {objects} objects, up to {recordings} recordings each")
+    _print_outcomes(happened)
     note(f"make percepts of them with: meal-bayes data percepts --dataset {path} --root {out} ...")
+
+
+def _print_outcomes(happened: "Happened") -> None:
+    """Print what each behavior led to, and how often."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in ("behavior", "from", "to", "times", "share"):
+        table.add_column(name, justify="right" if name in ("times", "share") else "left")
+    tried: Counter[tuple[str, str]] = Counter()
+    for (state, behavior, _), count in happened.items():
+        tried[behavior, state] += count
+    for (state, behavior, after), count in sorted(happened.items()):
+        share = f"{count / tried[behavior, state]:.3f}"
+        table.add_row(behavior, state, after, str(count), share)
+    output().print(table)
 
 
 def record_training(
     objects: int, recordings: int, seed: int, *, jobs: int, advance: Advance
-) -> "Dataset":
-    """Record training objects, in processes, until there are as many as asked.
+) -> "list[Recorded]":
+    """Record training objects, in processes.
 
     Parameters
     ----------
     advance : called with (objects recorded, objects in all).
     """
-    from meal_bayes.domain import load_domain
     from meal_bayes.experiments.parallel import in_parallel
-    from meal_bayes.robots.simulated_arm import record_object, to_dataset
+    from meal_bayes.robots.simulated_arm import record_object
 
+    found = []
     work = partial(record_object, recordings=recordings, seed=seed)
-    found: list[Recorded] = []
-    tried = 0
-    while (missing := objects - len(found)) > 0:
-        left = in_parallel(work, range(tried, tried + missing), jobs=jobs)
-        tried += missing
-        for recorded in left:
-            if recorded.whole:
-                found.append(recorded)
-                advance(len(found), objects)
-            else:
-                note(f"{recorded.name} slipped again and again: left out")
-    return to_dataset(load_domain(DOMAIN), sorted(found, key=lambda one: one.name))
+    for recorded in in_parallel(work, range(objects), jobs=jobs):
+        found.append(recorded)
+        advance(len(found), objects)
+    return sorted(found, key=lambda one: one.name)
 
 
-def save_recordings(dataset: "Dataset", folder: Path) -> Path:
+def save_recordings(recorded: "list[Recorded]", folder: Path) -> Path:
     """Write recordings and the table of their domain, and return the table's path."""
     from importlib import resources
 
     from meal_bayes.datasets import save_csv_folder
+    from meal_bayes.domain import load_domain
+    from meal_bayes.robots.simulated_arm import to_dataset
 
-    save_csv_folder(dataset, folder)
+    save_csv_folder(to_dataset(load_domain(DOMAIN), recorded), folder)
     table = resources.files("meal_bayes.domain") / "tables" / f"{DOMAIN}.toml"
     path = folder / f"{DOMAIN}.toml"
     path.write_text(table.read_text(encoding="utf-8"), encoding="utf-8")

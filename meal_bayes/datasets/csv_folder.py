@@ -26,23 +26,27 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 
     `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
     empty unknown. A feature file has the header ``object,recording,<feature>,...`` and a row a
-    recording; rows are joined by (object, recording), and all files hold the same recordings.
+    recording; the files of one behavior are joined by (object, recording) and hold the same rows.
+    An object may lack a behavior, or have another number of recordings of it than others.
 
     Raises
     ------
     DataError : the first line that is wrong, with its file, number, and how to mend it.
     """
     objects, labels = _read_labels(folder / "labels.csv", domain)
-    features, recordings = {}, tuple[str, ...]()
+    features: dict[tuple[str, str], NDArray[np.float32]] = {}
     for behavior in domain.behaviors:
+        recordings: dict[str, tuple[str, ...]] = {}
         for modality in behavior.modalities:
             path = folder / f"{behavior.name}_{modality}.csv"
             rows = read_features(path, ("object", "recording"), header=True)
             keys = [(name, recording) for name, recording in rows.keys]
-            recordings = recordings or _order({recording for _, recording in keys})
-            features[behavior.name, modality] = join_features(rows, keys, objects, recordings)
-    log.info("%s: read %d objects, %d recordings each", folder, len(objects), len(recordings))
-    return Dataset(domain, objects, features, labels)
+            recordings = recordings or _by_object(objects, keys)
+            features[behavior.name, modality] = join_features(rows, keys, recordings)
+    most = max(values.shape[1] for values in features.values())
+    log.info("%s: read %d objects, up to %d recordings each", folder, len(objects), most)
+    padded = {context: _padded(values, most) for context, values in features.items()}
+    return Dataset(domain, objects, padded, labels)
 
 
 def save_csv_folder(dataset: Dataset, folder: Path) -> None:
@@ -53,8 +57,10 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for (behavior, modality), values in dataset.features.items():
         lines = ["object,recording," + ",".join(f"f{i}" for i in range(values.shape[2]))]
-        for name, rows in zip(dataset.objects, values.tolist(), strict=True):
-            lines += [f"{name},{r},{','.join(map(repr, row))}" for r, row in enumerate(rows, 1)]
+        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)].tolist()
+        for name, rows, count in zip(dataset.objects, values.tolist(), counts, strict=True):
+            for number, row in enumerate(rows[:count], start=1):
+                lines.append(",".join((name, str(number), *(f"{value:.9g}" for value in row))))
         (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n", "utf-8")
     lines = [",".join(("object", *dataset.domain.attributes))]
     words = {value: cell for cell, value in _VALUES.items()}
@@ -63,8 +69,20 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
     (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
 
 
-def _order(recordings: set[str]) -> tuple[str, ...]:
-    return tuple(sorted(recordings, key=lambda name: (len(name), name)))  # 2 before 10
+def _by_object(objects: tuple[str, ...], keys: list[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
+    """Return each object's recordings, 2 before 10."""
+    found: dict[str, set[str]] = {name: set() for name in objects}
+    for name, recording in keys:
+        if name in found:  # others are refused with their line
+            found[name].add(recording)
+    return {
+        name: tuple(sorted(own, key=lambda text: (len(text), text))) for name, own in found.items()
+    }
+
+
+def _padded(values: NDArray[np.float32], most: int) -> NDArray[np.float32]:
+    missing = ((0, 0), (0, most - values.shape[1]), (0, 0))
+    return np.pad(values, missing, constant_values=np.nan)
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:

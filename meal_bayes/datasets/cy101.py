@@ -55,7 +55,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
             unended += [] if rows.ends_with_newline else [name]
             if modality == "color":
                 rows = _mend_overflow(rows)
-            values = join_features(rows, _split_keys(rows), objects, RECORDINGS)
+            values = join_features(rows, _split_keys(rows), dict.fromkeys(objects, RECORDINGS))
             for pair in _find_copies(values, objects):
                 copies.setdefault(pair, []).append(name)
             features[behavior.name, modality] = values

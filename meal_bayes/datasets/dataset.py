@@ -1,40 +1,67 @@
 """Recorded facts: what the robot felt, saw and heard of each object, and what the objects are."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import card, card_html, listed, short_repr
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import DataError, SettingsError
 
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """The features f_a of one successful execution (Eq. 1)."""
+    """The features f_a of one successful execution (Eq. 1).
+
+    Attributes
+    ----------
+    object_index : position of the object in its data set.
+    behavior : name of the behavior.
+    recording : which of the object's recordings, from 0.
+    features : modality -> (D,) float32.
+    """
 
     object_index: int
     behavior: str
     recording: int
-    features: Mapping[str, NDArray[np.float32]] | None = None  # modality -> (D,)
+    features: Mapping[str, NDArray[np.float32]] | None = None
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """All recordings of a data set, joined by object, recording, behavior and modality.
 
+    Recordings may be ragged: where an object has fewer than R recordings of a behavior, or none,
+    its last rows are NaN, in all modalities of the behavior.
+
+    Attributes
+    ----------
+    domain : behaviors and attributes.
+    objects : (O,) names.
+    features : (behavior, modality) -> (O,R,D) float32.
+    labels : (O,P) int8, 1 true, 0 false, -1 unknown.
+    recording_counts : (O,E) int64, how many recordings each object has of each behavior; computed
+        from the features.
+
     Raises
     ------
     DataError : shapes that do not agree, a context without features, features that are not finite,
-        labels other than 1, 0 and -1, an object that is listed twice.
+        modalities of a behavior that differ in their recordings, labels other than 1, 0 and -1, an
+        object that is listed twice.
     """
 
     domain: Domain
-    objects: tuple[str, ...]  # (O,)
-    features: Mapping[tuple[str, str], NDArray[np.float32]]  # (behavior, modality) -> (O,R,D)
-    labels: NDArray[np.int8]  # (O,P) 1 true, 0 false, -1 unknown
+    objects: tuple[str, ...]
+    features: Mapping[tuple[str, str], NDArray[np.float32]]
+    labels: NDArray[np.int8]
+    recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8))
@@ -45,9 +72,18 @@ class Dataset:
             )
         if not np.isin(self.labels, (-1, 0, 1)).all():
             raise DataError("Labels must be 1 (true), 0 (false) or -1 (unknown).")
-        for name in self.objects:
-            if self.objects.count(name) > 1:
+        for name, count in Counter(self.objects).items():
+            if count > 1:
                 raise DataError(f"Object {name!r} is listed twice; names must be unique.")
+        set_frozen(self, features=self._checked())
+        if len({values.shape[1] for values in self.features.values()}) != 1:
+            raise DataError(
+                "All contexts must have the same number of recordings an object; fill up with rows "
+                "of NaN, or use Dataset.from_frames, which does."
+            )
+        set_frozen(self, recording_counts=self._counts())
+
+    def _checked(self) -> dict[tuple[str, str], NDArray[np.float32]]:
         frozen = {}
         for behavior in self.domain.behaviors:
             for modality in behavior.modalities:
@@ -60,24 +96,105 @@ class Dataset:
                         f"Features of {context} have shape {values.shape}; "
                         f"expected (objects = {len(self.objects)}, recordings, features)."
                     )
-                if not np.isfinite(values).all():
-                    raise DataError(f"Features of {context} hold NaN or infinity.")
                 frozen[context] = values
-        set_frozen(self, features=frozen)
-        if len({values.shape[1] for values in frozen.values()}) != 1:
-            raise DataError("All contexts must have the same number of recordings an object.")
+        return frozen
+
+    def _counts(self) -> NDArray[np.int64]:
+        counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
+        for e, behavior in enumerate(self.domain.behaviors):
+            for modality in behavior.modalities:
+                context = (behavior.name, modality)
+                own = _recordings_of(self.features[context], context)
+                if modality != behavior.modalities[0] and (own != counts[:, e]).any():
+                    bad = self.objects[int(np.flatnonzero(own != counts[:, e])[0])]
+                    raise DataError(
+                        f"{bad!r} has another number of recordings of {context} than of "
+                        f"{(behavior.name, behavior.modalities[0])}; each needs all modalities."
+                    )
+                counts[:, e] = own
+            if behavior.modalities and not counts[:, e].any():
+                raise DataError(
+                    f"Features of {behavior.name!r} are NaN or infinity for every object; give "
+                    "recordings of it, or leave the behavior out of the domain."
+                )
+        return freeze(counts, np.int64)
+
+    @classmethod
+    def from_frames(
+        cls,
+        domain: Domain,
+        features: Mapping[tuple[str, str], Any],
+        labels: Any,
+        *,
+        objects: Sequence[str] | None = None,
+    ) -> "Dataset":
+        """Build a data set from data frames, dictionaries or arrays; recordings may be ragged.
+
+        Parameters
+        ----------
+        domain : behaviors and attributes.
+        features : (behavior, modality) -> one of: a frame with a column ``object``, perhaps
+            ``recording``, and one column a feature; a dictionary from the object to its (R,D)
+            recordings; an array (O,R,D) in the order of `objects`.
+        labels : a frame with a row an object (its name in a column ``object`` or in the index) and
+            a column an attribute; a dictionary from the object to its {attribute: value}; an array
+            (O,P). Values are 1 or True, 0 or False; -1, None, NaN or nothing are unknown.
+        objects : (O,) names, needed for arrays; those of the labels by default.
+
+        Raises
+        ------
+        DataError : what is missing, of the wrong size, or not a number.
+        """
+        from meal_bayes.datasets.frames import dataset_parts  # noqa: PLC0415  they need Dataset
+
+        return cls(domain, *dataset_parts(domain, features, labels, objects))
+
+    def __repr__(self) -> str:
+        """Return what there is, in five lines."""
+        return card(*self._told())
+
+    def _repr_html_(self) -> str:
+        return card_html(*self._told())
+
+    def _told(self) -> tuple[str, dict[str, str]]:
+        senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
+        counts = self.recording_counts[:, senses]
+        sizes = [values.shape[2] for values in self.features.values()]
+        known = {
+            name: int((self.labels == v).sum())
+            for name, v in (("true", 1), ("false", 0), ("unknown", -1))
+        }
+        least = f"{counts.min()} to " if (counts < self.recordings).any() else ""
+        return f"Dataset {self.domain.name}", {
+            "objects": f"{len(self.objects)}: {listed(self.objects, 3)}",
+            "behaviors": f"{sum(senses)} that sense, {least}{self.recordings} recordings of each",
+            "features": f"{len(sizes)} contexts of {min(sizes)} to {max(sizes)}",
+            "attributes": f"{len(self.domain.attributes)}: {listed(self.domain.attributes)}",
+            "labels": ", ".join(f"{number} {name}" for name, number in known.items()),
+        }
 
     @property
     def recordings(self) -> int:
-        """R, recordings per object and behavior."""
+        """R, the most recordings that an object has of a behavior."""
         return int(next(iter(self.features.values())).shape[1])
 
     def instance(self, object_index: int, behavior: str, recording: int) -> Instance:
-        """One recorded execution."""
-        modalities = self.domain.behaviors[self.domain.behavior_index(behavior)].modalities
+        """Return one recorded execution.
+
+        Raises
+        ------
+        DataError : the object has no such recording.
+        """
+        index = self.domain.behavior_index(behavior)
+        count = self.recording_counts[object_index, index]
+        if not 0 <= recording < count:
+            raise DataError(
+                f"{self.objects[object_index]!r} has no recording {recording} of {behavior!r}; "
+                f"it has {count}, counted from 0."
+            )
         features = {
             modality: self.features[behavior, modality][object_index, recording]
-            for modality in modalities
+            for modality in self.domain.behaviors[index].modalities
         }
         return Instance(object_index, behavior, recording, features)
 
@@ -104,3 +221,17 @@ def object_index(objects: tuple[str, ...], name: str) -> int:
     if name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)
+
+
+def _recordings_of(values: NDArray[np.float32], context: tuple[str, str]) -> NDArray[np.int64]:
+    """Count the recordings of each object (O,): rows (O,R,D) before those that are all NaN."""
+    absent = np.isnan(values).all(axis=2) & (values.shape[2] > 0)
+    present = ~absent
+    counts = present.sum(axis=1)
+    packed = (present == (np.arange(values.shape[1]) < counts[:, None])).all()
+    if not packed or not np.isfinite(values[present]).all():
+        raise DataError(
+            f"Features of {context} hold NaN or infinity; only recordings that are absent may be "
+            "NaN, whole rows after those that are there."
+        )
+    return np.asarray(counts, np.int64)

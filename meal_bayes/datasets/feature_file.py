@@ -1,7 +1,7 @@
 """Feature files: keys and numbers separated by commas, read quickly and strictly."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,6 +88,8 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             values.append(list(map(float, cells[count:])))
         except ValueError:
             raise _not_a_number(path, number, cells, count) from None
+        if "_" in line and not all(map(_is_number, cells[count:])):
+            raise _not_a_number(path, number, cells, count)
         lines.append(number)
         keys.append(tuple(cell.strip() for cell in cells[:count]))
     if not values:
@@ -103,43 +105,56 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
 def join_features(
     rows: FeatureRows,
     keys: Sequence[tuple[str, str]],
-    objects: Sequence[str],
-    recordings: Sequence[str],
+    recordings: Mapping[str, Sequence[str]],
 ) -> NDArray[np.float32]:
-    """Sort rows by their keys (object, recording) into (O,R,D).
+    """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
+
+    Parameters
+    ----------
+    rows : of one file.
+    keys : (n,) object and recording of each row.
+    recordings : object -> the recordings that it must have, in order.
 
     Raises
     ------
     DataError : an unknown object or recording, one that comes twice, one that is missing.
     """
-    place_of_object = {name: i for i, name in enumerate(objects)}
-    place_of_recording = {name: i for i, name in enumerate(recordings)}
-    first_line: dict[tuple[str, str], int] = {}
-    order = np.empty((len(objects), len(recordings)), dtype=np.intp)
-    for row, (line, key) in enumerate(zip(rows.lines, keys, strict=True)):
-        name, recording = key
-        if name not in place_of_object:
-            found = f"object {name!r}"
-            hint = unknown("object", name, objects).removesuffix(".")
-            raise bad_line(rows.path, line, found, "an object of the list", f"mend it ({hint})")
-        if recording not in place_of_recording:
-            expected = f"one of {', '.join(recordings)}"
-            found = f"recording {recording!r} of {name}"
-            raise bad_line(rows.path, line, found, expected, "mend the number or remove the row")
-        if key in first_line:
-            found = f"recording {recording} of {name} again, after line {first_line[key]}"
-            raise bad_line(rows.path, line, found, "each recording once", "remove one of the rows")
-        first_line[key] = line
-        order[place_of_object[name], place_of_recording[recording]] = row
-    for name in objects:
-        for recording in recordings:
-            if (name, recording) not in first_line:
+    found = _row_of(rows, keys, recordings)
+    most = max(map(len, recordings.values()))
+    joined = np.full((len(recordings), most, rows.values.shape[1]), np.nan, np.float32)
+    for index, (name, own) in enumerate(recordings.items()):
+        for place, recording in enumerate(own):
+            if (name, recording) not in found:
                 raise DataError(
                     f"{rows.path}, line {rows.lines[-1]} (its last): found no row of recording "
-                    f"{recording} of {name}; expected {len(recordings)} recordings of each of "
-                    f"{len(objects)} objects; add the row, or remove the object everywhere."
+                    f"{recording} of {name}; expected {len(own)} of it, as in the other files of "
+                    "this behavior; add the row, or remove the recording from all of them."
                 )
-    return rows.values[order].astype(np.float32)
+            joined[index, place] = rows.values[found[name, recording]]
+    return joined
+
+
+def _row_of(
+    rows: FeatureRows, keys: Sequence[tuple[str, str]], recordings: Mapping[str, Sequence[str]]
+) -> dict[tuple[str, str], int]:
+    """Return the row of each (object, recording)."""
+    found: dict[tuple[str, str], int] = {}
+    for row, (line, key) in enumerate(zip(rows.lines, keys, strict=True)):
+        name, recording = key
+        if name not in recordings:
+            text = f"object {name!r}"
+            hint = unknown("object", name, recordings).removesuffix(".")
+            raise bad_line(rows.path, line, text, "an object of the list", f"mend it ({hint})")
+        if recording not in recordings[name]:
+            expected = f"one of {', '.join(recordings[name]) or 'none'}"
+            text = f"recording {recording!r} of {name}"
+            raise bad_line(rows.path, line, text, expected, "mend the number or remove the row")
+        if key in found:
+            before = rows.lines[found[key]]
+            text = f"recording {recording} of {name} again, after line {before}"
+            raise bad_line(rows.path, line, text, "each recording once", "remove one of the rows")
+        found[key] = row
+    return found
 
 
 def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
@@ -171,11 +186,12 @@ def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataEr
 
 
 def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number; 3_4 is 34 to Python, and a slip of the hand to us."""
     try:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell
 
 
 def _not_finite(path: Path, line: int, values: list[float], count: int) -> DataError:

@@ -45,7 +45,9 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
             rows = read_features(path, ("object", "trial"))
             unended += not rows.ends_with_newline
             keys = _name_objects(rows, numbers)
-            features[behavior.name, modality] = join_features(rows, keys, objects, RECORDINGS)
+            features[behavior.name, modality] = join_features(
+                rows, keys, dict.fromkeys(objects, RECORDINGS)
+            )
     log.info("ispy32: used column two, the trial number, as key and not as feature")
     log.info("ispy32: read the last row, which no newline ends, of %d files", unended)
     return Dataset(domain, objects, features, _labels(folder, domain, objects))

@@ -1,30 +1,15 @@
-"""Percept tables: what held-out classifiers said of every recording, shipped with the package."""
+"""Percept tables: the outputs of held-out classifiers on every recording, cut into levels."""
 
-import io
-import json
-import lzma
-import struct
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
-from pathlib import Path
-from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.domain import (
-    Domain,
-    domain_from_table,
-    domain_names,
-    domain_table,
-    load_domain,
-    unknown,
-)
-from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.display import card, card_html, listed
+from meal_bayes.domain import Domain
+from meal_bayes.errors import DataError, SettingsError
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
@@ -63,19 +48,32 @@ class PerceptTable:
     bins by `edges`; a percept of K levels merges neighboring bins, the middle edge divides yes/no.
     Where nothing was computed (reinit, ask, an attribute left out) they are NaN and bins zero.
 
+    Attributes
+    ----------
+    domain : behaviors and attributes.
+    objects : (O,) names.
+    labels : (O,P) int8, 1 true, 0 false, -1 unknown.
+    log_odds : (O,R,E,P) float16, of o's recordings, by classifiers that never saw o.
+    edges : (L-1,) float64, of the fine bins; the middle one is the yes/no threshold.
+    training_bins : (O,O,P,E,L) uint8, [o, o']: how often o' fell in each bin, by classifiers that
+        saw neither o nor o'; the diagonal is zero.
+    provenance : versions, settings, checksums and the command that made it.
+    recording_counts : (O,E) int64, how many recordings each object has of each behavior; R of all
+        that sense by default.
+
     Raises
     ------
     DataError : shapes that do not agree, edges that do not rise.
     """
 
     domain: Domain
-    objects: tuple[str, ...]  # (O,)
-    labels: NDArray[np.int8]  # (O,P) 1 true, 0 false, -1 unknown
-    log_odds: NDArray[np.float16]  # (O,R,E,P) of o's recordings, by classifiers that never saw o
-    edges: NDArray[np.float64]  # (L-1,) the middle one is the yes/no threshold
-    training_bins: NDArray[np.uint8]  # (O,O,P,E,L) [o, o']: how often o' fell in each bin, by
-    # classifiers that saw neither o nor o'; the diagonal is zero
-    provenance: Mapping[str, str]  # versions, settings, checksums and the command that made it
+    objects: tuple[str, ...]
+    labels: NDArray[np.int8]
+    log_odds: NDArray[np.float16]
+    edges: NDArray[np.float64]
+    training_bins: NDArray[np.uint8]
+    provenance: Mapping[str, str]
+    recording_counts: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -85,6 +83,21 @@ class PerceptTable:
             edges=freeze(self.edges),
             training_bins=freeze(self.training_bins, np.uint8),
         )
+        self._check()
+        if self.recording_counts is None:
+            senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
+            full = np.where(senses, self.recordings, 0)
+            set_frozen(self, recording_counts=np.tile(full, (len(self.objects), 1)))
+        counts = freeze(self.recording_counts, np.int64)
+        set_frozen(self, recording_counts=counts)
+        shape = (len(self.objects), len(self.domain.behaviors))
+        if counts.shape != shape or not ((counts >= 0) & (counts <= self.recordings)).all():
+            raise DataError(
+                f"Percept table: recording_counts must have shape {shape} and lie in 0 to "
+                f"{self.recordings}; found shape {counts.shape}."
+            )
+
+    def _check(self) -> None:
         o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
         expected = {
             "labels": (o, p),
@@ -103,9 +116,32 @@ class PerceptTable:
         if len(self.edges) % 2 == 0 or not (np.diff(self.edges) > 0).all():
             raise DataError("Percept table: expected an odd number of edges, each above the last.")
 
+    def __repr__(self) -> str:
+        """Return what there is, in five lines."""
+        return card(*self._told())
+
+    def _repr_html_(self) -> str:
+        return card_html(*self._told())
+
+    def _told(self) -> tuple[str, dict[str, str]]:
+        names = self.domain.attributes
+        return f"PerceptTable {self.domain.name}", {
+            "objects": f"{len(self.objects)}: {listed(self.objects, 3)}",
+            "behaviors": listed(self.domain.behavior_names),
+            "attributes": f"{len(names)}: {listed(names)}",
+            "recordings": f"up to {self.recordings} of each object and behavior",
+            "made by": self.provenance.get("package", "unknown"),
+        }
+
+    @property
+    def ragged(self) -> bool:
+        """Whether an object has fewer recordings of a behavior that senses than R."""
+        senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
+        return bool((self.recording_counts[:, senses] < self.recordings).any())
+
     @property
     def recordings(self) -> int:
-        """R, recordings per object and behavior."""
+        """R, the most recordings that an object has of a behavior."""
         return int(self.log_odds.shape[1])
 
     def level_edges(self, levels: int) -> NDArray[np.float64]:
@@ -122,188 +158,3 @@ class PerceptTable:
         bins = self.training_bins[held_out]
         merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)
         return freeze(merged, np.int64)
-
-
-_FORMAT = 1
-_MEMBERS = {  # name -> dtype, axes
-    "meta": ("|u1", 1),  # JSON
-    "labels": ("|i1", 2),  # (O,P)
-    "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
-    "edges": ("<f8", 1),  # (L-1,)
-    "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
-}
-_TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = 2**28  # bytes a member may unpack to
-_MOST = 1000  # behaviors or states of a domain in a file; trial logs hold no more
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
-_UNREADABLE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
-    NotImplementedError, RuntimeError, struct.error, SyntaxError, TypeError,
-)  # fmt: skip
-
-
-def save_percepts(table: PerceptTable, path: str | Path) -> None:
-    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
-
-    A domain of one's own is written along; of a shipped one the name is enough.
-    """
-    sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
-    meta = {
-        "format": _FORMAT,
-        "domain": table.domain.name,
-        "objects": table.objects,
-        "attributes": table.domain.attributes,
-        "behaviors": [table.domain.behavior_names[i] for i in sensing],
-        "provenance": dict(table.provenance),
-    }
-    if not _ships(table.domain):
-        meta["domain_table"] = domain_table(table.domain)
-    arrays = {
-        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
-        "labels": table.labels,
-        "log_odds": table.log_odds[:, :, sensing],
-        "edges": table.edges,
-        "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
-    }
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
-        for name, (dtype, _) in _MEMBERS.items():
-            buffer = io.BytesIO()
-            values = np.ascontiguousarray(arrays[name], dtype=dtype)
-            np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
-            info = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-            archive.writestr(info, buffer.getvalue(), zipfile.ZIP_LZMA)
-
-
-def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
-    """Load the shipped table of a domain, or a table of one's own from the path of an .npz.
-
-    Parameters
-    ----------
-    name : a shipped domain (variants share their data set's table), or a path ending in .npz.
-    domain : whose behaviors and attributes the table is laid out for; the one the name or the file
-        holds by default.
-
-    Raises
-    ------
-    SettingsError : no shipped table and no file of that name.
-    DataError : a file that is not a percept table, or not one of this domain.
-    """
-    if str(name).endswith(".npz"):
-        path = Path(name)
-        if not path.is_file():
-            raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
-        with path.open("rb") as file:
-            meta, arrays = _read(file, str(path))
-        domain = _domain_of(meta, str(path)) if domain is None else domain
-        return _lay_out(meta, arrays, domain, str(path))
-    domain = load_domain(name) if domain is None else domain
-    resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
-    if not resource.is_file():
-        raise SettingsError(
-            f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
-            "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
-            "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
-        )
-    with resource.open("rb") as file:
-        meta, arrays = _read(file, str(name))
-    return _lay_out(meta, arrays, domain, str(name))
-
-
-def _ships(domain: Domain) -> bool:
-    return domain.name in domain_names() and load_domain(domain.name) == domain
-
-
-def _domain_of(meta: dict[str, Any], where: str) -> Domain:
-    """Build the domain that a file holds, or find the shipped one that it names."""
-    if "domain_table" not in meta:
-        if meta["domain"] not in domain_names():
-            raise SettingsError(
-                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; "
-                "pass domain=load_domain(<your table>.toml)."
-            )
-        return load_domain(meta["domain"])
-    try:
-        domain = domain_from_table(meta["domain_table"])
-    except DomainError as error:
-        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
-    if max(len(domain.behaviors), len(domain.diagram.states)) > _MOST:
-        raise DataError(f"{where} holds a domain of more than {_MOST} behaviors or states.")
-    return domain
-
-
-def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
-    try:
-        with zipfile.ZipFile(file) as archive:
-            arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
-        meta = json.loads(arrays.pop("meta").tobytes())
-    except _UNREADABLE as error:
-        raise DataError(
-            f"{where} is not a whole percept table ({error}); make it again with "
-            "`meal-bayes data percepts --dataset D`."
-        ) from error
-    if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
-        found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise DataError(f"{where} has format {found}; this version reads format {_FORMAT}.")
-    for key, kind in _TEXTS.items():
-        texts = meta.get(key)
-        inside = texts.values() if isinstance(texts, dict) else texts
-        if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
-            raise DataError(f"{where} does not tell its {key}; make the table again.")
-    log_odds, bins = arrays["log_odds"], arrays["training_bins"]
-    sound = not (np.abs(log_odds) > LIMIT).any() and np.isin(arrays["labels"], (-1, 0, 1)).all()
-    if not sound or (bins.sum(axis=-1) > log_odds.shape[1]).any():
-        raise DataError(
-            f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "
-            "counts than recordings; make the table again."
-        )
-    return meta, arrays
-
-
-def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
-    info = archive.getinfo(f"{name}.npy")
-    if info.file_size > _LARGEST:
-        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-    buffer: BinaryIO = io.BytesIO(archive.read(info))
-    if np.lib.format.read_magic(buffer) != (1, 0):
-        raise ValueError(f"{name} is of another array format than 1.0")
-    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
-    if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
-        raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-    return np.frombuffer(buffer.read(), dtype).reshape(shape)
-
-
-def _lay_out(
-    meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain, where: str
-) -> PerceptTable:
-    """Put the file's attributes and behaviors in the order of the domain, by their names."""
-    senses = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
-    wanted = {
-        "attributes": domain.attributes,
-        "behaviors": tuple(domain.behavior_names[i] for i in senses),
-    }
-    for key, names in wanted.items():
-        for name in names:
-            if name not in meta[key]:
-                raise DataError(f"{where}: {unknown(key[:-1], name, meta[key])}")
-    columns = [meta["attributes"].index(name) for name in wanted["attributes"]]
-    rows = [meta["behaviors"].index(name) for name in wanted["behaviors"]]
-    labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
-    objects, p, e = len(meta["objects"]), len(meta["attributes"]), len(meta["behaviors"])
-    expected = ((objects, p), (objects, log_odds.shape[1], e, p))
-    if (labels.shape, log_odds.shape) != expected or bins.shape[:4] != (objects, p, e, objects):
-        raise DataError(f"{where}: names and arrays differ in number; make the table again.")
-    n_behaviors = len(domain.behaviors)
-    all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
-    all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
-    all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
-    all_bins[:, :, :, senses] = bins[:, columns][:, :, rows].transpose(3, 0, 1, 2, 4)
-    return PerceptTable(
-        domain,
-        tuple(meta["objects"]),
-        labels[:, columns],
-        all_odds,
-        arrays["edges"],
-        all_bins,
-        meta["provenance"],
-    )

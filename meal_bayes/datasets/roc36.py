@@ -43,7 +43,9 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
             path = folder / "sensorimotor_features" / f"{behavior.name}-{modality}.txt"
             rows = read_features(path, ("object",))
             keys = _number_recordings(rows)
-            features[behavior.name, modality] = join_features(rows, keys, objects, RECORDINGS)
+            features[behavior.name, modality] = join_features(
+                rows, keys, dict.fromkeys(objects, RECORDINGS)
+            )
     log.info("roc36: numbered each object's rows 1 to 10 in file order (the files name no number)")
     log.info("roc36: kept features that were principal components of all 36 objects, held-out too")
     return Dataset(domain, objects, features, _labels(domain, objects))

@@ -64,6 +64,7 @@ class TrainingSet:
         sensing = [e for e, behavior in enumerate(behaviors) if behavior.modalities]
         axes = np.meshgrid(list(chosen), sensing, np.arange(dataset.recordings), indexing="ij")
         keys = np.stack(axes).reshape(3, -1).astype(np.int32)
+        keys = keys[:, keys[2] < dataset.recording_counts[keys[0], keys[1]]]
         return cls(keys[0], keys[1], keys[2], dataset.labels[keys[0]])
 
     def __len__(self) -> int:

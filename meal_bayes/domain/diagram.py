@@ -108,6 +108,16 @@ class TransitionDiagram:
         )
         return sum(outcome.probability for outcome in same)
 
+    def successes(self, state: str) -> dict[str, str]:
+        """Return the behaviors that are legal in a state, and where each most probably leads."""
+        likeliest: dict[str, tuple[float, str]] = {}
+        for effect in self.effects:
+            for source, target in self._expand(effect):
+                known = likeliest.get(effect.behavior, (0.0, ""))
+                if source == state and effect.probability > known[0]:
+                    likeliest[effect.behavior] = effect.probability, target
+        return {name: target for name, (_, target) in likeliest.items()}
+
     def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":
         """Change how often behaviors succeed; outcomes keep their shares.
 

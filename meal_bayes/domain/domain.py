@@ -1,6 +1,7 @@
 """What a robot can do and be asked about: attributes, behaviors with costs, the diagram."""
 
 import difflib
+import heapq
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -89,6 +90,19 @@ class Domain:
         """Names of the behaviors, (E,)."""
         return tuple(behavior.name for behavior in self.behaviors)
 
+    @property
+    def default_sequence(self) -> tuple[str, ...]:
+        """The predefined sequence; where there is none, every behavior once, the cheapest first.
+
+        From the start, the cheapest sensing behavior that is legal and has not been executed
+        comes next; where there is none in the state, the shortest way to one does.
+
+        >>> from meal_bayes.domain import load_domain
+        >>> load_domain("toy").default_sequence
+        ('look', 'lift')
+        """
+        return self.predefined or cheapest_first(self)
+
     def behavior_index(self, name: str) -> int:
         """Position of a behavior; `DomainError` with the nearest names where there is none."""
         if name not in self.behavior_names:
@@ -104,6 +118,39 @@ class Domain:
     def transitions(self) -> TransitionArrays:
         """Compile the diagram over this domain's behaviors."""
         return self.diagram.compile(self.behavior_names)
+
+
+def cheapest_first(domain: Domain) -> tuple[str, ...]:
+    """Build a sequence of behaviors through the diagram that executes each sensing one once."""
+    cost = {behavior.name: behavior.cost for behavior in domain.behaviors}
+    left = {behavior.name for behavior in domain.behaviors if behavior.senses}
+    state, sequence = domain.diagram.start, list[str]()
+    while left:
+        way = _cheapest_way(domain.diagram, state, left, cost)
+        if way is None:
+            break
+        names, state = way
+        sequence += names
+        left -= set(names)
+    return tuple(sequence)
+
+
+def _cheapest_way(
+    diagram: TransitionDiagram, start: str, wanted: set[str], cost: Mapping[str, float]
+) -> tuple[tuple[str, ...], str] | None:
+    """Find the cheapest behaviors that end with a wanted one, and the likeliest state after."""
+    waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
+    reached = set[str]()
+    while waiting:
+        spent, names, state = heapq.heappop(waiting)
+        if names and names[-1] in wanted:
+            return names, state
+        if state in reached:
+            continue
+        reached.add(state)
+        for name, target in diagram.successes(state).items():
+            heapq.heappush(waiting, (spent + cost[name], (*names, name), target))
+    return None
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:

@@ -113,7 +113,7 @@ def _read(name: str | Path) -> dict[str, Any]:
             raise SettingsError(f"{message} A path that ends in .toml loads your own.")
         content = (resources.files(__package__) / "tables" / f"{name}.toml").read_bytes()
     try:
-        return tomllib.loads(content.decode("utf-8"))
+        return tomllib.loads(content.decode("utf-8-sig"))  # some editors begin with a BOM
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DomainError(f"{name} is not valid TOML: {error}") from error
 

@@ -1,20 +1,24 @@
 """OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects new to them."""
 
 import dataclasses
+import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from meal_bayes.agents import Morc, Task, Trial, load_agent
+from meal_bayes.agents import Task, Trial, as_agent, distinct
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.experiments.store import UNIT, Store, fingerprint
 from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, read_trials
 
 DEFAULT_AGENTS = (
@@ -41,27 +45,24 @@ class OfflineConfig:
     dataset: str  # domain whose table is used
     attributes: int = 2  # N
     trials: int = 400
-    agents: tuple[str, ...] = DEFAULT_AGENTS
+    agents: tuple[Any, ...] = DEFAULT_AGENTS  # names or values (see `as_agent`), made `Agent`s
     seed: int = 0
     percepts: str = "recorded"  # or "model"
     perception: str = "default"  # or "paper"
     reward: float | None = None  # r+ = -r-, the domain's by default
 
     def __post_init__(self) -> None:
-        for name in self.agents:
-            load_agent(name)
-            if self.agents.count(name) > 1:
-                raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+        found = distinct(as_agent(value) for value in self.agents)
+        object.__setattr__(self, "agents", found)
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
         if self.reward is not None and not 0 < self.reward < math.inf:
             raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
-        if not self.agents:
-            raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for headers and JSON."""
-        return {**dataclasses.asdict(self), "agents": list(self.agents)}
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {**fields, "agents": [agent.name for agent in self.agents]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +82,8 @@ class OfflineRun:
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
+    agent: Carried  # unpickled first, as the config holds the agent too
     config: OfflineConfig
-    agent: str
     first: int  # trial
     path: Path
 
@@ -92,6 +93,7 @@ def run_offline(
     *,
     logs: str | Path = "logs",
     jobs: int = 1,
+    cluster: str | None = None,
     fresh: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> OfflineRun:
@@ -100,60 +102,67 @@ def run_offline(
     Parameters
     ----------
     config : what to run; tasks, failures and recordings are the same for all its agents.
-    logs : folder for the trials.
+    logs : folder for the trials; on a cluster, one that all its machines see.
     jobs : processes.
+    cluster : address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
     fresh : run again what is there already.
     on_progress : called with (trials done, trials in all).
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
     tasks = _tasks(config)
-    name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
-    shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
-    shared["table"] = fingerprint(config.dataset)
-    store = Store.of(logs, name, shared)
+    carried = {agent.name: Carried.of(agent) for agent in config.agents}
+    store = _store(config, logs, carried)
     if fresh:
-        for agent in config.agents:
-            Store(store.folder / agent).clear()
+        for name in carried:
+            Store(store.unit(name, 0).parent).clear()
     units = [
-        _Unit(config, agent, first, store.unit(agent, first // UNIT))
+        _Unit(one, dataclasses.replace(config, agents=(one.agent,)), first, path)
         for first in range(0, len(tasks), UNIT)
-        for agent in config.agents
+        for name, one in carried.items()
+        for path in (store.unit(name, first // UNIT).absolute(),)
     ]
     todo = [unit for unit in units if not unit.path.is_file()]
-    total = len(tasks) * len(config.agents)
+    total = len(tasks) * len(carried)
     done = total - sum(len(_slice(tasks, unit)) for unit in todo)
     if on_progress is not None:
         on_progress(done, total)
-    for agent in {unit.agent for unit in todo}:
-        load_agent(agent).warm_up()  # once, before every process would
-    for finished in in_parallel(_run_unit, todo, jobs=jobs):
+    for name in {unit.agent.agent.name for unit in todo}:
+        carried[name].agent.warm_up()  # once, before every process would
+    for finished in in_parallel(_run_unit, todo, jobs=jobs, cluster=cluster):
         done += finished
         if on_progress is not None:
             on_progress(done, total)
-    paths = tuple(unit.path for unit in sorted(units, key=lambda u: config.agents.index(u.agent)))
-    seconds = {
-        agent: _seconds(path for path in paths if path.parent.name == agent)
-        for agent in config.agents
-    }
-    return OfflineRun(config, store.folder, paths, seconds)
+    paths = {name: [u.path for u in units if u.agent.agent.name == name] for name in carried}
+    seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
+    return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
+
+
+def _store(config: OfflineConfig, logs: str | Path, carried: Mapping[str, Carried]) -> Store:
+    """Name the folder by what every unit depends on, the source of agents of one's own included."""
+    shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
+    shared["table"] = fingerprint(config.dataset)
+    shared["sources"] = {name: one.digest for name, one in carried.items() if one.digest}
+    name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
+    return Store.of(logs, name, shared)
 
 
 def _run_unit(unit: _Unit) -> int:
     tasks = _slice(_tasks(unit.config), unit)
     config = unit.config
-    morc = Morc(
-        _table(config),
-        load_agent(unit.agent),
-        config.seed,
-        config.percepts,
-        config.reward,
-    )
-    header = {"config": {**config.as_dict(), "agents": [unit.agent]}, "seed": config.seed}
+    learner = Learner(
+        _table(config).domain,
+        agent=unit.agent.agent,
+        seed=config.seed,
+        reward=config.reward,
+        percepts=config.percepts,
+        logs=None,
+    ).fit(_table(config))
+    header = {"config": config.as_dict(), "seed": config.seed}
     with TrialWriter(unit.path, header) as log:
         for task in tasks:
             start = time.perf_counter()
-            trial = morc.run(task)
+            trial = learner.replay(task)
             log.write(trial, seconds=time.perf_counter() - start)
     return len(tasks)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,22 +20,26 @@ from meal_bayes.agents import (
     Surroundings,
     Task,
     Trial,
+    as_online_agent,
+    distinct,
     heard,
     load_agent,
-    load_online_agent,
+    origin_of,
 )
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.experiments.store import Store, fingerprint
+from meal_bayes.experiments.store import Store, file_name, fingerprint
 from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials
 
 _LOGS = ("all", "train")
+_REWARD = 300.0  # of the paper (Sect. 7.3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +54,14 @@ class OnlineConfig:
     dataset: str  # a shipped domain, or the path of one's own (TOML)
     attributes: int = 1  # N
     root: str | None = None  # folder of the recordings; of public ones, found or downloaded
-    agents: tuple[str, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
+    agents: tuple[Any, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
     batches: int = 10
     trials: int = 40  # training trials a batch
     repeats: int = 1
     seed: int = 0
     first: int = 0  # repeat to begin with: repeats are first .. first + repeats - 1
     split: tuple[int, int, int] = (33, 33, 34)  # shares of pre, train, test
-    reward: float = 300.0  # r+ = -r-
+    reward: float | None = None  # r+ = -r-; 300 on public data (Sect. 7.3), else the domain's
     alpha: float | None = None  # of morc_itrs; the recipe's by default
     beta: float | None = None
     answers: str = "verdict"  # what a person tells: see `Feedback`
@@ -68,18 +73,14 @@ class OnlineConfig:
     log: str = "all"  # or "train": test trials leave their marks only
 
     def __post_init__(self) -> None:
-        for name in self.agents:
-            load_online_agent(name)
-            if self.agents.count(name) > 1:
-                raise SettingsError(f"Agent {name!r} is named twice; name each once.")
-        if not self.agents:
-            raise SettingsError("No agent named; name at least one.")
+        found = distinct(as_online_agent(value) for value in self.agents)
+        object.__setattr__(self, "agents", found)
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
         if self.seed < 0 or self.first < 0:
             raise SettingsError("seed and first are whole numbers, 0 or more.")
-        if not 0 < self.reward < math.inf:
+        if self.reward is not None and not 0 < self.reward < math.inf:
             raise SettingsError(f"reward is {self.reward}; give a finite number above 0.")
         if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
@@ -96,8 +97,10 @@ class OnlineConfig:
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for headers and JSON."""
-        lists = {name: list(getattr(self, name)) for name in ("agents", "split", "published")}
-        return {**dataclasses.asdict(self), **lists, "success": [list(p) for p in self.success]}
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        lists = {name: list(getattr(self, name)) for name in ("split", "published")}
+        names = [agent.name for agent in self.agents]
+        return {**fields, **lists, "agents": names, "success": [list(p) for p in self.success]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +114,13 @@ class OnlineRun:
         """Give the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
             for repeat in _repeats(self.config):
-                unit = _Unit(self.config, agent, repeat, self.folder)
+                unit = _unit(self.config, agent, repeat, self.folder)
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
                     if batch:
                         cost += float(Marks.load(unit.marks(batch, "train")).cost.sum())
                     yield BatchMarks(
-                        agent, repeat, batch, cost / 3600, Marks.load(unit.marks(batch, "test"))
+                        agent.name, repeat, batch, cost / 3600, Marks.load(unit.marks(batch, "test"))
                     )
 
 
@@ -125,13 +128,22 @@ class OnlineRun:
 class _Unit:
     """One agent in one repeat."""
 
+    carried: Carried  # unpickled first, as the config holds the agent too
     config: OnlineConfig
-    agent: str
     repeat: int
     folder: Path
 
+    @property
+    def agent(self) -> OnlineAgent:
+        """Who runs, with the config's weights of exploration."""
+        agent: OnlineAgent = self.config.agents[0]
+        alpha = agent.alpha if self.config.alpha is None else self.config.alpha
+        beta = agent.beta if self.config.beta is None else self.config.beta
+        return dataclasses.replace(agent, alpha=alpha, beta=beta)
+
     def log(self, batch: int, part: str) -> Path:
-        return self.folder / self.agent / f"repeat-{self.repeat:03d}" / f"{batch:02d}-{part}.mcap"
+        folder = self.folder / file_name(self.agent.name) / f"repeat-{self.repeat:03d}"
+        return folder / f"{batch:02d}-{part}.mcap"
 
     def marks(self, batch: int, part: str) -> Path:
         return self.log(batch, part).with_suffix(".marks.csv")
@@ -141,6 +153,11 @@ class _Unit:
         """How many batches are finished."""
         parts = [("test",), *[("train", "test")] * self.config.batches]
         return sum(all(self.marks(b, p).is_file() for p in ps) for b, ps in enumerate(parts))
+
+
+def _unit(config: OnlineConfig, agent: OnlineAgent, repeat: int, folder: Path) -> _Unit:
+    own = dataclasses.replace(config, agents=(agent,))
+    return _Unit(Carried.of(agent.recipe), own, repeat, folder)
 
 
 def run_online(
@@ -166,19 +183,22 @@ def run_online(
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
+    if config.reward is None:
+        reward = _REWARD if domain.data in SOURCES else domain.report_reward
+        config = dataclasses.replace(config, reward=reward)
     store = Store.of(logs, f"online-{domain.name}-n{config.attributes}", _shared(config))
     units = [
-        _Unit(config, agent, repeat, store.folder.absolute())  # a cluster's workers live elsewhere
+        _unit(config, agent, repeat, store.folder.absolute())  # a cluster's workers live elsewhere
         for repeat in _repeats(config)
         for agent in config.agents
     ]
     if fresh:
         for agent in config.agents:
-            Store(store.folder / agent).clear()
+            Store(store.folder / file_name(agent.name)).clear()
     batches = config.batches + 1
-    total, finished = batches * len(units), {unit: unit.done for unit in units}
-    todo = [unit for unit in units if finished[unit] < batches]
-    done = sum(finished.values())
+    finished = [unit.done for unit in units]
+    total, done = batches * len(units), sum(finished)
+    todo = [unit for unit, ready in zip(units, finished, strict=True) if ready < batches]
     if on_progress is not None:
         on_progress(done, total)
     if todo:
@@ -197,7 +217,9 @@ def _repeats(config: OnlineConfig) -> range:
 def _shared(config: OnlineConfig) -> dict[str, object]:
     """Give what every unit depends on; repeats and agents name its folders."""
     shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
-    return {**shared, "data": fingerprint(config.dataset, config.root)}
+    digests = {agent.name: origin_of(agent.recipe).digest for agent in config.agents}
+    sources = {name: digest for name, digest in digests.items() if digest}
+    return {**shared, "data": fingerprint(config.dataset, config.root), "sources": sources}
 
 
 def _dataset(config: OnlineConfig) -> Dataset:
@@ -221,7 +243,7 @@ def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
 
 def _run_unit(unit: _Unit) -> int:
     """Run what a unit has not finished; return how many batches that were."""
-    before, config, agent = unit.done, unit.config, _recipe(unit.config, unit.agent)
+    before, config, agent = unit.done, unit.config, unit.agent
     protocol = _protocol(config, unit.repeat)
     dataset = protocol.dataset
     rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
@@ -246,13 +268,6 @@ def _run_unit(unit: _Unit) -> int:
     return config.batches + 1 - before
 
 
-def _recipe(config: OnlineConfig, name: str) -> OnlineAgent:
-    agent = load_online_agent(name)
-    alpha = agent.alpha if config.alpha is None else config.alpha
-    beta = agent.beta if config.beta is None else config.beta
-    return dataclasses.replace(agent, alpha=alpha, beta=beta)
-
-
 def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> Surroundings:
     dataset, split = protocol.dataset, protocol.split
     return Surroundings(
@@ -261,7 +276,7 @@ def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) ->
         objects=np.concatenate([split.train, split.test]),
         delta=dataset.recordings * (len(split.pre) + len(split.train)),
         queries=config.horizon * config.attributes / len(dataset.domain.attributes),
-        reward=config.reward,
+        reward=_REWARD if config.reward is None else config.reward,
         feedback=Feedback(config.answers, config.error),
         body=_body(dataset.domain, dict(config.success)),
         learn_success=config.learn_success,
@@ -297,7 +312,7 @@ def _write(
     path = unit.log(batch, part)
     if logged:
         header = {
-            "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent,
+            "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent.name,
             "repeat": unit.repeat, "batch": batch, "part": part,
         }  # fmt: skip
         with TrialWriter(path, header) as log:

@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, cache_folder, load_dataset, load_percepts
-from meal_bayes.datasets.percepts import save_percepts
+from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.sources import source
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError

@@ -25,17 +25,22 @@ class Store:
     @classmethod
     def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
         """Name the folder of a configuration under `root`; `name` may be any text."""
-        name = re.sub(r"[^\w.-]+", "_", name)
+        name = file_name(name)
         text = json.dumps({**config, "code": code_digest()}, sort_keys=True)
         return cls(Path(root) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}")
 
     def unit(self, agent: str, index: int) -> Path:
         """File of one unit."""
-        return self.folder / agent / f"unit-{index:04d}.mcap"
+        return self.folder / file_name(agent) / f"unit-{index:04d}.mcap"
 
     def clear(self) -> None:
         """Remove what an earlier run of the same settings left."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def file_name(text: str) -> str:
+    """Make a name of a file of any text."""
+    return re.sub(r"[^\w.-]+", "_", text)
 
 
 def fingerprint(dataset: str, root: str | None = None) -> str:

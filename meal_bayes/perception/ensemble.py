@@ -1,6 +1,6 @@
 """Psi(f_a, p): the percept of a behavior, pooled from its modalities."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
 from meal_bayes.perception.modality import FeatureSpace, with_joint
@@ -26,17 +27,44 @@ class Pool(Protocol):
         ...
 
 
-class BehaviorFit(NamedTuple):
-    """A behavior fitted to n recordings: a classifier for each of M kernels, and their pool.
+class BehaviorFit(Protocol):
+    """A behavior fitted to n recordings."""
+
+    @property
+    def nested(self) -> Floats:
+        """Log-odds of each recording by classifiers that never saw its object, (n,P).
+
+        NaN where its label is unknown.
+        """
+        ...
+
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
+        """Log-odds of "true", (B,P), for each modality's space and standardized rows (B,d)."""
+        ...
+
+
+class KernelFit(NamedTuple):
+    """A classifier for each of M kernels, and their pool.
 
     Kernels are those of its modalities, and the joint one where it was learned with.
+
+    Attributes
+    ----------
+    dual : (M,P,n) weight of each recording in the classifiers' decisions.
+    bias : (M,P).
+    pool : makes log-odds of the decisions.
+    nested : (n,P), see `BehaviorFit`.
     """
 
-    dual: Floats  # (M,P,n) weight of each recording in the classifiers' decisions
-    bias: Floats  # (M,P)
+    dual: Floats
+    bias: Floats
     pool: Pool
-    nested: Floats  # (n,P) log-odds of each recording by classifiers that never saw its object;
-    # NaN where its label is unknown
+    nested: Floats
+
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
+        """Log-odds of "true", (B,P), for each modality's space and standardized rows (B,d)."""
+        kernels = [space.similarity(own) for space, own in zip(spaces, rows, strict=True)]
+        return self.log_odds(np.stack(kernels))
 
     def log_odds(self, kernels: Floats) -> Floats:
         """Log-odds of "true", (B,P), from the modalities' kernels with the recordings, (.,B,n)."""
@@ -47,22 +75,29 @@ class BehaviorFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BehaviorClassifier:
-    """Psi(f_a, .): a fitted behavior and the feature spaces of its modalities."""
+    """Psi(f_a, .): a fitted behavior and the feature spaces of its modalities.
 
-    spaces: Mapping[str, FeatureSpace]  # by modality
+    Attributes
+    ----------
+    spaces : by modality.
+    fit : of all the behavior's attributes.
+    believed : (P,) elsewhere the percept says nothing.
+    """
+
+    spaces: Mapping[str, FeatureSpace]
     fit: BehaviorFit
-    believed: NDArray[np.bool_]  # (P,) elsewhere the percept says nothing
+    believed: NDArray[np.bool_]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(self, believed=freeze(self.believed, np.bool_))
 
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
         """Log-odds of all attributes for raw features {modality: (B,D)}, (B,P)."""
-        kernels = [
-            space.similarity(space.standardize(features[modality]))
-            for modality, space in self.spaces.items()
-        ]
-        return np.where(self.believed, self.fit.log_odds(np.stack(kernels)), 0.0)
+        spaces = list(self.spaces.values())
+        rows = [space.standardize(features[modality]) for modality, space in self.spaces.items()]
+        return np.where(self.believed, self.fit.scored(spaces, rows), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +105,21 @@ class Perception:
     """The fitted Psi of all behaviors; a `Perceiver`.
 
     A behavior of which the training set has no instance gives percepts that say nothing.
+
+    Attributes
+    ----------
+    domain : behaviors and attributes.
+    classifiers : by behavior.
+    labels : (O,P) what a person who is asked knows; nothing else uses them.
+    levels : K of its percepts.
     """
 
     domain: Domain
-    classifiers: Mapping[str, BehaviorClassifier]  # by behavior
-    labels: NDArray[np.int8]  # (O,P) what a person who is asked knows; nothing else uses them
-    levels: int = 2  # K
+    classifiers: Mapping[str, BehaviorClassifier]
+    labels: NDArray[np.int8]
+    levels: int = 2
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8))

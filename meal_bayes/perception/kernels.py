@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import round_log_odds
+from meal_bayes.display import short_repr
 from meal_bayes.perception.confusion import ConfusionCounts
 from meal_bayes.perception.cross_validation import fit_behavior
+from meal_bayes.perception.ensemble import BehaviorFit, KernelFit
 from meal_bayes.perception.modality import FeatureSpace, fit_space, widened
 from meal_bayes.perception.recordings import BehaviorRecordings, rows_of
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
@@ -23,6 +25,8 @@ from meal_bayes.perception.width import learned_widths
 @dataclass(frozen=True, slots=True)
 class Kernels:
     """All n = O R recordings in the spaces of every behavior's modalities."""
+
+    __repr__ = short_repr
 
     dataset: Dataset
     spaces: Mapping[tuple[str, str], FeatureSpace]  # rows (n,d), of (behavior, modality)
@@ -60,8 +64,11 @@ class Kernels:
         self, behavior: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Kernels of a behavior's modalities between some recordings and others, (M,r,c)."""
-        spaces = [space for (name, _), space in self.spaces.items() if name == behavior]
-        return np.stack([space.between(rows, columns) for space in spaces])
+        return np.stack([space.between(rows, columns) for space in self.spaces_of(behavior)])
+
+    def spaces_of(self, behavior: str) -> list[FeatureSpace]:
+        """Return the spaces of a behavior's modalities."""
+        return [space for (name, _), space in self.spaces.items() if name == behavior]
 
 
 def fit_and_score(
@@ -94,13 +101,29 @@ def fit_and_score(
             continue
         names = training_set.object[rows].astype(np.int64)
         place = names * dataset.recordings + training_set.recording[rows]
-        own = kernels.between(behavior.name, place, place)
-        gathered[e] = place, BehaviorRecordings(names, training_set.labels[rows], own)
+        own, labels = kernels.between(behavior.name, place, place), training_set.labels[rows]
+        beside = np.hstack([space.rows[place] for space in kernels.spaces_of(behavior.name)])
+        gathered[e] = place, BehaviorRecordings(names, labels, own, beside)
     width, _ = learned_widths([recordings for _, recordings in gathered.values()], settings)
     for e, (place, recordings) in gathered.items():
         fit, believed, told = fit_behavior(recordings.widened(width), settings, shape[0])
         counts[:, :, e] = told.counts[:, :, 0]
-        across = kernels.between(domain.behaviors[e].name, scored, place)
-        outputs = round_log_odds(np.where(believed, fit.log_odds(widened(across, width)), 0.0))
+        outputs = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
+        outputs = round_log_odds(np.where(believed, outputs, 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     return log_odds, ConfusionCounts(counts)
+
+
+def _scored(
+    kernels: Kernels,
+    behavior: str,
+    fit: BehaviorFit,
+    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+    width: float,
+) -> NDArray[np.float64]:
+    """Score some recordings (B,) by what was fitted to others (n,), (B,P)."""
+    scored, place = rows
+    if isinstance(fit, KernelFit):
+        return fit.log_odds(widened(kernels.between(behavior, scored, place), width))
+    spaces = kernels.spaces_of(behavior)
+    return fit.scored(spaces, [space.rows[scored] for space in spaces])

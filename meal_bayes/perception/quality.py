@@ -7,7 +7,7 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, by_truth
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import all_recordings_of
+from meal_bayes.perception.recordings import all_recordings_of, number_in_object
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.width import learned_widths
 
@@ -31,7 +31,9 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
         held = widths == width
         for name, recordings in gathered.items():
             nested = recipe_of(settings).fit(recordings.widened(width), settings).nested
-            outputs[held, :, domain.behavior_index(name)] = nested.reshape(shape)[held]
+            rows = held[recordings.objects]
+            place = recordings.objects[rows], number_in_object(recordings.objects)[rows]
+            outputs[:, :, domain.behavior_index(name)][place] = nested[rows]
     return outputs
 
 

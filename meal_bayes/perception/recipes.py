@@ -1,4 +1,4 @@
-"""The recipes by name; scikit-learn loads only where the paper's is asked for."""
+"""The recipes by name; scikit-learn loads only where one of them needs it."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -14,8 +14,7 @@ from meal_bayes.perception.stacked import fit_stacked, stacked_outputs
 Floats = NDArray[np.float64]
 Fit = Callable[[BehaviorRecordings, PerceptionSettings], BehaviorFit]
 Outputs = Callable[
-    [Floats, NDArray[np.int8], NDArray[np.bool_], NDArray[np.int64], PerceptionSettings],
-    tuple[Floats, Floats],
+    [BehaviorRecordings, NDArray[np.int64], PerceptionSettings], tuple[Floats, Floats]
 ]
 
 
@@ -27,7 +26,7 @@ class Recipe(NamedTuple):
 
 
 def recipe_of(settings: PerceptionSettings) -> Recipe:
-    """Look up the recipe that the settings name."""
+    """Return the recipe that the settings name."""
     if settings.recipe == "paper":
         from meal_bayes.perception.paper import (  # noqa: PLC0415  scikit-learn takes a second
             fit_paper,
@@ -35,4 +34,11 @@ def recipe_of(settings: PerceptionSettings) -> Recipe:
         )
 
         return Recipe(fit_paper, paper_outputs)
+    if settings.recipe == "classifier":
+        from meal_bayes.perception.classifier import (  # noqa: PLC0415  the same
+            classifier_outputs,
+            fit_classifier,
+        )
+
+        return Recipe(fit_classifier, classifier_outputs)
     return Recipe(fit_stacked, stacked_outputs)

@@ -7,16 +7,29 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.display import short_repr
 from meal_bayes.perception.modality import FeatureSpace, fit_space, widened
 
 
 @dataclass(frozen=True, slots=True)
 class BehaviorRecordings:
-    """Recordings of one behavior, sorted by object."""
+    """Recordings of one behavior, sorted by object and recording.
 
-    objects: NDArray[np.int64]  # (n,) rising
-    labels: NDArray[np.int8]  # (n,P) 1 true, 0 false, -1 unknown
-    grams: NDArray[np.float64]  # (M,n,n) kernels between them, a modality each
+    Attributes
+    ----------
+    objects : (n,) rising.
+    labels : (n,P) 1 true, 0 false, -1 unknown.
+    grams : (M,n,n) kernels between them, a modality each.
+    rows : (n,d) features of all modalities side by side, standardized; none for what works on the
+        kernels alone.
+    """
+
+    objects: NDArray[np.int64]
+    labels: NDArray[np.int8]
+    grams: NDArray[np.float64]
+    rows: NDArray[np.float64] | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -26,9 +39,22 @@ class BehaviorRecordings:
             grams=freeze(self.grams),
         )
 
+    def of(self, attributes: NDArray[np.integer]) -> "BehaviorRecordings":
+        """Keep the labels of some attributes."""
+        return replace(self, labels=self.labels[:, attributes])
+
     def widened(self, factor: float) -> "BehaviorRecordings":
         """Compare the same recordings by wider kernels."""
         return replace(self, grams=widened(self.grams, factor))
+
+
+def number_in_object(objects: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of each row (n,) within its object, from 0; objects rise.
+
+    >>> number_in_object(np.array([3, 3, 5, 8, 8])).tolist()
+    [0, 1, 0, 0, 1]
+    """
+    return np.arange(len(objects)) - np.searchsorted(objects, objects)
 
 
 def rows_of(dataset: Dataset, training_set: TrainingSet, behavior: str) -> NDArray[np.intp]:
@@ -53,5 +79,7 @@ def all_recordings_of(
         }
         grams = np.stack([space.gram() for space in spaces.values()])
         labels = training_set.labels[rows]
-        found[behavior.name] = BehaviorRecordings(objects.astype(np.int64), labels, grams), spaces
+        beside = np.hstack([space.rows for space in spaces.values()])
+        own = BehaviorRecordings(objects.astype(np.int64), labels, grams, beside)
+        found[behavior.name] = own, spaces
     return found

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.perception.ensemble import BehaviorFit
+from meal_bayes.perception.ensemble import KernelFit
 from meal_bayes.perception.leave_out import (
     KernelProblem,
     all_objects,
@@ -23,6 +23,7 @@ from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Stacker:
         return slopes + self.weights[:, 0]
 
 
-def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) -> BehaviorFit:
+def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
     """Fit one behavior: its classifiers, their stackers, and the nested outputs.
 
     The nested output on a recording comes from classifiers and stackers that never saw its object;
@@ -57,58 +58,51 @@ def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) ->
         weights[attributes] = all_objects(problem, settings)
         nested[np.ix_(known, attributes)] = each_object(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_kernels), attributes, known)] = problem.duals
-    return BehaviorFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
+    return KernelFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
 
 
 def stacked_outputs(
-    grams: Floats,
-    labels: NDArray[np.int8],
-    known: NDArray[np.bool_],
-    held: NDArray[np.int64],
-    settings: PerceptionSettings,
+    recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables.
 
     Parameters
     ----------
-    grams : (M,n,n) between all recordings, a modality each, n = O R.
-    labels : (O,P).
-    known : (O,) the objects whose labels are known.
-    held : the objects to hold out.
+    recordings : all of the behavior; of each object all labels are known, or none.
+    held : (H,) the objects to hold out.
 
     Returns
     -------
-    The outputs on held-out objects, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN
-    where none was computed.
+    The outputs on held-out objects, (n,P), and for each held-out one those on the others, (H,n,P);
+    NaN where none was computed.
     """
-    grams = with_joint(grams) if settings.joint else grams
-    n_objects, n_attributes = labels.shape
-    n_recordings = grams.shape[1] // n_objects
-    rows, names = np.repeat(known, n_recordings), np.flatnonzero(known)
-    problem = kernel_problem(
-        grams[:, rows][:, :, rows],
-        np.repeat(labels[known] == 1, n_recordings, axis=0),
-        np.repeat(names, n_recordings),
-        settings.noise,
-    )
+    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
+    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
+    truth = recordings.labels[known] == 1
+    problem = kernel_problem(grams[:, known][:, :, known], truth, objects[known], settings.noise)
     weights = all_objects(problem, settings)
-    own = np.full((n_objects, n_recordings, n_attributes), np.nan)
-    own[known] = each_object(problem, settings, weights).reshape(-1, n_recordings, n_attributes)
-    training = np.full((n_objects, *own.shape), np.nan)
+    own = np.full(recordings.labels.shape, np.nan)
+    own[known] = each_object(problem, settings, weights)
+    # An object without labels or recordings is in no training set: what serves others serves it.
+    training = np.tile(own, (len(held), 1, 1))
     pairs = _pairs(problem, held)
-    both = leave_out(problem, pairs, settings, weights).log_odds.transpose(0, 2, 3, 1)  # (S,2,R,P)
-    first, second = names[pairs.T]
-    training[first, second], training[second, first] = both[:, 1], both[:, 0]
-    # An object whose label is unknown is in no training set: what serves the others serves it.
-    unknown = np.flatnonzero(~known)
-    training[np.ix_(unknown, names)] = own[names]
-    across = grams[:, ~rows][:, :, rows]
+    both = leave_out(problem, pairs, settings, weights).log_odds  # (S,P,2,R)
+    index = {name: h for h, name in enumerate(held.tolist())}
+    rows = {name: np.flatnonzero(objects == name) for name in np.unique(objects).tolist()}
+    for (first, second), outputs in zip(problem.objects[pairs].tolist(), both, strict=True):
+        for out, other, side in ((first, second, 1), (second, first, 0)):
+            if out in index:
+                there = rows[other]
+                training[index[out], there] = outputs[:, side, : len(there)].T
+    for name, h in index.items():
+        training[h, rows.get(name, [])] = np.nan
+    across = grams[:, ~known][:, :, known]
     pooled = Stacker(weights).log_odds(np.einsum("mbn,mpn->bmp", across, problem.duals))
-    own[unknown] = pooled.reshape(len(unknown), n_recordings, n_attributes)
+    own[~known] = pooled
     return own, training
 
 
-def _pairs(problem: KernelProblem, held: NDArray[np.int64]) -> NDArray[np.int64]:
+def _pairs(problem: KernelProblem, held: Ints) -> Ints:
     """Unordered pairs of the problem's objects of which at least one is held out, (S,2)."""
     first, second = np.triu_indices(len(problem.objects), 1)
     wanted = np.isin(problem.objects, held)

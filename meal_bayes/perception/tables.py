@@ -16,12 +16,18 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import believable, by_truth
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import all_recordings_of
+from meal_bayes.perception.recordings import (
+    BehaviorRecordings,
+    all_recordings_of,
+    number_in_object,
+)
 from meal_bayes.perception.settings import PerceptionSettings, named_settings
 from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
+
+_MOST = 255  # recordings of an object and behavior that a bin can count
 
 Progress = Callable[[int, int], None]
 
@@ -57,6 +63,8 @@ def build_percept_table(
     columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
     held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
     n_objects, n_attributes = dataset.labels.shape
+    if dataset.recordings > _MOST:
+        raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
     n_bins = len(BIN_EDGES) + 1
     log_odds = np.full(
         (n_objects, dataset.recordings, len(domain.behaviors), n_attributes), np.nan, np.float16
@@ -71,20 +79,28 @@ def build_percept_table(
     for done, (index, recordings) in enumerate(gathered.items()):
         for width in np.unique(widths):
             some = held[widths == width]
-            own, training = _behavior_outputs(
-                recordings.widened(width).grams, dataset.labels[:, columns], some, settings
+            wide = recordings.of(columns).widened(width)
+            own, training = _behavior_outputs(wide, some, settings)
+            rows = np.flatnonzero(np.isin(recordings.objects, some))
+            place = recordings.objects[rows, None], number_in_object(recordings.objects)[rows, None]
+            log_odds[:, :, index][*place, columns] = own[rows]
+            bins[:, :, :, index][np.ix_(some, np.arange(n_objects), columns)] = _histograms(
+                training, recordings.objects, n_objects
             )
-            behavior = log_odds[:, :, index]
-            behavior[np.ix_(some, np.arange(dataset.recordings), columns)] = own[some]
-            place = np.ix_(some, np.arange(n_objects), columns)
-            bins[:, :, :, index][place] = _histograms(training[some])
         if progress is not None:
             progress(done + 1, len(gathered))
     if settings.believable_only:
         _silence(log_odds, bins, dataset.labels)
     provenance = _provenance(dataset, settings)
     return PerceptTable(
-        domain, dataset.objects, dataset.labels, log_odds, BIN_EDGES, bins, provenance
+        domain,
+        dataset.objects,
+        dataset.labels,
+        log_odds,
+        BIN_EDGES,
+        bins,
+        provenance,
+        dataset.recording_counts,
     )
 
 
@@ -98,34 +114,34 @@ def _positions(
 
 
 def _behavior_outputs(
-    grams: Floats,
-    labels: NDArray[np.int8],
-    held: NDArray[np.int64],
-    settings: PerceptionSettings,
+    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
 ) -> tuple[Halves, Halves]:
-    """Score one behavior from kernels (M,n,n) and labels (O,P).
+    """Score one behavior.
 
-    Returns the held-out ones, (O,R,P), and for held-out o those on each o', (O,O,R,P); NaN where
-    none was computed.
+    Returns the held-out outputs, (n,P), and for each of the held-out objects (H,) those on the
+    others, (H,n,P); NaN where none was computed.
     """
-    n_objects, n_attributes = labels.shape
-    n_recordings = grams.shape[1] // n_objects
-    own = np.full((n_objects, n_recordings, n_attributes), np.nan, np.float16)
-    training = np.full((n_objects, *own.shape), np.nan, np.float16)
-    for known, attributes in known_patterns(labels >= 0):
-        part = labels[:, attributes]
-        own_part, training_part = recipe_of(settings).outputs(grams, part, known, held, settings)
-        own[:, :, attributes] = round_log_odds(own_part)
+    n, n_attributes = recordings.labels.shape
+    own = np.full((n, n_attributes), np.nan, np.float16)
+    training = np.full((len(held), n, n_attributes), np.nan, np.float16)
+    for _, attributes in known_patterns(recordings.labels >= 0):
+        part = recordings.of(attributes)
+        own_part, training_part = recipe_of(settings).outputs(part, held, settings)
+        own[:, attributes] = round_log_odds(own_part)
         training[..., attributes] = round_log_odds(training_part)
     return own, training
 
 
-def _histograms(training: Halves) -> NDArray[np.uint8]:
-    """Count the recordings in each fine bin, (H,O,R,P) -> (H,O,P,L)."""
+def _histograms(training: Halves, objects: NDArray[np.int64], n_objects: int) -> NDArray[np.uint8]:
+    """Count the recordings of each object in each fine bin, (H,n,P) -> (H,O,P,L)."""
     place = np.searchsorted(BIN_EDGES, training)
     place[np.isnan(training)] = -1
-    counts = [(place == level).sum(axis=2) for level in range(len(BIN_EDGES) + 1)]
-    return np.stack(counts, axis=-1).astype(np.uint8)
+    held, _, n_attributes = training.shape
+    counts = np.zeros((held, n_objects, n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    names, starts = np.unique(objects, return_index=True)
+    for level in range(len(BIN_EDGES) + 1):
+        counts[..., level][:, names] = np.add.reduceat(place == level, starts, axis=1, dtype=np.uint8)
+    return counts
 
 
 def _silence(log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8]) -> None:

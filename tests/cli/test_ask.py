@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.datasets.percepts import save_percepts
+from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.trial_log import log_info, read_trials
 
 QUESTION = "Is it crimson, and is it full?"

@@ -71,7 +71,7 @@ BROKEN_FEATURES = [
     ("infinity", "stone,1,3,4", "stone,1,-inf,4", 4, "-inf in column 3", "a finite number"),
     ("too large", "stone,1,3,4", "stone,1,1e39,4", 4, "1e+39 in column 3", "a finite number"),
     ("twice", "stone,1,3,4", "cup,2,3,4", 4, "recording 2 of cup again, after line 3", "once"),
-    ("missing", "stone,2,-1e-3,5\n", "", 4, "no row of recording 2 of stone", "2 recordings"),
+    ("digits in groups", "stone,1,3,4", "stone,1,3_4,4", 4, "'3_4' in column 3", "a number"),
     ("unknown object", "stone,1", "stome,1", 4, "object 'stome'", "did you mean 'stone'?"),
     ("semicolons", "object,recording,r,g", "object;recording;r;g", 1, "header", "not semicolons"),
     ("no header", "object,recording,r,g\n", "", 1, "the header 'cup,1,0.5,1'", "object,recording"),
@@ -98,9 +98,32 @@ def test_broken_feature_file(
     assert len(message.split("; ")) >= 3  # found; expected; how to mend
 
 
-def test_recording_that_no_other_file_has(own: Path, change: Change) -> None:
-    change(own / "lift_haptics.csv", "cup,2,2", "cup,3,2")
-    with pytest.raises(DataError, match=r"lift_haptics.csv, line 5: found recording '3' of cup"):
+def test_recordings_may_be_ragged(own: Path, change: Change) -> None:
+    change(own / "look_color.csv", "cup,1,0.5,1\n", "")  # one recording of cup is left
+    change(own / "lift_haptics.csv", "stone,2,9\n", "")
+    change(own / "lift_haptics.csv", "stone,1,8\n", "")  # stone lacks the behavior
+    dataset = load_dataset(own / "own.toml", root=own)
+    assert dataset.recording_counts.tolist() == [[1, 2], [2, 0]]
+    assert dataset.instance(0, "look", 0).features["color"].tolist() == [0.25, 2.0]
+    with pytest.raises(DataError, match="'stone' has no recording 0 of 'lift'; it has 0"):
+        dataset.instance(1, "lift", 0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("cup,2,2", "cup,3,2", "line 5: found recording '3' of cup; expected one of 1, 2"),
+        ("cup,2,2\n", "", "line 4 (its last): found no row of recording 2 of cup; expected 2"),
+    ],
+)
+def test_files_of_one_behavior_hold_the_same_recordings(
+    own: Path, change: Change, old: str, new: str, expected: str
+) -> None:
+    (own / "lift_audio.csv").write_text((own / "lift_haptics.csv").read_text())
+    change(own / "own.toml", 'modalities=["haptics"]', 'modalities=["haptics", "audio"]')
+    assert load_dataset(own / "own.toml", root=own).recordings == 2
+    change(own / "lift_audio.csv", old, new)
+    with pytest.raises(DataError, match=re.escape(f"lift_audio.csv, {expected}")):
         load_dataset(own / "own.toml", root=own)
 
 

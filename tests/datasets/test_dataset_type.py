@@ -49,7 +49,15 @@ def test_arrays_are_read_only() -> None:
         ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
         ({"features": {}}, "No features of"),
         ({"features": {("look", "color"): np.zeros((2, 3))}}, "have shape"),
-        ({"features": {("look", "color"): np.full((2, 3, 1), np.nan)}}, "NaN or infinity"),
+        (
+            {
+                "features": {
+                    ("look", "color"): np.full((2, 3, 1), np.nan),
+                    ("lift", "haptics"): np.zeros((2, 3, 1)),
+                }
+            },
+            "NaN or infinity for every object",
+        ),
         (
             {
                 "features": {

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, save_percepts
+from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
 from meal_bayes.domain import domain_table, load_domain
 from meal_bayes.errors import DataError
 

@@ -9,15 +9,14 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from meal_bayes.datasets.percept_file import load_percepts, save_percepts
 from meal_bayes.datasets.percepts import (
     BIN_EDGES,
     LIMIT,
     THRESHOLD,
     PerceptTable,
     levels_of,
-    load_percepts,
     round_log_odds,
-    save_percepts,
 )
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, SettingsError
@@ -235,7 +234,7 @@ def test_pickles_are_not_opened(path):
 
 
 def test_a_claim_of_endless_bytes_is_refused(path, monkeypatch):
-    monkeypatch.setattr("meal_bayes.datasets.percepts._LARGEST", 1000)
+    monkeypatch.setattr("meal_bayes.datasets.percept_file._LARGEST", 1000)
     rewrite(path, lambda arrays: arrays.update(labels=np.zeros((100, 100), np.int8)))
     with pytest.raises(DataError, match="claims 10128 bytes, more than 1000"):
         load_percepts(path)

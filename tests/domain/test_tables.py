@@ -34,6 +34,10 @@ def test_own_table_loads(tmp_path):
     assert domain.diagram.states == ("x0", "x1", "term")
 
 
+def test_a_byte_order_mark_is_no_text(tmp_path):
+    assert load(tmp_path, "\ufeff" + TABLE).name == "mine"
+
+
 @pytest.mark.parametrize("name", domain_names())
 def test_shipped_tables_load(name):
     domain = load_domain(name)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import Instance, TrainingSet, load_dataset
-from meal_bayes.datasets.percepts import BIN_EDGES, load_percepts, round_log_odds
+from meal_bayes.datasets.percept_file import load_percepts
+from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.domain import Query
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, RecordedPercepts, build_percept_table

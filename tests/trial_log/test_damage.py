@@ -223,7 +223,7 @@ def test_another_version_is_refused_with_the_way_out(make, monkeypatch, tmp_path
         lambda: check_log(path),
         lambda: recover_log(path),
     ):
-        with pytest.raises(LogVersionError, match=r"format 4.*reads format 3.*meal-bayes==9\.1"):
+        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal-bayes==9\.1"):
             read()
 
 

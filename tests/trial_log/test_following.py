@@ -47,9 +47,9 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
     write_trials(tmp_path / "new.mcap", make.trials(1), header={})
     monkeypatch.undo()
-    with pytest.raises(LogVersionError, match="format 4"):
+    with pytest.raises(LogVersionError, match="format 5"):
         list(Logs(tmp_path / "new.mcap").trials())
-    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 4"):
+    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 5"):
         list(Follower(tmp_path / "new.mcap").poll())
 
 

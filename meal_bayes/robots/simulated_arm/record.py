@@ -1,10 +1,9 @@
 """Recording: every behavior on every object, as often as asked; what went wrong is tried again."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.datasets import Dataset
@@ -38,11 +37,6 @@ class Recorded:
     parameters: ObjectParameters
     recordings: tuple[Recording, ...]
     happened: Happened
-
-    @property
-    def whole(self) -> bool:
-        """Whether every behavior succeeded in every recording."""
-        return all({name for name, _ in rows} == set(ORDER) for rows in self.recordings)
 
 
 def record_object(number: int, *, recordings: int, seed: int) -> Recorded:
@@ -92,14 +86,19 @@ def _way(state: str, goals: tuple[str, ...]) -> str:
     return _TOWARDS[state] if reachable else "reinit"
 
 
-def to_dataset(domain: Domain, recorded: Iterable[Recorded]) -> Dataset:
-    """Join the whole recordings of objects, labeled by what their parameters make true."""
-    found = [one for one in recorded if one.whole]
+def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
+    """Join the recordings of objects, labeled by what their parameters make true.
+
+    Where a behavior never succeeded, the object has fewer recordings of it.
+    """
     contexts = [(kind.name, modality) for kind in domain.behaviors for modality in kind.modalities]
     features = {
-        context: np.array([[row[context] for row in one.recordings] for one in found], np.float32)
+        context: {
+            one.name: rows
+            for one in recorded
+            if (rows := [row[context] for row in one.recordings if context in row])
+        }
         for context in contexts
     }
-    truths = [attributes_of(one.parameters) for one in found]
-    labels = np.array([[truth[name] for name in domain.attributes] for truth in truths], np.int8)
-    return Dataset(domain, tuple(one.name for one in found), features, labels)
+    labels = {one.name: attributes_of(one.parameters) for one in recorded}
+    return Dataset.from_frames(domain, features, labels)

@@ -1,0 +1,106 @@
+"""Where the code of an agent given as a value comes from: what decides its results, beside ours."""
+
+import functools
+import hashlib
+import inspect
+import re
+import sys
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from meal_bayes.agents.agent import Agent
+
+_OWN = "meal_bayes"
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Modules that an agent of one's own needs.
+
+    Attributes
+    ----------
+    modules : top-level modules and packages, by name.
+    folders : where they are imported from.
+    digest : of their files and of the agent's settings; empty where all code is this package's.
+    """
+
+    modules: tuple[str, ...]
+    folders: tuple[str, ...]
+    digest: str
+
+
+def origin_of(agent: Agent) -> Origin:
+    """Find the modules of an agent's planner and observation model, and digest their files."""
+    digest, modules, folders = hashlib.sha256(), dict[str, None](), dict[str, None]()
+    for part in _parts(agent):
+        name = _module_name(part)
+        if name.partition(".")[0] == _OWN:
+            continue
+        digest.update(f"{name} {_settings(part)}".encode())
+        module = sys.modules.get(name.partition(".")[0])
+        files = [] if module is None else _files(module)
+        if not files:
+            digest.update(_typed_in(part).encode())
+        for file in files:
+            digest.update(file.name.encode() + file.read_bytes())
+        if module is not None and files and name != "__main__":
+            modules[module.__name__] = None
+            folders[str(_root(module, files[0]))] = None
+    if digest.digest() == hashlib.sha256().digest():
+        return Origin((), (), "")
+    flags = {field: getattr(agent, field) for field in agent.__slots__}
+    digest.update(_ADDRESS.sub("", repr(flags)).encode())
+    return Origin(tuple(modules), tuple(folders), digest.hexdigest()[:16])
+
+
+def _parts(agent: Agent) -> Iterator[object]:
+    """Yield what may be of another's making: functions, partial functions, objects in them."""
+    waiting: list[object] = [agent.solver, agent.observation_model]
+    while waiting:
+        part = waiting.pop()
+        if part is None:
+            continue
+        yield part
+        if isinstance(part, functools.partial):
+            waiting += [part.func, *part.args, *part.keywords.values()]
+        elif hasattr(part, "planner"):
+            waiting.append(part.planner)
+
+
+def _module_name(part: object) -> str:
+    own = part if inspect.isroutine(part) or isinstance(part, type) else type(part)
+    return str(getattr(own, "__module__", None) or type(part).__module__)
+
+
+def _settings(part: object) -> str:
+    if inspect.isroutine(part) or isinstance(part, type):
+        return str(getattr(part, "__qualname__", part))
+    return _ADDRESS.sub("", f"{type(part).__qualname__} {getattr(part, '__dict__', '')} {part!r}")
+
+
+def _files(module: ModuleType) -> list[Path]:
+    """List the source files of a module, or of a whole package."""
+    file = getattr(module, "__file__", None)
+    if file is None or not Path(file).is_file():
+        return []
+    if hasattr(module, "__path__"):
+        return sorted(Path(file).parent.rglob("*.py"))
+    return [Path(file)]
+
+
+def _root(module: ModuleType, file: Path) -> Path:
+    folder = Path(str(module.__file__)).resolve().parent
+    return folder.parent if hasattr(module, "__path__") else folder
+
+
+def _typed_in(part: object) -> str:
+    """Return the source of what was typed into a session; nothing finds it again where unknown."""
+    own = part if inspect.isroutine(part) or isinstance(part, type) else type(part)
+    try:
+        return inspect.getsource(own)
+    except (OSError, TypeError):
+        return uuid.uuid4().hex

@@ -1,0 +1,220 @@
+"""Percept tables as files: shipped with the package by name, or one's own .npz."""
+
+import io
+import json
+import lzma
+import struct
+import zipfile
+import zlib
+from importlib import resources
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets.percepts import LIMIT, PerceptTable
+from meal_bayes.domain import (
+    Domain,
+    domain_from_table,
+    domain_names,
+    domain_table,
+    load_domain,
+    unknown,
+)
+from meal_bayes.errors import DataError, DomainError, SettingsError
+
+_FORMAT = 1
+_MEMBERS = {  # name -> dtype, axes
+    "meta": ("|u1", 1),  # JSON
+    "labels": ("|i1", 2),  # (O,P)
+    "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
+    "edges": ("<f8", 1),  # (L-1,)
+    "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
+}
+_COUNTS = "recording_counts"  # (O,E') <u2, a member more where recordings are ragged
+_TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
+_LARGEST = 2**28  # bytes a member may unpack to
+_MOST = 1000  # behaviors or states of a domain in a file; trial logs hold no more
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
+_UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
+    NotImplementedError, RuntimeError, struct.error, SyntaxError, TypeError,
+)  # fmt: skip
+
+
+def save_percepts(table: PerceptTable, path: str | Path) -> None:
+    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
+
+    A domain of one's own is written along; of a shipped one the name is enough.
+    """
+    sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    meta = {
+        "format": _FORMAT,
+        "domain": table.domain.name,
+        "objects": table.objects,
+        "attributes": table.domain.attributes,
+        "behaviors": [table.domain.behavior_names[i] for i in sensing],
+        "provenance": dict(table.provenance),
+    }
+    if not _ships(table.domain):
+        meta["domain_table"] = domain_table(table.domain)
+    arrays = {
+        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
+        "labels": table.labels,
+        "log_odds": table.log_odds[:, :, sensing],
+        "edges": table.edges,
+        "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
+    }
+    members = {name: dtype for name, (dtype, _) in _MEMBERS.items()}
+    if table.ragged:
+        members[_COUNTS], arrays[_COUNTS] = "<u2", table.recording_counts[:, sensing]
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        for name, dtype in members.items():
+            buffer = io.BytesIO()
+            values = np.ascontiguousarray(arrays[name], dtype=dtype)
+            np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
+            info = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+            archive.writestr(info, buffer.getvalue(), zipfile.ZIP_LZMA)
+
+
+def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
+    """Load the shipped table of a domain, or a table of one's own from the path of an .npz.
+
+    Parameters
+    ----------
+    name : a shipped domain (variants share their data set's table), or a path ending in .npz.
+    domain : whose behaviors and attributes the table is laid out for; the one the name or the file
+        holds by default.
+
+    Raises
+    ------
+    SettingsError : no shipped table and no file of that name.
+    DataError : a file that is not a percept table, or not one of this domain.
+    """
+    if str(name).endswith(".npz"):
+        path = Path(name)
+        if not path.is_file():
+            raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
+        with path.open("rb") as file:
+            meta, arrays = _read(file, str(path))
+        domain = _domain_of(meta, str(path)) if domain is None else domain
+        return _lay_out(meta, arrays, domain, str(path))
+    domain = load_domain(name) if domain is None else domain
+    resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
+    if not resource.is_file():
+        raise SettingsError(
+            f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
+            "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
+            "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
+        )
+    with resource.open("rb") as file:
+        meta, arrays = _read(file, str(name))
+    return _lay_out(meta, arrays, domain, str(name))
+
+
+def _ships(domain: Domain) -> bool:
+    return domain.name in domain_names() and load_domain(domain.name) == domain
+
+
+def _domain_of(meta: dict[str, Any], where: str) -> Domain:
+    """Build the domain that a file holds, or find the shipped one that it names."""
+    if "domain_table" not in meta:
+        if meta["domain"] not in domain_names():
+            raise SettingsError(
+                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; "
+                "pass domain=load_domain(<your table>.toml)."
+            )
+        return load_domain(meta["domain"])
+    try:
+        domain = domain_from_table(meta["domain_table"])
+    except DomainError as error:
+        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
+    if max(len(domain.behaviors), len(domain.diagram.states)) > _MOST:
+        raise DataError(f"{where} holds a domain of more than {_MOST} behaviors or states.")
+    return domain
+
+
+def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
+            if f"{_COUNTS}.npy" in archive.namelist():
+                arrays[_COUNTS] = _member(archive, _COUNTS, "<u2", 2)
+        meta = json.loads(arrays.pop("meta").tobytes())
+    except _UNREADABLE as error:
+        raise DataError(
+            f"{where} is not a whole percept table ({error}); make it again with "
+            "`meal-bayes data percepts --dataset D`."
+        ) from error
+    if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
+        found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+        raise DataError(f"{where} has format {found}; this version reads format {_FORMAT}.")
+    for key, kind in _TEXTS.items():
+        texts = meta.get(key)
+        inside = texts.values() if isinstance(texts, dict) else texts
+        if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
+            raise DataError(f"{where} does not tell its {key}; make the table again.")
+    log_odds, bins = arrays["log_odds"], arrays["training_bins"]
+    sound = not (np.abs(log_odds) > LIMIT).any() and np.isin(arrays["labels"], (-1, 0, 1)).all()
+    if not sound or (bins.sum(axis=-1) > log_odds.shape[1]).any():
+        raise DataError(
+            f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "
+            "counts than recordings; make the table again."
+        )
+    return meta, arrays
+
+
+def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
+    info = archive.getinfo(f"{name}.npy")
+    if info.file_size > _LARGEST:
+        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
+    buffer: BinaryIO = io.BytesIO(archive.read(info))
+    if np.lib.format.read_magic(buffer) != (1, 0):
+        raise ValueError(f"{name} is of another array format than 1.0")
+    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
+    if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
+        raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
+    return np.frombuffer(buffer.read(), dtype).reshape(shape)
+
+
+def _lay_out(
+    meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain, where: str
+) -> PerceptTable:
+    """Put the file's attributes and behaviors in the order of the domain, by their names."""
+    senses = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
+    wanted = {
+        "attributes": domain.attributes,
+        "behaviors": tuple(domain.behavior_names[i] for i in senses),
+    }
+    for key, names in wanted.items():
+        for name in names:
+            if name not in meta[key]:
+                raise DataError(f"{where}: {unknown(key[:-1], name, meta[key])}")
+    columns = [meta["attributes"].index(name) for name in wanted["attributes"]]
+    rows = [meta["behaviors"].index(name) for name in wanted["behaviors"]]
+    labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
+    objects, p, e = len(meta["objects"]), len(meta["attributes"]), len(meta["behaviors"])
+    expected = ((objects, p), (objects, log_odds.shape[1], e, p))
+    counts = arrays.get(_COUNTS, np.full((objects, e), log_odds.shape[1], np.uint16))
+    found = (labels.shape, log_odds.shape, counts.shape)
+    if found != (*expected, (objects, e)) or bins.shape[:4] != (objects, p, e, objects):
+        raise DataError(f"{where}: names and arrays differ in number; make the table again.")
+    n_behaviors = len(domain.behaviors)
+    all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
+    all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
+    all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
+    all_bins[:, :, :, senses] = bins[:, columns][:, :, rows].transpose(3, 0, 1, 2, 4)
+    all_counts = np.zeros((objects, n_behaviors), np.int64)
+    all_counts[:, senses] = counts[:, rows]
+    return PerceptTable(
+        domain,
+        tuple(meta["objects"]),
+        labels[:, columns],
+        all_odds,
+        arrays["edges"],
+        all_bins,
+        meta["provenance"],
+        all_counts,
+    )

@@ -1,0 +1,92 @@
+"""Short texts and small HTML tables of our objects, for a terminal and for a notebook."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+_LONGEST = 60  # characters of one value
+_NAMED = 6  # items of a sequence that are written out
+_BAR = "display:inline-block;height:.7em;width:{:.0f}px;background:{}"
+_WIDTH = 80  # pixels of a whole bar
+_COLOR = "#4878a8"
+
+
+def short_repr(instance: Any) -> str:
+    """Return a dataclass with its arrays as dtype and shape; written as ``__repr__ = short_repr``.
+
+    >>> from meal_bayes.domain import Query
+    >>> short_repr(Query(("red", "empty")))
+    "Query(attributes=('red', 'empty'))"
+    """
+    shown = (field for field in dataclasses.fields(instance) if field.repr)
+    values = (f"{field.name}={short(getattr(instance, field.name))}" for field in shown)
+    return f"{type(instance).__name__}({', '.join(values)})"
+
+
+def short(value: object) -> str:
+    """Return a value in at most 60 characters or so.
+
+    >>> short(np.zeros((3, 2))), short(tuple("abcdefgh"))
+    ('float64[3, 2]', "('a', 'b', 'c', ... 8 in all)")
+    """
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{list(value.shape)}"
+    if isinstance(value, str | int | float | None):
+        return _cut(repr(value))
+    if isinstance(value, Mapping):
+        return f"{{{len(value)} entries}}"
+    if isinstance(value, tuple | list) and len(value) > _NAMED:
+        first = ", ".join(map(short, value[: _NAMED // 2]))
+        return f"({_cut(first)}, ... {len(value)} in all)"
+    if dataclasses.is_dataclass(value):
+        name = getattr(value, "name", None)
+        return f"{type(value).__name__}({_cut(repr(name)) if isinstance(name, str) else '...'})"
+    return _cut(repr(value))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def listed(names: Sequence[str], most: int = _NAMED) -> str:
+    """Return names as a comma list, the first of them where there are many.
+
+    >>> listed(["look", "lift", "push"], most=2)
+    'look, lift, ... (3 in all)'
+    """
+    more = f", ... ({len(names)} in all)" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def card(title: str, facts: Mapping[str, str]) -> str:
+    """Return a title and its facts, a line each, in two columns."""
+    width = max(map(len, facts), default=0)
+    return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in facts.items())])
+
+
+def card_html(title: str, facts: Mapping[str, str]) -> str:
+    """Return a title and its facts as an HTML table."""
+    return table_html(title, (), [(escape(name), escape(text)) for name, text in facts.items()])
+
+
+def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return an HTML table; cells are HTML already, title and header are text."""
+    head = "".join(f"<th style='text-align:left'>{escape(name)}</th>" for name in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td style='text-align:left'>{cell}</td>" for cell in row) + "</tr>"
+        for row in rows
+    )
+    return (
+        f"<table><caption style='text-align:left;caption-side:top'><b>{escape(title)}</b></caption>"
+        f"{f'<thead><tr>{head}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
+    )
+
+
+def bar_html(share: float) -> str:
+    """Return a bar of a probability, with its number, as HTML."""
+    full = _BAR.format(_WIDTH * share, _COLOR)
+    rest = _BAR.format(_WIDTH * (1 - share), "#dde3ea")
+    return f"<span style='{full}'></span><span style='{rest}'></span>&nbsp;{share:.0%}"

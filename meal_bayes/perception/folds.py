@@ -1,0 +1,178 @@
+"""Leaving out grouped folds of objects, for classifiers that must be trained anew for every fold.
+
+An object is never split. A decision on a fold comes from classifiers that never saw it, and what
+pools and calibrates decisions for a fold is fitted to decisions on other folds by classifiers that
+saw neither. So each set of at most three folds is left out once: with five, 25 trainings serve
+every object's percept table.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.perception.recordings import BehaviorRecordings
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.bool_]  # (n,)
+Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
+
+UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
+
+
+@dataclass(frozen=True, slots=True)
+class FoldProblem:
+    """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
+
+    Attributes
+    ----------
+    truth : (n,P) labels, of rows whose fold is not `UNKNOWN`.
+    objects : (n,) rising.
+    folds : (n,) of each recording's object.
+    machines : M, the classifiers an attribute.
+    train : from rows to what decides (B,M,P) of any rows; it must look at no other rows' labels.
+    fit_pool : from decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those
+        who never saw them, to what makes log-odds of decisions; r may be 0.
+    """
+
+    truth: Rows
+    objects: NDArray[np.int64]
+    folds: NDArray[np.int64]
+    machines: int
+    train: Callable[[Rows], Any]
+    fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Any]
+
+    @property
+    def names(self) -> tuple[int, ...]:
+        """The folds."""
+        return tuple(np.unique(self.folds[self.folds != UNKNOWN]).tolist())
+
+    @property
+    def known(self) -> Rows:
+        """Rows that may be trained on."""
+        return self.folds != UNKNOWN
+
+    def without(self, left_out: Iterable[int]) -> Floats:
+        """Decisions on the rows of these folds by classifiers that never saw them, (n,M,P)."""
+        out = np.isin(self.folds, list(left_out))
+        decisions = np.full((len(self.folds), self.machines, self.truth.shape[1]), np.nan)
+        rest = self.known & ~out
+        decisions[out] = self.train(rest)(out) if rest.any() else 0.0
+        return decisions
+
+
+def folds_of(recordings: BehaviorRecordings, folds: int) -> NDArray[np.int64]:
+    """Deal the objects whose labels are known to folds one by one, as neighbors are alike."""
+    known = recordings.labels[:, 0] >= 0
+    dealt = np.full(len(known), UNKNOWN)
+    rank = np.unique(recordings.objects[known], return_inverse=True)[1].ravel()
+    dealt[known] = rank % folds
+    return dealt
+
+
+def nested_outputs(problem: FoldProblem) -> tuple[Floats, Any, Any]:
+    """Fit to all rows.
+
+    Returns
+    -------
+    Log-odds of each row by classifiers and pools that never saw its fold, (n,P), NaN where its
+    label is unknown; and the pool and the classifiers of a robot that has seen everything.
+    """
+    decisions = _all_decisions(problem, _sets_of(problem.names, 2))
+    pool = _pool(problem, decisions, frozenset())
+    return _nested(problem, decisions), pool, problem.train(problem.known)
+
+
+def table_outputs(
+    problem: FoldProblem, held: NDArray[np.int64], *, by_object: bool = False
+) -> tuple[Floats, Floats]:
+    """Score one behavior for the percept tables; returns as `stacked_outputs` does.
+
+    All that is done for held-out o leaves o's whole fold out. With `by_object` the classifier that
+    decides on o itself is trained anew, and leaves o alone out.
+    """
+    names = problem.names
+    decisions = _all_decisions(problem, _sets_of(names, 3))
+    pools = {h: _pool(problem, decisions, frozenset([h])) for h in names}
+    own = np.full(problem.truth.shape, np.nan)
+    for h in names:
+        inside = problem.folds == h
+        own[inside] = pools[h].log_odds(decisions[frozenset([h])][inside])
+    training = np.tile(_nested(problem, decisions), (len(held), 1, 1))
+    for h in names:
+        side = _nested(problem, decisions, frozenset([h]))
+        inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
+        side[inside] = own[inside]
+        members = np.flatnonzero(np.isin(held, problem.objects[inside]))
+        training[members] = side
+    for index, o in enumerate(held):
+        training[index, problem.objects == o] = np.nan
+    if by_object:
+        _decide_anew(problem, held, pools, own)
+    if not problem.known.all():
+        pool = _pool(problem, decisions, frozenset())
+        unknown = ~problem.known
+        own[unknown] = pool.log_odds(problem.train(problem.known)(unknown))
+    return own, training
+
+
+def _decide_anew(
+    problem: FoldProblem, held: NDArray[np.int64], pools: Mapping[int, Any], own: Floats
+) -> None:
+    """Overwrite the outputs on held-out objects by those of classifiers that saw all others."""
+    fold_of = dict(zip(problem.objects.tolist(), problem.folds.tolist(), strict=True))
+    scored = [o for o in held.tolist() if fold_of.get(o, UNKNOWN) != UNKNOWN]
+
+    def score(o: int) -> Floats:
+        single = problem.objects == o
+        decisions = problem.train(problem.known & ~single)(single)
+        return np.asarray(pools[fold_of[o]].log_odds(decisions))
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as workers:
+        for o, outputs in zip(scored, workers.map(score, scored), strict=True):
+            own[problem.objects == o] = outputs
+
+
+def _all_decisions(problem: FoldProblem, sets: Iterable[frozenset[int]]) -> Decisions:
+    """Train for every set of left-out folds; scikit-learn trains without the interpreter's lock."""
+    wanted = sorted(set(sets), key=sorted)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as workers:
+        return dict(zip(wanted, workers.map(problem.without, wanted), strict=True))
+
+
+def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) -> Any:
+    """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
+    remaining = [fold for fold in problem.names if fold not in left_out]
+    rows = np.isin(problem.folds, remaining)
+    if len(remaining) < 2:  # noqa: PLR2004  nothing is out of fold
+        rows[:] = False
+    inside = np.empty((len(rows), problem.machines, problem.truth.shape[1]))
+    for fold in remaining:
+        own = problem.folds == fold
+        inside[own] = decisions[left_out | {fold}][own]
+    return problem.fit_pool(inside[rows], problem.truth[rows], problem.objects[rows])
+
+
+def _nested(
+    problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
+) -> Floats:
+    """Score each fold by classifiers and pools that saw neither it nor `left_out`, (n,P)."""
+    outputs = np.full(problem.truth.shape, np.nan)
+    for fold in problem.names:
+        if fold not in left_out:
+            own, without = problem.folds == fold, left_out | {fold}
+            outputs[own] = _pool(problem, decisions, without).log_odds(decisions[without][own])
+    return outputs
+
+
+def _sets_of(folds: Iterable[int], size: int) -> set[frozenset[int]]:
+    """All sets of at most `size` folds, but the empty one."""
+    sets = {frozenset([fold]) for fold in folds}
+    single = set(sets)
+    for _ in range(size - 1):
+        sets |= {a | b for a in sets for b in single}
+    return sets

@@ -1,0 +1,104 @@
+"""Data frames, dictionaries and arrays: the same data set, and every mistake told."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from meal_bayes.datasets import Dataset, load_dataset
+from meal_bayes.domain import Domain
+from meal_bayes.errors import DataError, QueryError
+
+
+@pytest.fixture
+def from_files(own: Path) -> Dataset:
+    """Read `own` as the CSV folder's reader does, with a recording of stone left out."""
+    path = own / "lift_haptics.csv"
+    path.write_text(path.read_text().replace("stone,2,9\n", ""))
+    return load_dataset(own / "own.toml", root=own)
+
+
+def frames(own: Path) -> tuple[dict[tuple[str, str], pd.DataFrame], pd.DataFrame]:
+    features = {
+        ("look", "color"): pd.read_csv(own / "look_color.csv"),
+        ("lift", "haptics"): pd.read_csv(own / "lift_haptics.csv"),
+    }
+    return features, pd.read_csv(own / "labels.csv")
+
+
+def same(found: Dataset, expected: Dataset) -> None:
+    assert found.objects == expected.objects
+    np.testing.assert_array_equal(found.labels, expected.labels)
+    np.testing.assert_array_equal(found.recording_counts, expected.recording_counts)
+    for context, values in expected.features.items():
+        np.testing.assert_array_equal(found.features[context], values)
+
+
+def test_frames_are_read_as_files_are(own: Path, from_files: Dataset) -> None:
+    features, labels = frames(own)
+    same(Dataset.from_frames(from_files.domain, features, labels), from_files)
+    indexed = {c: frame.set_index(["object", "recording"]) for c, frame in features.items()}
+    found = Dataset.from_frames(from_files.domain, indexed, labels.set_index("object"))
+    same(found, from_files)
+
+
+def test_dictionaries_and_arrays_are_read_as_files_are(from_files: Dataset) -> None:
+    by_object = {
+        context: {
+            name: values[o, : from_files.recording_counts[o, e]]
+            for o, name in enumerate(from_files.objects)
+        }
+        for e, (context, values) in enumerate(from_files.features.items())
+    }
+    labels = {"cup": {"red": True, "heavy": False}, "stone": {"heavy": 1, "red": None}}
+    same(Dataset.from_frames(from_files.domain, by_object, labels), from_files)
+    found = Dataset.from_frames(
+        from_files.domain, from_files.features, from_files.labels, objects=from_files.objects
+    )
+    same(found, from_files)
+
+
+def spoil(name: str, features: Any, labels: Any) -> tuple[Any, Any]:
+    """Make one mistake in the frames of look, or in those of the labels."""
+    look = features["look", "color"]
+    looks = {
+        "object": lambda: look.replace("stone", "stome"),
+        "twice": lambda: pd.concat([look, look]),
+        "text": lambda: look.astype(object).replace(0.5, "much"),
+        "nan": lambda: look.replace(0.5, np.nan),
+    }
+    if name in looks:
+        return {**features, ("look", "color"): looks[name]()}, labels
+    if name == "context":
+        return {**features, ("poke", "color"): look}, labels
+    if name == "missing":
+        return {("look", "color"): look}, labels
+    wrong = {"label": labels.astype(object).replace(1, "yes")}
+    return features, wrong.get(name, labels.rename(columns={"red": "rad"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("context", "Unknown context"),
+        ("missing", r"No features of \('lift', 'haptics'\)"),
+        ("object", "did you mean 'stone'"),
+        ("twice", "Recording 1 of 'cup' comes twice"),
+        ("text", "are not numbers"),
+        ("nan", "'cup' hold NaN or infinity"),
+        ("label", "is 'yes'; expected 1, 0"),
+        ("column", "did you mean 'rad'"),
+    ],
+)
+def test_mistakes_are_told(own: Path, from_files: Dataset, name: str, message: str) -> None:
+    features, labels = spoil(name, *frames(own))
+    with pytest.raises(DataError, match=message):
+        Dataset.from_frames(from_files.domain, features, labels)
+
+
+def test_labels_of_attributes_that_do_not_exist_are_told(own: Path, from_files: Dataset) -> None:
+    domain: Domain = from_files.domain
+    with pytest.raises(QueryError, match="did you mean 'heavy'"):
+        Dataset.from_frames(domain, frames(own)[0], {"cup": {"heavey": 1}, "stone": {}})
