@@ -10,7 +10,7 @@ from rich.table import Table
 
 from meal_bayes.cli.options import jobs_option, seed_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import Advance, note, progress
+from meal_bayes.cli.screen import Advance, note, output, progress
 
 if TYPE_CHECKING:
     from meal_bayes.robots.simulated_arm import Recorded
