@@ -16,8 +16,8 @@ logged.
 
 These names are the public API; each is loaded with its room when it is first used, so that the
 import itself costs nothing. The rooms (`meal_bayes.domain`, `.datasets`, `.perception`,
-`.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.experiments`,
-`.evaluation`) hold the rest.
+`.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.learner`,
+`.experiments`, `.evaluation`) hold the rest.
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 
@@ -45,24 +45,27 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from meal_bayes.agents import Trial, run_trial
-    from meal_bayes.agents.asking import ask
     from meal_bayes.datasets import load_dataset, load_percepts
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.domain import Query, load_domain, read_query
     from meal_bayes.errors import MealBayesError
     from meal_bayes.evaluation import summarize
     from meal_bayes.experiments import OfflineConfig, run_offline
+    from meal_bayes.learner import Learner, ask
     from meal_bayes.momdp import build_momdp, initial_belief, update_belief
     from meal_bayes.perception import build_percept_table
     from meal_bayes.planners import POMCP
     from meal_bayes.posterior import ConfusionPosterior
+    from meal_bayes.robots import Outcome
     from meal_bayes.trial_log import read_trials, write_trials
 
 __all__ = [
     "POMCP",
     "ConfusionPosterior",
+    "Learner",
     "MealBayesError",
     "OfflineConfig",
+    "Outcome",
     "Query",
     "Trial",
     "ask",
@@ -84,17 +87,18 @@ __all__ = [
 
 _ROOMS = {
     "agents": ("Trial", "run_trial"),
-    "agents.asking": ("ask",),
     "datasets": ("load_dataset", "load_percepts"),
     "datasets.percept_file": ("save_percepts",),
     "domain": ("Query", "load_domain", "read_query"),
     "errors": ("MealBayesError",),
     "evaluation": ("summarize",),
     "experiments": ("OfflineConfig", "run_offline"),
+    "learner": ("Learner", "ask"),
     "momdp": ("build_momdp", "initial_belief", "update_belief"),
     "perception": ("build_percept_table",),
     "planners": ("POMCP",),
     "posterior": ("ConfusionPosterior",),
+    "robots": ("Outcome",),
     "trial_log": ("read_trials", "write_trials"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}

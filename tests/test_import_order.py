@@ -30,6 +30,7 @@ ROOMS: dict[str, set[str]] = {
     "planners": {"momdp", "domain"},
     "agents": BELOW_LOG,
     "trial_log": {*BELOW_LOG, "agents.trial"},
+    "learner": {*BELOW_LOG, "agents", "trial_log"},
     # perception and domain: a run under the paper's classifiers computes its own percept table
     "experiments": {"learner", "trial_log", "agents", "perception", "datasets", "domain"},
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},

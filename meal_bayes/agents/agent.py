@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
@@ -48,7 +48,7 @@ class Agent:
         knowledge: Knowledge,
         rng: np.random.Generator,
         *,
-        limit: float = np.inf,
+        limit: ArrayLike = np.inf,
         reward: float | None = None,
         told: NDArray[np.int8] | None = None,
     ) -> tuple[MOMDP, Policy]:
@@ -61,7 +61,7 @@ class Agent:
         query: Query,
         knowledge: Knowledge,
         *,
-        limit: float = np.inf,
+        limit: ArrayLike = np.inf,
         reward: float | None = None,
         told: NDArray[np.int8] | None = None,
         trust: float = TRUST,
@@ -72,7 +72,7 @@ class Agent:
         ----------
         query : what is asked.
         knowledge : learned without the object at hand.
-        limit : recordings of a behavior that one trial can perceive.
+        limit : (E,) or a number: recordings of a behavior that one trial can perceive.
         reward : r+ = -r-, the domain's by default.
         told : (N,) what people said of this object before; -1 nothing.
         trust : Pr(what people said is right).

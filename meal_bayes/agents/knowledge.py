@@ -59,11 +59,18 @@ def knowledge_of(
     labels : (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
     object_level : as in `knowledge_without`.
     """
-    positive, known = (labels == 1).sum(axis=0), (labels >= 0).sum(axis=0)
-    base_rates = np.asarray((positive + 1) / (known + 2))
+    rates = base_rates(labels)
     if not object_level:
-        return Knowledge(domain, ConfusionPosterior.from_counts(counts), base_rates)
+        return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
     shown = counts.counts.sum(axis=3)  # (O,P,E,K)
-    degree = learn_degree(posterior, shown, labels, base_rates)
-    return Knowledge(domain, posterior, base_rates, degree)
+    return Knowledge(domain, posterior, rates, learn_degree(posterior, shown, labels, rates))
+
+
+def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
+    """Return the posterior mean share of objects that have each attribute, (P,), of (O,P) labels.
+
+    Unknown labels (-1) do not count.
+    """
+    positive, known = (labels == 1).sum(axis=0), (labels >= 0).sum(axis=0)
+    return np.asarray((positive + 1) / (known + 2))

@@ -77,7 +77,7 @@ class Morc:
         """Build and solve the query's MOMDP from what is known without the object."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            limit = float(self.table.recordings) if self.percepts == "recorded" else np.inf
+            limit = self._recordings(task) if self.percepts == "recorded" else np.inf
             columns = [self.table.domain.attribute_index(name) for name in key[1]]
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
@@ -104,12 +104,18 @@ class Morc:
             )
         return self._knowledge[held_out]
 
+    def _recordings(self, task: Task) -> NDArray[np.int64]:
+        """Return how many recordings of each behavior the object has, (E,)."""
+        senses = [bool(behavior.modalities) for behavior in self.table.domain.behaviors]
+        counts = self.table.recording_counts[task.object_index]
+        return np.where(senses, counts, self.table.recordings)
+
     def _robot(self, task: Task) -> CheckedRobot:
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
             task.object_index,
-            self.table.recordings,
+            self._recordings(task),
             stream(self.seed, "recordings", *task.key),
             stream(self.seed, "robot", *task.key),
             repeats=self.percepts == "model",

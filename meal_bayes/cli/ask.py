@@ -45,7 +45,7 @@ def ask(
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     remembers what it is told of an object: the folder of logs is its memory.
     """
-    from meal_bayes.agents.asking import question_task
+    from meal_bayes.learner.asking import question_task
     from meal_bayes.datasets import load_percepts
     from meal_bayes.trial_log import labels_told, read_memory
 

@@ -149,15 +149,38 @@ class ConfusionPosterior:
 
         Order does not matter. Percepts of one object given in two updates count as two objects'.
         """
-        new = np.asarray(counts, dtype=float)
-        if new.shape != self.counts.shape or not (new >= 0).all():
-            raise SettingsError(
-                f"An update needs counts >= 0 of shape {self.counts.shape}, found {new.shape}."
-            )
+        return self.replace_object(np.zeros(self.counts.shape), counts)
+
+    def replace_object(self, before: ArrayLike, after: ArrayLike) -> Self:
+        """Count other percepts of one object than before.
+
+        The prior and the dispersion stay as they are, so that the result is that of all objects'
+        final percepts, whatever the order in which they came.
+
+        Parameters
+        ----------
+        before : (P,E,2,K) percepts of the object that have been counted; zeros for a new object.
+        after : (P,E,2,K) all its percepts.
+
+        Raises
+        ------
+        SettingsError : counts of another shape or below 0.
+        """
+        old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
+        for found in (old, new):
+            if found.shape != self.counts.shape or not (found >= 0).all():
+                raise SettingsError(
+                    f"An update needs counts >= 0 of shape {self.counts.shape}, found "
+                    f"{found.shape}."
+                )
+        concentration = self.concentration + (self._worth(new) - self._worth(old))
+        return type(self)(self.prior, self.counts + (new - old), concentration, self.dispersion)
+
+    def _worth(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the percepts of one object are worth in independent ones."""
         per_percept = 1 / self.dispersion[..., None]
-        worth = (1 + per_percept) / (1 + new.sum(axis=-1, keepdims=True) * per_percept)
-        concentration = self.concentration + worth * new
-        return type(self)(self.prior, self.counts + new, concentration, self.dispersion)
+        worth = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
+        return np.asarray(worth * counts)
 
     def forget(self, factor: float) -> Self:
         """Keep this share of the evidence, as percepts age when their classifier changes."""

@@ -1,6 +1,7 @@
 """A robot that replays recordings: failures from the diagram, percepts from a data set."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Domain
@@ -24,7 +25,7 @@ class RecordedRobot:
     ----------
     domain : behaviors and diagram.
     object_index : the object in front of the robot.
-    recordings : R, how many of each behavior there are.
+    recordings : how many of each behavior there are, (E,) or one number.
     order : draws the order of recordings at each `start`, or gives it: (E,) lists of the
         recordings to come, the next one last.
     failures : draws which executions fail.
@@ -38,20 +39,22 @@ class RecordedRobot:
         self,
         domain: Domain,
         object_index: int,
-        recordings: int,
+        recordings: ArrayLike,
         order: np.random.Generator | Order,
         failures: np.random.Generator,
         dataset: Dataset | None = None,
         *,
         repeats: bool = False,
     ) -> None:
-        if recordings < 1 or (dataset is not None and recordings > dataset.recordings):
+        counts = np.broadcast_to(np.asarray(recordings, np.int64), (len(domain.behaviors),))
+        most = np.inf if dataset is None else dataset.recordings
+        if counts.min() < 0 or not 1 <= counts.max() <= most:
             has = "1 or more" if dataset is None else f"1 to {dataset.recordings}"
             raise SettingsError(f"recordings = {recordings}; expected {has}.")
         if object_index < 0 or (dataset is not None and object_index >= len(dataset.objects)):
             raise SettingsError(f"Object {object_index} is not in the data set.")
         self._domain, self._dataset, self._object = domain, dataset, object_index
-        self._recordings, self._repeats = recordings, repeats
+        self._recordings, self._repeats = counts, repeats
         self._order = order
         self._walk = DiagramWalk(domain, failures)
         self._left: Order = []
@@ -59,8 +62,12 @@ class RecordedRobot:
     def start(self) -> str:
         """Return to x0, all recordings fresh."""
         if isinstance(self._order, np.random.Generator):
-            luck = self._order.random((len(self._domain.behaviors), self._recordings))
-            self._left = luck.argsort(axis=1).tolist()
+            luck = self._order.random((len(self._recordings), int(self._recordings.max())))
+            orders = luck.argsort(axis=1).tolist()
+            self._left = [
+                [recording for recording in order if recording < count]
+                for order, count in zip(orders, self._recordings.tolist(), strict=True)
+            ]
         else:
             self._left = [list(recordings) for recordings in self._order]
         return self._walk.start()
@@ -74,7 +81,7 @@ class RecordedRobot:
         if not self._domain.behaviors[e].modalities:
             return Outcome(move.state, recording=ANSWERED)
         if self._repeats:
-            recording = int(move.luck * self._recordings)
+            recording = int(move.luck * self._recordings.max())
         elif self._left[e]:
             recording = self._left[e].pop()
         else:

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.agents import Step
-from meal_bayes.agents.asking import ask
+from meal_bayes.learner.asking import ask
 from meal_bayes.cli.screen import signs_of
 from meal_bayes.cli.story import (
     bar,

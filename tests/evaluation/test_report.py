@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.agents.asking import ask
+from meal_bayes.learner.asking import ask
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
 from meal_bayes.evaluation.report import write_report

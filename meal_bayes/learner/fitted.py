@@ -1,0 +1,84 @@
+"""What a learner knows from recordings: classifiers, and a posterior updated with every lesson.
+
+`refit` learns everything anew: classifiers, how much objects differ, how their percepts err
+together. Between refits these stay as they are, and a lesson is a conjugate update: the object's
+percepts, all its trials together, are one row of counts among the others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Knowledge
+from meal_bayes.agents.knowledge import base_rates, knowledge_of
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.learner.lesson import Lesson, extended, labels_of, level_counts
+from meal_bayes.perception import Perception, PerceptionSettings, fit_and_validate
+
+Labels = NDArray[np.int8]
+
+
+@dataclass(slots=True)
+class Fitted:
+    """Knowledge of a data set and of lessons.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        What it was fitted on first.
+    settings : PerceptionSettings
+        Of its classifiers.
+    object_level : bool
+        May objects differ? (`knowledge_of`)
+    """
+
+    dataset: Dataset
+    settings: PerceptionSettings
+    object_level: bool
+    perception: Perception = field(init=False)
+    knowledge: Knowledge = field(init=False)
+    _rows: dict[str, NDArray[np.int64]] = field(init=False)  # (P,E,2,K) of each object, counted
+    _labels: dict[str, Labels] = field(init=False)  # (P,) of each object
+    _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)  # at the last refit
+
+    def refit(self, lessons: Sequence[Lesson]) -> None:
+        """Learn everything anew from the data set and from lessons that kept their features."""
+        data = extended(self.dataset, lessons)
+        everything = TrainingSet.everything(data)
+        self.perception, counts = fit_and_validate(data, everything, settings=self.settings)
+        self.knowledge = knowledge_of(
+            data.domain, counts, data.labels, object_level=self.object_level
+        )
+        self._fitted = {
+            name: (counts.counts[o], data.labels[o]) for o, name in enumerate(data.objects)
+        }
+        self._rows = {name: row for name, (row, _) in self._fitted.items()}
+        self._labels = {name: labels for name, (_, labels) in self._fitted.items()}
+
+    def learn(self, object_name: str, lessons: Sequence[Lesson]) -> None:
+        """Take in all lessons of an object that came after the last refit."""
+        domain, levels = self.knowledge.domain, self.settings.levels
+        nothing = np.zeros((len(domain.attributes), len(domain.behaviors), 2, levels), np.int64)
+        unknown = np.full(len(domain.attributes), -1, np.int8)
+        row, labels = self._fitted.get(object_name, (nothing, unknown))
+        told = labels_of(lessons, domain).get(object_name, unknown)
+        labels = np.where(told < 0, labels, told)
+        row = row + level_counts(lessons, labels, domain, levels)
+        posterior = self.knowledge.posterior.replace_object(
+            self._rows.get(object_name, nothing), row
+        )
+        self._rows[object_name], self._labels[object_name] = row, labels
+        rates = base_rates(np.array(list(self._labels.values())))
+        self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
+
+    @property
+    def sizes(self) -> dict[tuple[str, str], int]:
+        """Number of features of each (behavior, modality)."""
+        return {context: values.shape[2] for context, values in self.dataset.features.items()}
+
+    @property
+    def instances(self) -> NDArray[np.int64]:
+        """Labelled percepts of each attribute and behavior, (P,E): delta x IE of Eq. 10."""
+        return np.asarray(sum(row.sum(axis=(2, 3)) for row in self._rows.values()))

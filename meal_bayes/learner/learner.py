@@ -1,0 +1,381 @@
+"""The `Learner`: a robot's mind that is fitted, asked, told, and saved."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meal_bayes.agents import (
+    Agent,
+    Knowledge,
+    Recorder,
+    Step,
+    Streams,
+    Task,
+    Trial,
+    as_agent,
+    run_trial,
+)
+from meal_bayes.datasets import Dataset, PerceptTable, object_index
+from meal_bayes.domain import Domain, Query, load_domain, read_query
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.lesson import Key, Lesson, Percept, Witness, checked_values, percepts_of
+from meal_bayes.learner.live_log import logged, next_log
+from meal_bayes.learner.replayed import Replayed
+from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import PerceptionSettings
+from meal_bayes.planners import Policy
+from meal_bayes.robots import CheckedRobot, Robot
+from meal_bayes.seeds import stream
+
+
+class Learner:
+    """Answers questions about objects, and learns from what people say of its answers.
+
+    Fitted on recordings it works with any robot; fitted on a percept table it replays the table's
+    objects, each left out of what is known of it.
+
+    Parameters
+    ----------
+    domain : str, path or Domain
+        A shipped domain, the path of a TOML file, or a domain.
+    agent : str, Agent, or planner
+        Who decides: see `meal_bayes.agents.as_agent`.
+    seed : int
+        Of planning, and of what is drawn in replays.
+    reward : float, optional
+        r+ = -r- of a report; the domain's by default.
+    percepts : str
+        In replays: "recorded", or "model", drawn from the learned confusion matrices.
+    refit_every : int, optional
+        Refit after so many labels told; only when asked to by default.
+    logs : str or path, optional
+        Folder of the logs of trials with a robot; None logs nothing.
+
+    Examples
+    --------
+    >>> from meal_bayes import Learner, load_percepts
+    >>> learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    >>> trial = learner.ask("Is it heavy?", "heavy_blue_beans")
+    >>> trial.task.query.report_name(trial.report), trial.success
+    ('heavy', True)
+    """
+
+    def __init__(
+        self,
+        domain: str | Path | Domain,
+        *,
+        agent: object = "bayes",
+        seed: int = 0,
+        reward: float | None = None,
+        percepts: str = "recorded",
+        refit_every: int | None = None,
+        logs: str | Path | None = "logs",
+    ) -> None:
+        if seed < 0:
+            raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
+        if refit_every is not None and refit_every < 1:
+            raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
+        self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
+        self.agent: Agent = as_agent(agent)
+        self.seed, self.reward, self.percepts = seed, reward, percepts
+        self.refit_every = refit_every
+        self.logs = None if logs is None else Path(logs)
+        self._source: Replayed | Fitted | None = None
+        self._lessons: dict[Key, Lesson] = {}
+        self._refitted: set[Key] = set()  # lessons that the last refit learned from
+        self._met: dict[Key, tuple[Percept, ...]] = {}  # of trials that nobody spoke of yet
+        self._asked = 0
+
+    def __repr__(self) -> str:
+        """Return a line that says what it has learned from."""
+        fitted = type(self._source).__name__.lower() if self._source else "not fitted"
+        told = f"{len(self._lessons)} trials told of"
+        return f"Learner({self.domain.name}, agent {self.agent.name}, {fitted}, {told})"
+
+    @property
+    def lessons(self) -> tuple[Lesson, ...]:
+        """What people told, in the order in which they did."""
+        return tuple(self._lessons.values())
+
+    def fit(self, data: Dataset | PerceptTable) -> Self:
+        """Learn from recordings, or from a percept table; what was told before is kept.
+
+        Parameters
+        ----------
+        data : recordings of the domain's behaviors (classifiers are fitted on them), or a table of
+            what classifiers said of them (see `build_percept_table`).
+
+        Raises
+        ------
+        SettingsError : data of another domain.
+        """
+        found = data.domain
+        if (found.attributes, found.behaviors) != (self.domain.attributes, self.domain.behaviors):
+            raise SettingsError(
+                f"The data are of the domain {found.name!r}, whose attributes or behaviors differ "
+                f"from those of {self.domain.name!r}; load them for this domain."
+            )
+        if isinstance(data, PerceptTable):
+            self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
+        else:
+            settings = PerceptionSettings(levels=self.agent.levels)
+            self._source = Fitted(data, settings, self.agent.object_level)
+        return self.refit()
+
+    def refit(self) -> Self:
+        """Learn everything anew from the data and from all that was told.
+
+        Classifiers are refitted where the data are recordings, with the features of the trials that
+        people spoke of.
+        """
+        source = self._fitted_on()
+        if isinstance(source, Replayed):
+            source.learn(self.lessons)
+            return self
+        kept = [lesson for lesson in self.lessons if _has_features(lesson)]
+        source.refit(kept)
+        self._refitted = {lesson.key for lesson in kept}
+        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
+            self._relearn(source, name)
+        return self
+
+    def knowledge(self, object_name: str | None = None) -> Knowledge:
+        """Return what is known; of a percept table, what is known without an object of it."""
+        source = self._fitted_on()
+        if isinstance(source, Fitted):
+            return source.knowledge
+        if object_name is None:
+            raise SettingsError("A percept table knows nothing but what holds without an object.")
+        return source.knowledge(object_name)
+
+    def ask(
+        self,
+        question: str | Sequence[str] | Query,
+        robot: Robot | str,
+        *,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        object_name: str | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        log: str | Path | None = None,
+    ) -> Trial:
+        """Answer a question about the object in front of a robot.
+
+        Every step is on disk before the next behavior is executed. Whatever ends the trial early
+        (the robot's driver, an interruption) is raised once the trial is logged as far as it went.
+
+        Parameters
+        ----------
+        question : a sentence ("Is it heavy?"), a comma list, attribute names, or a query.
+        robot : see `Robot`; or the name of an object of the percept table, which is replayed.
+        truth : {attribute: True or False} of what is known; compared with the report afterwards.
+        object_name : the object's name, if the robot's owner knows it again; what was told of it
+            before is believed. Without a name it is an object of its own.
+        on_step : called after every step.
+        log : path of the trial's log (.mcap); one in the folder of logs by default.
+
+        Raises
+        ------
+        QueryError : a question that names no attribute, an unknown one, or one twice.
+        SettingsError : no data were fitted, or not of the kind that the robot needs.
+        RobotError : the robot came to a state that the domain does not know.
+        """
+        query = question if isinstance(question, Query) else read_query(question, self.domain)
+        if isinstance(robot, str):
+            task = replay_task(query, self._table(), robot)
+            if log is None:
+                return self.replay(task, on_step=on_step)
+            header = self._header(question)
+            return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
+        source = self._fitted_on()
+        if isinstance(source, Replayed):
+            raise SettingsError(
+                "A percept table holds no classifiers for what a robot feels; fit recordings "
+                "(load_dataset), or name an object of the table."
+            )
+        task = self._live_task(query, object_name)
+        path = log if log is not None else next_log(self.logs, self.domain.name, task.object_name)
+        return logged(
+            path,
+            self._header(question),
+            lambda to: self._live(task, source, robot, truth, on_step, to),
+        )
+
+    def replay(
+        self,
+        task: Task,
+        *,
+        on_step: Callable[[Step], None] | None = None,
+        recorder: Recorder | None = None,
+    ) -> Trial:
+        """Answer a task about an object of the percept table; equal tasks give equal trials."""
+        source = self._fitted_on()
+        if isinstance(source, Fitted):
+            raise SettingsError("Recordings are not replayed; fit a percept table of them.")
+        return source.run(task, on_step=on_step, recorder=recorder)
+
+    def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
+        """Learn what the object of a trial is; the posterior is updated at once.
+
+        Parameters
+        ----------
+        trial : an answer of this learner's.
+        values : by attribute, also of attributes that were not asked; None tells nothing. What is
+            told of a trial twice replaces what was told first.
+
+        Raises
+        ------
+        QueryError : an attribute that the domain does not have.
+        """
+        source, key = self._fitted_on(), trial.task.key
+        told = checked_values(values, self.domain)
+        if not told:
+            return
+        name = trial.task.object_name
+        if isinstance(source, Replayed):
+            object_index(source.table.objects, name)
+        elif trial.momdp.levels != self.agent.levels:
+            raise SettingsError(
+                f"The trial has percepts of {trial.momdp.levels} levels, this agent "
+                f"{self.agent.levels}; tell it of its own trials."
+            )
+        percepts = self._met.pop(key, None)
+        if key in self._lessons:
+            percepts = self._lessons.pop(key).percepts
+        elif percepts is None:
+            percepts = percepts_of(trial, self.domain)
+        self._lessons[key] = Lesson(key, name, told, percepts)
+        self._changed(source, key, name)
+        labels = sum(len(lesson.values) for lesson in self._pending())
+        if self.refit_every is not None and labels >= self.refit_every:
+            self.refit()
+
+    def forget(self, trial: Trial) -> None:
+        """Forget what was told of a trial; where a refit has learned from it, refit without it."""
+        lesson = self._lessons.pop(trial.task.key, None)
+        if lesson is None:
+            raise SettingsError(f"Nothing was told of the trial {trial.task.name!r}.")
+        self._met[lesson.key] = lesson.percepts
+        self._changed(self._fitted_on(), lesson.key, lesson.object_name)
+
+    def save(self, path: str | Path) -> None:
+        """Write everything into one file, which `load` reads back; see `saved`."""
+        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415  it needs this class
+
+        save_learner(self, Path(path))
+
+    @classmethod
+    def load(
+        cls, path: str | Path, *, agent: object = None, logs: str | Path | None = "logs"
+    ) -> "Learner":
+        """Read a learner from a file; classifiers are fitted again, with equal results.
+
+        Parameters
+        ----------
+        path : written by `save`.
+        agent : an agent of one's own, of the name that was saved; shipped ones are found by name.
+        logs : as of a new learner.
+
+        Raises
+        ------
+        DataError : a file that is not a learner, is torn, or of another version.
+        """
+        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415  it needs this class
+
+        return load_learner(Path(path), agent=agent, logs=logs)
+
+    def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
+        if isinstance(source, Replayed):
+            source.learn(self.lessons)
+        elif key in self._refitted:
+            self.refit()
+        else:
+            self._relearn(source, object_name)
+
+    def _relearn(self, source: Fitted, name: str) -> None:
+        source.learn(name, [lesson for lesson in self._pending() if lesson.object_name == name])
+
+    def _pending(self) -> list[Lesson]:
+        """Return the lessons that came after the last refit, or that it could not learn from."""
+        return [lesson for lesson in self.lessons if lesson.key not in self._refitted]
+
+    def _live(
+        self,
+        task: Task,
+        source: Fitted,
+        robot: Robot,
+        truth: Mapping[str, bool] | ArrayLike | None,
+        on_step: Callable[[Step], None] | None,
+        recorder: Recorder | None,
+    ) -> Trial:
+        momdp, policy = self._prepared(task, source)
+        witness = Witness(self.domain, source.perception)
+        trial = run_trial(
+            task,
+            momdp,
+            policy,
+            CheckedRobot(robot, self.domain, sizes=source.sizes),
+            witness,
+            Streams.of(self.seed, task, self.agent.name),
+            truth=truth,
+            agent=self.agent.name,
+            on_step=on_step,
+            recorder=recorder,
+        )
+        self._met[task.key] = tuple(witness.percepts)
+        return trial
+
+    def _prepared(self, task: Task, source: Fitted) -> tuple[MOMDP, Policy]:
+        rng = stream(self.seed, "solver", self.agent.name, *task.key)
+        columns = [self.domain.attribute_index(name) for name in task.query.attributes]
+        told = np.full(len(self.domain.attributes), -1, np.int8)
+        for lesson in self.lessons:
+            if lesson.object_name == task.object_name:
+                for name, value in lesson.values.items():
+                    told[self.domain.attribute_index(name)] = value
+        own = told[columns] if (told >= 0).any() else None
+        return self.agent.prepare(task.query, source.knowledge, rng, reward=self.reward, told=own)
+
+    def _live_task(self, query: Query, object_name: str | None) -> Task:
+        number = self._asked
+        self._asked += 1
+        name = f"object {number}" if object_name is None else object_name
+        key = (self.domain.data, "live", number, name, *query.attributes)
+        return Task(f"{question_of(query)} ({name})", query, -1, name, key)
+
+    def _header(self, question: object) -> dict[str, Any]:
+        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
+        return {"config": config, "seed": self.seed, "data": self.domain.data}
+
+    def _table(self) -> PerceptTable:
+        source = self._fitted_on()
+        if isinstance(source, Fitted):
+            raise SettingsError(
+                "Objects are replayed from a percept table; make one with build_percept_table, or "
+                "give a robot."
+            )
+        return source.table
+
+    def _fitted_on(self) -> Replayed | Fitted:
+        if self._source is None:
+            raise SettingsError("This learner knows nothing yet; call fit(recordings) first.")
+        return self._source
+
+
+def question_of(query: Query) -> str:
+    """Return a query in words."""
+    return f"{query.report_name([True] * len(query))}?"
+
+
+def replay_task(query: Query, table: PerceptTable, name: str) -> Task:
+    """Make the task of a query about an object of a percept table."""
+    index = object_index(table.objects, name)
+    key = (table.domain.data, "ask", name, *query.attributes)
+    return Task(question_of(query), query, index, name, key)
+
+
+def _has_features(lesson: Lesson) -> bool:
+    return bool(lesson.percepts) and all(p.features is not None for p in lesson.percepts)

@@ -1,0 +1,161 @@
+"""What one trial taught: the percepts that it showed, and the labels that a person gave."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Trial
+from meal_bayes.datasets import Dataset, Instance
+from meal_bayes.domain import Domain, Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.perception import Perceiver
+
+Key = tuple[str | int, ...]
+
+
+class Percept(NamedTuple):
+    """One percept of a trial.
+
+    Attributes
+    ----------
+    behavior : str
+        The behavior that it came from.
+    levels : (P,) int8
+        Level of each attribute; -1 where it was not asked about and not kept.
+    features : mapping or None
+        modality -> (D,) float32; None where they were not kept.
+    """
+
+    behavior: str
+    levels: NDArray[np.int8]
+    features: Mapping[str, NDArray[np.float32]] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """Percepts of one trial and the labels told of its object.
+
+    Attributes
+    ----------
+    key : tuple
+        The key of the trial's task.
+    object_name : str
+        All lessons of one name are of one object.
+    values : mapping
+        What was told, by attribute.
+    percepts : tuple of Percept
+        Of behaviors with modalities, in their order.
+    """
+
+    key: Key
+    object_name: str
+    values: Mapping[str, bool]
+    percepts: tuple[Percept, ...]
+
+
+class Witness:
+    """A perceiver that keeps what it was shown, and what it made of it for every attribute."""
+
+    def __init__(self, domain: Domain, perceiver: Perceiver) -> None:
+        self._domain, self._perceiver = domain, perceiver
+        self._every = Query(domain.attributes)
+        self.percepts: list[Percept] = []
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Return percept levels of the queried attributes, (N,)."""
+        levels = self._perceiver.observe(instance, self._every, rng)
+        self.percepts.append(Percept(instance.behavior, levels, instance.features))
+        return levels[[self._domain.attribute_index(name) for name in query.attributes]]
+
+
+def percepts_of(trial: Trial, domain: Domain) -> tuple[Percept, ...]:
+    """Return the percepts that a trial itself holds: levels of what was asked, no features."""
+    columns = [domain.attribute_index(name) for name in trial.task.query.attributes]
+    found = []
+    for step in trial.steps:
+        action = step.decision.action
+        if step.observation is None or not domain.behaviors[action].modalities:
+            continue
+        levels = np.full(len(domain.attributes), -1, np.int8)
+        levels[columns] = step.observation
+        found.append(Percept(domain.behavior_names[action], levels, None))
+    return tuple(found)
+
+
+def checked_values(values: Mapping[str, bool | None], domain: Domain) -> dict[str, bool]:
+    """Return what was told, by attribute; None tells nothing.
+
+    Raises
+    ------
+    QueryError : an attribute that the domain does not have.
+    SettingsError : a value other than True, False and None.
+    """
+    told = {}
+    for name, value in values.items():
+        domain.attribute_index(name)
+        if value is None:
+            continue
+        if not isinstance(value, bool | np.bool_) and value not in (0, 1):
+            raise SettingsError(f"{name} is told to be {value!r}; say True, False or None.")
+        told[name] = bool(value)
+    return told
+
+
+def labels_of(lessons: Iterable[Lesson], domain: Domain) -> dict[str, NDArray[np.int8]]:
+    """Return what was told of each object, (P,); of two words the later one holds."""
+    labels: dict[str, NDArray[np.int8]] = {}
+    for lesson in lessons:
+        own = labels.setdefault(
+            lesson.object_name, np.full(len(domain.attributes), -1, np.int8)
+        )
+        for name, value in lesson.values.items():
+            own[domain.attribute_index(name)] = value
+    return labels
+
+
+def level_counts(
+    lessons: Iterable[Lesson], labels: NDArray[np.int8], domain: Domain, levels: int
+) -> NDArray[np.int64]:
+    """Count what one object showed, (P,E,2,K), by its labels (P,)."""
+    counts = np.zeros((len(labels), len(domain.behaviors), 2, levels), np.int64)
+    for lesson in lessons:
+        for percept in lesson.percepts:
+            known = np.flatnonzero((labels >= 0) & (percept.levels >= 0))
+            e = domain.behavior_index(percept.behavior)
+            counts[known, e, labels[known], percept.levels[known]] += 1
+    return counts
+
+
+def extended(dataset: Dataset, lessons: Sequence[Lesson]) -> Dataset:
+    """Add the recordings and labels of lessons to a data set; its recordings become ragged."""
+    domain, told = dataset.domain, labels_of(lessons, dataset.domain)
+    names = (*dataset.objects, *(name for name in told if name not in dataset.objects))
+    place = {name: o for o, name in enumerate(names)}
+    labels = np.full((len(names), len(domain.attributes)), -1, np.int8)
+    labels[: len(dataset.objects)] = dataset.labels
+    for name, own in told.items():
+        labels[place[name]] = np.where(own < 0, labels[place[name]], own)
+    counts = np.zeros((len(names), len(domain.behaviors)), np.int64)
+    counts[: len(dataset.objects)] = dataset.recording_counts
+    added: list[tuple[int, str, int, Mapping[str, NDArray[np.float32]]]] = []
+    for lesson in lessons:
+        for percept in lesson.percepts:
+            if percept.features is not None:
+                o, e = place[lesson.object_name], domain.behavior_index(percept.behavior)
+                added.append((o, percept.behavior, int(counts[o, e]), percept.features))
+                counts[o, e] += 1
+    most = max(int(counts.max()), dataset.recordings)
+    features = {}
+    for context, values in dataset.features.items():
+        wider = np.full((len(names), most, values.shape[2]), np.nan, np.float32)
+        wider[: values.shape[0], : values.shape[1]] = values
+        features[context] = wider
+    for o, behavior, r, own_features in added:
+        for modality, row in own_features.items():
+            features[behavior, modality][o, r] = row
+    return Dataset(domain, names, features, labels)
