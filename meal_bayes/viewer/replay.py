@@ -1,12 +1,14 @@
 """Trial logs -> a rerun recording: into a file, or to a viewer that is running."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import rerun as rr
 
 from meal_bayes.agents.trial import Trial
+from meal_bayes.robots.frame import Frame
 from meal_bayes.viewer.blueprint import blueprint
+from meal_bayes.viewer.body import add_body
 from meal_bayes.viewer.moments import Clock
 from meal_bayes.viewer.recorder import Recorder, Time
 from meal_bayes.viewer.run_view import RunView
@@ -35,10 +37,11 @@ class Replay:
         self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
         self._clock = Clock()
         self._last: Time | None = None
+        self._body = False
         self.trials = 0
 
-    def add(self, trial: Trial) -> None:
-        """Put the next trial into the recording."""
+    def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
+        """Put the next trial into the recording, with what its body did, if that was watched."""
         number, self.trials = self.trials, self.trials + 1
         time = Time(number, self._clock.row, self._clock.seconds)
         if self._only is None or self._only == number:
@@ -46,6 +49,9 @@ class Replay:
                 self._scene.add(moment)
                 time = Time.of(moment)
             self._scene.close(trial, Time(number, self._clock.row - 1, self._clock.seconds))
+            if frames:
+                add_body(self._recorder, trial, frames, number=number)
+                self._body = True
         self._run.add(number, trial, time)
         self._last = time
         if self.trials % _BATCH == 0:
@@ -70,6 +76,7 @@ class Replay:
             evidence=self._run.shows_evidence,
             run_first=run_first,
             live=live,
+            body=self._body,
         )
         self._stream.send_blueprint(layout)
 
@@ -87,13 +94,19 @@ def write_recording(
     name: str = "run",
     only: int | None = None,
     run_first: bool = False,
+    frames: Sequence[Frame] = (),
 ) -> int:
-    """Write trials into an .rrd file and give their number."""
+    """Write trials into an .rrd file and return their number.
+
+    Parameters
+    ----------
+    frames : what the body did in the first trial.
+    """
     stream = recording(name)
     stream.save(Path(path))
     replay = Replay(stream, header, only=only)
-    for trial in trials:
-        replay.add(trial)
+    for number, trial in enumerate(trials):
+        replay.add(trial, () if number else frames)
     replay.close()
     replay.lay_out(run_first=run_first)
     stream.flush()

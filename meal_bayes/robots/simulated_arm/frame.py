@@ -1,39 +1,13 @@
-"""What an onlooker sees of the scene at one moment: bodies as boxes and balls, contact forces."""
-
-from typing import NamedTuple
+"""The scene as an onlooker sees it: bodies as boxes and balls, contact forces, the camera."""
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
 from meal_bayes.robots.simulated_arm.camera import take_picture
+from meal_bayes.robots.simulated_arm.model import SHELL_GROUP
 from meal_bayes.robots.simulated_arm.physics import Scene
-
-
-class Frame(NamedTuple):
-    """One moment, 30 a simulated second.
-
-    Attributes
-    ----------
-    seconds : s, simulated time since the trial began.
-    centers, half_sizes : (B,3) m, of the boxes; a ball is a box with `is_ball`.
-    quaternions : (B,4), x, y, z, w.
-    colors : (B,3) in [0, 1].
-    is_ball : (B,).
-    contacts : (C,3) m, where something touches.
-    forces : (C,3) N, what acts there.
-    picture : (rows, columns, 3) in [0, 1], of the robot's camera, without noise.
-    """
-
-    seconds: float
-    centers: NDArray[np.float32]
-    half_sizes: NDArray[np.float32]
-    quaternions: NDArray[np.float32]
-    colors: NDArray[np.float32]
-    is_ball: NDArray[np.bool_]
-    contacts: NDArray[np.float32]
-    forces: NDArray[np.float32]
-    picture: NDArray[np.float32]
 
 
 def frame_of(scene: Scene) -> Frame:
@@ -48,7 +22,9 @@ def frame_of(scene: Scene) -> Frame:
         sizes.astype(np.float32),
         np.array([_quaternion(matrix) for matrix in data.geom_xmat], np.float32),
         model.geom_rgba[:, :3].astype(np.float32),
-        ball,
+        np.where(ball, BALL, np.where(model.geom_group == SHELL_GROUP, SHELL, SOLID)).astype(
+            np.int8
+        ),
         contacts,
         forces,
         take_picture(scene).astype(np.float32),

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
 FRAMES_PER_SECOND = 30  # of simulated time
 OPEN = 0.05  # m, of each finger
+_APART = 0.01  # m, of each finger
 _FALLEN = -0.1  # m, below the table
 _STRETCH = 0.3  # m, an object that came apart
 _BROKEN = (
@@ -81,6 +82,7 @@ class Scene:
         self._z_limit = self.model.actuator("z").forcerange.copy()
         self._frames = 0
         self.put_back()
+        self._show()
 
     @property
     def seconds(self) -> float:
@@ -126,7 +128,9 @@ class Scene:
                 self.data.qpos[at + 3 : at + 7] = spin
 
     def held(self) -> bool:
-        """Whether both fingertips touch the object."""
+        """Whether the fingers are apart and both fingertips touch the object."""
+        if self.data.qpos[2] < _APART:
+            return False
         pairs = self.data.contact.geom
         return all(
             bool(self._is_shell[pairs[(pairs == pad).any(axis=1)]].any()) for pad in self._pads
