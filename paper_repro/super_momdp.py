@@ -28,7 +28,7 @@ from meal_bayes.experiments.store import Store
 from meal_bayes.momdp import MOMDP, Belief, FlatPOMDP, percept_probabilities
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import PBVI, AlphaVectors, Decision, Factored, History, Policy, unvalued
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
 
 UNIT = 10  # trials that are kept together
@@ -273,12 +273,13 @@ def _trial(
         source = ConfusionSampler(domain, table.labels, every)
     answering = frozenset(b.name for b in domain.behaviors if b.answer_accuracy is not None)
     robot = RecordedRobot(
-        domain, table.recordings, stream(seed, "recordings", *task.key),
-        repeats=protocol == "published",
+        domain, task.object_index, table.recordings, stream(seed, "recordings", *task.key),
+        stream(seed, "robot", *task.key), repeats=protocol == "published",
     )  # fmt: skip
     trial = run_trial(
-        task, problem.whole, policy, robot, SuperPerceiver(source, answering),
-        Streams.of(seed, task, "morc"), truth=table.labels[task.object_index, columns] == 1,
+        task, problem.whole, policy, CheckedRobot(robot, domain, object_index=task.object_index),
+        SuperPerceiver(source, answering), Streams.of(seed, task, "morc"),
+        truth=table.labels[task.object_index, columns] == 1,
     )  # fmt: skip
     asked = problem.asked
     right, paid = False, 0.0

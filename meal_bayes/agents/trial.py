@@ -281,9 +281,7 @@ class _Running:
         # Where illegal behaviors are self-loops (the published ROC36 diagram) they cost nothing.
         free = not momdp.legal[belief.x, action] and execution.next_x == belief.x
         cost = 0.0 if free else float(momdp.cost[action])
-        return Step(
-            belief.x, decision, execution.next_x, observation, cost, -cost, after, warning
-        )
+        return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and what is to be warned of."""
@@ -299,8 +297,6 @@ class _Running:
         return _levels(query.attributes, answers, self.momdp.levels), ""
 
 
-def _levels(
-    names: Sequence[str], answers: Mapping[str, bool], levels: int
-) -> NDArray[np.int8]:
+def _levels(names: Sequence[str], answers: Mapping[str, bool], levels: int) -> NDArray[np.int8]:
     """Return the percepts (N,) of a person's answers: the two extreme levels."""
     return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)

@@ -2,9 +2,10 @@
 
 import hashlib
 import json
+import math
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,24 +13,24 @@ from meal_bayes.cli.screen import prepare_planner
 from meal_bayes.cli.story import Story
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
     from rich.console import Console
 
     from meal_bayes.agents import Step, Task, Trial
     from meal_bayes.datasets import PerceptTable
+    from meal_bayes.learner import Lesson
 
 
 def answer(
     table: "PerceptTable",
     task: "Task",
     *,
-    agent: str,
+    agent: object,
     seed: int,
     logs: Path,
     config: Mapping[str, object],
     console: "Console | None" = None,
-    told: "NDArray[np.int8] | None" = None,
+    lessons: "Sequence[Lesson]" = (),
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task and log it under a name that its config tells.
 
@@ -37,18 +38,18 @@ def answer(
     ----------
     config : goes into the log's header; its "command" begins the log's name.
     console : where the trial is told as it happens.
-    told : (O,P) what people told of objects before; -1 nothing.
+    lessons : what people told of objects before.
     """
-    from meal_bayes.agents import Morc, load_agent
+    from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
 
-    recipe = load_agent(agent)
-    if recipe.searches:
+    learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
+    if learner.agent.searches:
         prepare_planner()
     start = time.perf_counter()
-    morc = Morc(table, recipe, seed, told=told)
-    story = None if console is None else Story(console, task, morc.prepare(task)[0])
-    trial = morc.run(task, on_step=None if story is None else story.step)
+    learner.resume(table, lessons, [False] * len(lessons))
+    story = None if console is None else Story(console, task, learner.problem(task))
+    trial = learner.replay(task, on_step=None if story is None else story.step)
     path = logs / f"{_file_name(config, task.object_name)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:
@@ -66,10 +67,14 @@ def trial_facts(trial: "Trial") -> dict[str, object]:
         "attributes": list(names),
         "agent": trial.agent,
         "report": None if report is None else _by_name(names, report),
-        "truth": _by_name(names, trial.truth),
+        "truth": {
+            name: None if value < 0 else value == 1
+            for name, value in zip(names, trial.truth.tolist(), strict=True)
+        },
         "success": trial.success,
+        "ended": trial.ended,
         "cost_s": trial.cost,
-        "reward": trial.reward,
+        "reward": None if math.isnan(trial.reward) else trial.reward,
         "belief": _by_name(names, trial.last_belief.positive),
         "steps": [_step_facts(trial, step) for step in trial.steps],
     }
@@ -82,6 +87,7 @@ def _step_facts(trial: "Trial", step: "Step") -> dict[str, object]:
         "action": trial.momdp.action_name(step.decision.action),
         "next_x": trial.momdp.x_names[step.next_x],
         "percept": None if seen is None else _by_name(names, seen),
+        "warning": step.warning,
         "cost_s": step.cost,
         "belief": _by_name(names, step.belief.positive),
     }

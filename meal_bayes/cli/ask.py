@@ -7,12 +7,24 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.answer import answer, trial_facts
-from meal_bayes.cli.options import AGENTS, dataset_option, json_option, logs_option, seed_option
+from meal_bayes.cli.options import (
+    AGENTS,
+    agent_value,
+    dataset_option,
+    json_option,
+    logs_option,
+    seed_option,
+)
 from meal_bayes.cli.screen import note, output
 from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from meal_bayes.agents import Trial
+    from meal_bayes.datasets import PerceptTable
+    from meal_bayes.learner import Lesson
+    from meal_bayes.trial_log import Told
 
 
 @click.command(short_help="Ask about one object.")
@@ -45,9 +57,9 @@ def ask(
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     remembers what it is told of an object: the folder of logs is its memory.
     """
-    from meal_bayes.learner.asking import question_task
     from meal_bayes.datasets import load_percepts
-    from meal_bayes.trial_log import labels_told, read_memory
+    from meal_bayes.learner.asking import question_task
+    from meal_bayes.trial_log import read_memory
 
     table = load_percepts(dataset)
     task = question_task(question, table, name)
@@ -59,44 +71,67 @@ def ask(
         "agent": agent,
         "seed": seed,
     }
-    told, number = None, 0
+    memory = read_memory(logs, table.domain.data) if learn else []
+    number = 1 + max((told.number for told in memory), default=-1)
     if learn:
-        memory = read_memory(logs, table.domain.data)
-        number = 1 + max((told.number for told in memory), default=-1)
         config["told_before"] = number
-        told = labels_told(memory, table.objects, table.domain.attributes)
-    trial, path = answer(table, task, agent=agent, seed=seed, logs=logs, config=config, told=told)
+    trial, path = answer(
+        table, task, agent=agent_value(agent), seed=seed, logs=logs, config=config,
+        lessons=_lessons(memory, table),
+    )  # fmt: skip
     if as_json:
         facts = {"config": config, "trial": trial_facts(trial), "log": str(path)}
         click.echo(json.dumps(facts, allow_nan=False))
     else:
         tell_briefly(output(), trial)
     if learn:
-        _listen(trial, path, number)
+        known = {name for told in memory if told.object_name == task.object_name
+                 for name in told.values}  # fmt: skip
+        _listen(trial, path, number, known)
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _listen(trial: "Trial", path: Path, number: int) -> None:
-    """Ask a person about the answer, and put the reply into the trial's log, as word `number`."""
+def _lessons(memory: "Iterable[Told]", table: "PerceptTable") -> "list[Lesson]":
+    """Return what is remembered of a table's objects and attributes."""
+    from meal_bayes.learner import Lesson
+
+    known = set(table.domain.attributes)
+    return [
+        Lesson(
+            ("memory", told.number),
+            told.object_name,
+            {name: value for name, value in told.values.items() if name in known},
+            (),
+        )
+        for told in memory
+        if told.object_name in table.objects
+    ]
+
+
+def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
+    """Ask a person about the answer, and put the reply into the trial's log, as word `number`.
+
+    Where a verdict does not say what an attribute is, and nobody has said so before, it is asked.
+    """
     from meal_bayes.agents import implied
     from meal_bayes.trial_log import Told, write_told
 
-    if trial.report is None:
-        note("it gave no answer, so there is nothing to be told")
-        return
     names = trial.task.query.attributes
-    said = trial.task.query.report_name(trial.report.tolist())
-    reply = _prompt(f"The answer was: {said}. Was that right?", ("yes", "no", "skip"))
     values: dict[str, bool] = {}
-    if reply != "skip":
-        labels = zip(names, implied(trial.report, right=reply == "yes").tolist(), strict=True)
-        values = {name: label == 1 for name, label in labels if label >= 0}
-    if reply == "no" and len(names) > 1:
+    right: bool | None = False
+    if trial.report is not None:
+        said = trial.task.query.report_name(trial.report.tolist())
+        right = _prompt(f"The answer was: {said}. Was that right?")
+        if right is not None:
+            labels = zip(names, implied(trial.report, right=right).tolist(), strict=True)
+            values = {name: label == 1 for name, label in labels if label >= 0}
+    if right is False:
         for name in names:
-            each = _prompt(f"Is it {name}?", ("yes", "no", "skip"))
-            if each != "skip":
-                values[name] = each == "yes"
+            if name not in values and name not in known:
+                reply = _prompt(f"Is it {name}?")
+                if reply is not None:
+                    values[name] = reply
     if not values:
         note("nothing was told, and nothing is remembered")
         return
@@ -105,11 +140,17 @@ def _listen(trial: "Trial", path: Path, number: int) -> None:
     note(f"remembered in {path}: {trial.task.object_name} is {words}")
 
 
-def _prompt(text: str, choices: tuple[str, ...]) -> str:
-    """Ask on standard error; what has no more lines to say skips."""
-    try:
-        reply: str = click.prompt(text, type=click.Choice(choices), err=True, default="skip")
-    except click.Abort:
-        click.echo(err=True)
-        return "skip"
-    return reply
+def _prompt(text: str) -> bool | None:
+    """Ask on standard error for y or n; Enter, or no more lines to read, tells nothing."""
+    replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
+    while True:
+        try:
+            reply: str = click.prompt(
+                f"{text} [y/n, Enter: do not know]", err=True, default="", show_default=False
+            )
+        except click.Abort:
+            click.echo(err=True)
+            return None
+        if reply.strip().lower() in replies:
+            return replies[reply.strip().lower()]
+        note(f"{reply!r} is not understood; type y or n")

@@ -12,6 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from meal_bayes.cli.options import (
+    agent_value,
+    cluster_option,
     dataset_option,
     fresh_option,
     jobs_option,
@@ -26,7 +28,7 @@ from meal_bayes.errors import SettingsError
 if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningRow, LearningSummary
 
-AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory"
+AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory; or package.module:name of your own"
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")
@@ -77,9 +79,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 )  # fmt: skip
 @seed_option()
 @jobs_option
-@click.option(
-    "--cluster", metavar="ADDRESS", help="Of a Dask scheduler, whose workers run it instead."
-)
+@cluster_option
 @click.option(
     "--log", type=click.Choice(["all", "train"]), default="all", show_default=True,
     help="Trials that are logged whole; of the others only what measures need is kept.",
@@ -123,7 +123,7 @@ def online(
         dataset=dataset,
         root=root,
         attributes=attributes,
-        **({"agents": named} if named else {}),  # type: ignore[arg-type]
+        **({"agents": tuple(map(agent_value, named))} if named else {}),  # type: ignore[arg-type]
         batches=batches,
         trials=trials,
         repeats=repeats,
@@ -149,7 +149,7 @@ def online(
     rows, summary = learning_rows(results), summarize_learning(results)
     if as_json:
         facts = {
-            "config": config.as_dict(),
+            "config": finished.config.as_dict(),
             "rows": [row.as_dict() for row in rows],
             "summary": [row.as_dict() for row in summary],
             "log": str(finished.folder),

@@ -11,6 +11,8 @@ from rich.text import Text
 
 from meal_bayes.cli.options import (
     AGENTS,
+    agent_value,
+    cluster_option,
     dataset_option,
     fresh_option,
     jobs_option,
@@ -53,6 +55,7 @@ def run() -> None:
 )  # fmt: skip
 @seed_option()
 @jobs_option
+@cluster_option
 @click.option(
     "--percepts", type=click.Choice(["recorded", "model"]), default="recorded", show_default=True,
     help="Of real recordings, or drawn from the learned confusion matrices.",
@@ -72,6 +75,7 @@ def offline(
     agents: tuple[str, ...],
     seed: int,
     jobs: int,
+    cluster: str | None,
     percepts: str,
     perception: str,
     reward: float | None,
@@ -90,13 +94,13 @@ def offline(
         dataset=dataset,
         attributes=attributes,
         trials=trials,
-        agents=named or DEFAULT_AGENTS,
+        agents=tuple(map(agent_value, named)) or DEFAULT_AGENTS,
         seed=seed,
         percepts=percepts,
         perception=perception,
         reward=reward,
     )
-    finished = _run(config, logs, jobs, fresh=fresh)
+    finished = _run(config, logs, jobs, cluster, fresh=fresh)
     rows, paired = _measure(finished)
     if as_json:
         facts = {
@@ -111,9 +115,10 @@ def offline(
     note(f"trials in {finished.folder}")
 
 
-def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "OfflineRun":
+def _run(
+    config: "OfflineConfig", logs: Path, jobs: int, cluster: str | None, *, fresh: bool
+) -> "OfflineRun":
     """Run what is not there yet, telling how far it is."""
-    from meal_bayes.agents import load_agent
     from meal_bayes.experiments import offline_tasks, run_offline
     from meal_bayes.experiments.percepts import percepts_for
 
@@ -125,10 +130,12 @@ def _run(config: "OfflineConfig", logs: Path, jobs: int, *, fresh: bool) -> "Off
                 config.dataset, config.perception, on_progress=advance, on_note=note
             )
     offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
-    if any(load_agent(name).searches for name in config.agents):
+    if any(agent.searches for agent in config.agents):
         prepare_planner()
     with resumed("trials") as advance:
-        return run_offline(config, logs=logs, jobs=jobs, fresh=fresh, on_progress=advance)
+        return run_offline(
+            config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh, on_progress=advance
+        )
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":

@@ -26,8 +26,8 @@ _NARROW = 20  # characters that a text always gets
 _OPTIONS = 3  # behaviors that are compared
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
-_LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 _SHORT_LEVELS = {2: ("no", "yes"), 4: ("no!", "no", "yes", "yes!")}
+_SILENT = "\N{MIDDLE DOT}"  # a percept that says nothing, where there is little room
 _UNBOUNDED = 10_000  # characters
 
 
@@ -56,8 +56,10 @@ class Story:
             return
         facts = {"outcome": happened(momdp, step, self._signs.arrow)}
         if step.observation is not None:
-            facts["percept"] = percept(momdp, step.observation)
-        print_facts(self._console, facts)
+            facts["percept"] = percept(momdp, action, step.observation)
+        if step.warning:
+            facts["warning"] = step.warning
+        print_facts(self._console, facts, {"warning": "yellow"})
         self._belief(step.belief.positive)
         print_facts(self._console, {"cost": f"{step.cost:g} s, in all {self._spent:.1f} s"})
 
@@ -129,13 +131,16 @@ def tell_briefly(console: Console, trial: "Trial") -> None:
 
     With more attributes than the console is wide for, tell it as `tell_trial` does.
     """
+    from meal_bayes.trial_log.words import level_words, percept_words
+
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     table.add_column("", justify="right")
     table.add_column("behavior")
     table.add_column("s", justify="right")
-    words = _words(momdp, _SHORT_LEVELS)
+    words = _SHORT_LEVELS.get(momdp.levels) or level_words(momdp.levels)
     width = max(map(len, words))
+    silent = False
     for name in names:
         table.add_column(f"{name} %")
     first = [_cell("", p, width) for p in trial.first_belief.positive]
@@ -145,8 +150,10 @@ def tell_briefly(console: Console, trial: "Trial") -> None:
         if action >= momdp.n_behaviors:
             continue
         nothing = "-" if momdp.informative[action].max() > 0 else ""
-        seen = step.observation
-        told = [nothing] * len(names) if seen is None else [words[z] for z in seen]
+        told = [nothing] * len(names)
+        if step.observation is not None:
+            told = percept_words(momdp, action, step.observation, words, _SILENT)
+        silent |= _SILENT in told
         pairs = zip(told, step.belief.positive, strict=True)
         cells = [_cell(word, p, width) for word, p in pairs]
         table.add_row(str(number), momdp.behavior_names[action], f"{step.cost:.1f}", *cells)
@@ -155,7 +162,12 @@ def tell_briefly(console: Console, trial: "Trial") -> None:
         tell_trial(console, trial)
         return
     console.print(table)
+    if silent:
+        console.print(Text(f"  {_SILENT} a percept that says nothing of this attribute", "dim"))
     console.print()
+    for number, step in enumerate(trial.steps, start=1):
+        if step.warning:
+            print_facts(console, {"warning": f"step {number}: {step.warning}"})
     print_facts(console, ending(trial), verdict_style(trial))
 
 
@@ -178,12 +190,17 @@ def print_facts(
 
 def ending(trial: "Trial") -> dict[str, str]:
     """Say in words what was reported, whether it is right, and what it cost."""
-    query = trial.task.query
-    facts = {"answer": "none; every report was too risky", "truth": query.report_name(trial.truth)}
+    from meal_bayes.trial_log.words import truth_words, verdict_word
+
+    facts = {"answer": "none; every report was too risky", "truth": truth_words(trial)}
+    if trial.ended:
+        facts["answer"] = f"none; {trial.ended}"
     if trial.report is not None:
-        facts["answer"] = query.report_name(trial.report)
-        facts["verdict"] = "right" if trial.success else "wrong"
-    facts["cost"] = f"{trial.cost:.1f} s, reward {trial.reward:.1f}"
+        facts["answer"] = trial.task.query.report_name(trial.report)
+        if trial.success is not None:
+            facts["verdict"] = verdict_word(trial)
+    reward = "" if math.isnan(trial.reward) else f", reward {trial.reward:.1f}"
+    facts["cost"] = f"{trial.cost:.1f} s{reward}"
     return facts
 
 
@@ -214,11 +231,13 @@ def happened(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
     return f"failed, {way}; nothing perceived"
 
 
-def percept(momdp: "MOMDP", observation: "NDArray[np.int8]") -> str:
+def percept(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]") -> str:
     """Say in words what was perceived."""
-    words = _words(momdp, _LEVELS)
-    pairs = zip(momdp.query.attributes, observation, strict=True)
-    return ", ".join(f"{name}: {words[z]}" for name, z in pairs)
+    from meal_bayes.trial_log.words import percept_words
+
+    words = percept_words(momdp, behavior, observation)
+    pairs = zip(momdp.query.attributes, words, strict=True)
+    return ", ".join(f"{name}: {word}" for name, word in pairs)
 
 
 def best_options(decision: "Decision") -> list[int]:
@@ -230,10 +249,6 @@ def best_options(decision: "Decision") -> list[int]:
     if chosen in valued and chosen not in best:
         best[-1] = chosen
     return [*best, end] if not math.isnan(values[end]) else best
-
-
-def _words(momdp: "MOMDP", known: "Mapping[int, tuple[str, ...]]") -> tuple[str, ...]:
-    return known.get(momdp.levels) or tuple(f"level {z}" for z in range(momdp.levels))
 
 
 def _percent(p: float) -> str:

@@ -28,7 +28,7 @@ from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
 from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
 from meal_bayes.trial_log import Logs
-from meal_bayes.trial_log.words import level_words, percent
+from meal_bayes.trial_log.words import percent, percept_words, truth_words, verdict_word
 
 _HOUR = 3600.0  # s
 _POINTS = 200  # of a curve
@@ -208,11 +208,14 @@ def _learning(name: str, agent: AgentTally) -> plots.Series:
 
 
 def _so_far(name: str, trials: list[Trial]) -> plots.Series:
-    right = np.cumsum([trial.success for trial in trials])
     hours = np.cumsum([trial.cost for trial in trials]) / _HOUR
-    at = np.unique(np.linspace(0, len(trials) - 1, _POINTS).astype(int))
+    judged = [trial.judged for trial in trials]
+    right = np.cumsum([bool(trial.success) for trial in trials if trial.judged])
+    hours = hours[judged]
+    points = min(_POINTS, len(right))
+    at = np.unique(np.linspace(0, len(right) - 1, points).astype(int))
     found = [wilson_interval(int(right[i]), int(i) + 1) for i in at]
-    return _series(name, hours[at].tolist(), found)
+    return _series(name, [float(hours[i]) for i in at], found)
 
 
 def _series(name: str, x: list[float], found: list[Interval]) -> plots.Series:
@@ -226,6 +229,9 @@ def _calibration(rows: list[SummaryRow], tally: Tally) -> str:
         trials = tally.agents[row.agent or "agent"].trials
         positive = np.concatenate([trial.last_belief.positive for trial in trials])
         truth = np.concatenate([trial.truth for trial in trials])
+        positive, truth = positive[truth >= 0], truth[truth >= 0] == 1
+        if not len(truth):
+            continue
         words = (
             f"{row.agent}: expected calibration error {row.ece:.3f}; "
             f"a calibrated belief of these values would show {row.ece_calibrated:.3f}."
@@ -242,7 +248,7 @@ def _calibration(rows: list[SummaryRow], tally: Tally) -> str:
 
 def _attributes(tally: Tally) -> str:
     asked = sum((agent.asked for agent in tally.agents.values()), start=Counter[str]())
-    names = sorted(asked, key=lambda name: (-asked[name], name))
+    names = sorted((n for n in asked if asked[n]), key=lambda name: (-asked[name], name))
     cells = []
     for name in names:
         row: list[str] = [name, f"{asked[name]:,}"]
@@ -288,14 +294,13 @@ def _worst(tally: Tally) -> str:
         said = "no answer"
         if trial.report is not None:
             said = trial.task.query.report_name(trial.report)
-        word = "right" if trial.success else ("wrong" if trial.report is not None else "no answer")
         summary = (
-            f"{verdict(right=trial.success, text=word)} <b>trial {place.number}</b>"
+            f"{verdict(right=bool(trial.success), text=verdict_word(trial))} <b>trial {place.number}</b>"
             f"{escape(', '.join(trial.task.query.attributes))}? "
             f"{escape(trial.task.object_name)}, {escape(trial.agent)}: {escape(said)}; "
             f"{trial.cost:.1f} s, reward {trial.reward:.1f}"
         )
-        truth = escape(f"truth: {trial.task.query.report_name(trial.truth)}")
+        truth = escape(f"truth: {truth_words(trial)}")
         see = escape(f"meal-bayes view {place.file} --trial {place.number}")
         note = f"<p class='note'>{truth}<br>see it: <code>{see}</code></p>"
         body = figures(drawn, f"<div>{note}{_steps(trial)}</div>")
@@ -305,13 +310,15 @@ def _worst(tally: Tally) -> str:
 
 
 def _steps(trial: Trial) -> str:
-    momdp, words = trial.momdp, level_words(trial.momdp.levels)
+    momdp = trial.momdp
     cells = []
     for number, step in enumerate(trial.steps, start=1):
         action = step.decision.action
         report = action >= momdp.n_behaviors
         name = "report" if report else momdp.behavior_names[action]
-        seen = "-" if step.observation is None else ", ".join(words[z] for z in step.observation)
+        seen = "-"
+        if step.observation is not None:
+            seen = ", ".join(percept_words(momdp, action, step.observation))
         belief = ", ".join(percent(p) for p in step.belief.positive.tolist())
         cells.append([str(number), name, f"{step.cost:g}", "" if report else seen, belief])
     return table(["", "behavior", "s", "percept", "belief"], cells, texts=(1, 3, 4))

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,14 @@ from meal_bayes.seeds import stream
 class SummaryRow:
     """Measures of one agent; nan where undefined. Standard errors are clustered by object.
 
-    NLL, Brier and ECE are of the final belief, over trials x queried attributes.
+    NLL, Brier and ECE are of the final belief, over trials x queried attributes whose truth is
+    known. What is not known, or was broken off, counts neither as right nor as wrong.
     """
 
     agent: str
     trials: int
-    accuracy: float  # share of all trials whose report was right in every attribute (Eq. 5)
+    judged: int  # of these, how many ended with a truth that is known
+    accuracy: float  # share of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
     cost_s: float  # mean of Eq. 6
     cost_sd: float  # standard deviation over trials
@@ -39,7 +41,7 @@ class SummaryRow:
     ece: float
     ece_calibrated: float  # what a calibrated belief of the same values would show
     abstained: float  # share of trials that ended without a report; they count as not right
-    answered_accuracy: float  # accuracy among the others
+    answered_accuracy: float  # accuracy among the judged ones with a report
     seconds: float  # of computing
 
     def as_dict(self) -> dict[str, str | int | float | None]:
@@ -54,7 +56,7 @@ def summarize(
 
     Parameters
     ----------
-    trials : of one data set, as object indices name the clusters.
+    trials : of one data set, as objects' names are the clusters.
     seconds : computing time by agent; trials do not hold wall-clock times.
     """
     by_agent: dict[str, list[Trial]] = {}
@@ -65,30 +67,47 @@ def summarize(
 
 
 def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:
-    clusters = [trial.task.object_index for trial in trials]
-    success = np.array([trial.success for trial in trials], dtype=float)
-    answered = np.array([trial.report is not None for trial in trials])
+    whole = [trial for trial in trials if not trial.ended]
+    judged = [trial for trial in whole if trial.judged]
+    paid = [trial for trial in whole if not math.isnan(trial.reward)]
+    answered = [trial for trial in judged if trial.report is not None]
     cost = np.array([trial.cost for trial in trials])
-    reward = np.array([trial.reward for trial in trials])
     positive = np.concatenate([trial.last_belief.positive for trial in trials])
     truth = np.concatenate([trial.truth for trial in trials])
+    positive, known = positive[truth >= 0], truth[truth >= 0] == 1
+    none = not len(known)
     return SummaryRow(
         agent=agent,
         trials=len(trials),
-        accuracy=float(success.mean()),
-        accuracy_se=clustered_se(success, clusters),
+        judged=len(judged),
+        accuracy=_mean(bool(trial.success) for trial in judged),
+        accuracy_se=_clustered(judged, lambda trial: float(bool(trial.success))),
         cost_s=float(cost.mean()),
         cost_sd=float(cost.std(ddof=1)) if len(trials) > 1 else math.nan,
-        reward=float(reward.mean()),
-        reward_se=clustered_se(reward, clusters),
-        nll=float(negative_log_likelihood(positive, truth).mean()),
-        brier=float(brier(positive, truth).mean()),
-        ece=calibration_error(positive, truth),
-        ece_calibrated=expected_calibration_error(positive, stream(0, "calibrated belief")),
-        abstained=float(1 - answered.mean()),
-        answered_accuracy=float(success[answered].mean()) if answered.any() else math.nan,
+        reward=_mean(trial.reward for trial in paid),
+        reward_se=_clustered(paid, lambda trial: trial.reward),
+        nll=math.nan if none else float(negative_log_likelihood(positive, known).mean()),
+        brier=math.nan if none else float(brier(positive, known).mean()),
+        ece=math.nan if none else calibration_error(positive, known),
+        ece_calibrated=math.nan
+        if none
+        else expected_calibration_error(positive, stream(0, "calibrated belief")),
+        abstained=_mean(trial.report is None for trial in whole),
+        answered_accuracy=_mean(bool(trial.success) for trial in answered),
         seconds=seconds,
     )
+
+
+def _mean(values: Iterable[float]) -> float:
+    found = list(values)
+    return float(np.mean(found)) if found else math.nan
+
+
+def _clustered(trials: list[Trial], measure: Callable[[Trial], float]) -> float:
+    if not trials:
+        return math.nan
+    objects = [trial.task.object_name for trial in trials]
+    return clustered_se([measure(trial) for trial in trials], objects)
 
 
 def compare(
@@ -105,11 +124,11 @@ def compare(
     if measure not in ("reward", "cost", "success"):
         raise SettingsError(f"Unknown measure {measure!r}; expected reward, cost or success.")
     values: dict[str, dict[tuple[Any, ...], float]] = {first: {}, second: {}}
-    clusters: dict[tuple[Any, ...], int] = {}
+    clusters: dict[tuple[Any, ...], str] = {}
     for trial in trials:
-        if trial.agent in values:
+        if trial.agent in values and (trial.judged or measure == "cost"):
             values[trial.agent][trial.task.key] = float(getattr(trial, measure))
-            clusters[trial.task.key] = trial.task.object_index
+            clusters[trial.task.key] = trial.task.object_name
     keys = [key for key in values[first] if key in values[second]]
     if not keys:
         raise SettingsError(

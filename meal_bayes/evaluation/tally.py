@@ -71,25 +71,25 @@ class Tally:
             if action < len(names):
                 agent.executed[names[action]] += 1
                 agent.failed[names[action]] += step.observation is None
-        right = trial.truth == trial.report if trial.report is not None else trial.truth & False
-        for name, hit in zip(trial.task.query.attributes, right.tolist(), strict=True):
-            agent.asked[name] += 1
-            agent.right[name] += hit
+        if not trial.ended:
+            _count_answers(agent, trial)
         if batch is not None:
             self._in_batch(agent, trial, batch)
-        badness = trial.last_belief.certainty - trial.reward
-        item = (badness, -self.trials, place, trial)
-        if len(self._worst) < WORST:
-            heapq.heappush(self._worst, item)
-        else:
-            heapq.heappushpop(self._worst, item)
+        if trial.judged:
+            badness = trial.last_belief.certainty - trial.reward
+            item = (badness, -self.trials, place, trial)
+            if len(self._worst) < WORST:
+                heapq.heappush(self._worst, item)
+            else:
+                heapq.heappushpop(self._worst, item)
         self.objects.add(trial.task.object_name)
         self.trials, self.steps = self.trials + 1, self.steps + len(trial.steps)
 
     @staticmethod
     def _in_batch(agent: AgentTally, trial: Trial, batch: Batch) -> None:
         if batch.part == "test":
-            agent.tested.setdefault(batch.number, []).append(trial.success)
+            if trial.success is not None:
+                agent.tested.setdefault(batch.number, []).append(trial.success)
         else:
             spent = agent.train_cost.get(batch.number, 0.0)
             agent.train_cost[batch.number] = spent + trial.cost
@@ -103,6 +103,17 @@ def batch_of(header: Mapping[str, object]) -> Batch | None:
     return None
 
 
+def _count_answers(agent: AgentTally, trial: Trial) -> None:
+    """Count the attributes whose truth is known, and which of them were reported right."""
+    right = np.zeros(len(trial.truth), np.bool_)
+    if trial.report is not None:
+        right = trial.report == (trial.truth == 1)
+    known = trial.truth >= 0
+    for name, told, hit in zip(trial.task.query.attributes, known, right, strict=True):
+        agent.asked[name] += int(told)
+        agent.right[name] += int(told and hit)
+
+
 def _brief(trial: Trial) -> Trial:
     """Keep of a trial what measures need: one step stands for all, nothing of how it was chosen."""
     last = trial.last_belief
@@ -110,4 +121,13 @@ def _brief(trial: Trial) -> Trial:
     belief = Belief(last.x, last.weight, nothing, last.log_share)
     decision = unvalued(trial.momdp, 0)
     step = Step(last.x, decision, last.x, None, trial.cost, trial.reward, belief)
-    return Trial(trial.task, trial.agent, trial.momdp, belief, (step,), trial.truth, trial.report)
+    return Trial(
+        trial.task,
+        trial.agent,
+        trial.momdp,
+        belief,
+        (step,),
+        trial.truth,
+        trial.report,
+        trial.ended,
+    )

@@ -120,7 +120,11 @@ class OnlineRun:
                     if batch:
                         cost += float(Marks.load(unit.marks(batch, "train")).cost.sum())
                     yield BatchMarks(
-                        agent.name, repeat, batch, cost / 3600, Marks.load(unit.marks(batch, "test"))
+                        agent.name,
+                        repeat,
+                        batch,
+                        cost / 3600,
+                        Marks.load(unit.marks(batch, "test")),
                     )
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from meal_bayes.agents import Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.domain import read_query
-from meal_bayes.learner.learner import Learner, replay_task
+from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.tasks import replay_task
 
 
 def ask(

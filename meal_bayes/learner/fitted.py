@@ -5,17 +5,19 @@ together. Between refits these stay as they are, and a lesson is a conjugate upd
 percepts, all its trials together, are one row of counts among the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import Knowledge
+from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.learner.lesson import Lesson, extended, labels_of, level_counts
+from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
 from meal_bayes.perception import Perception, PerceptionSettings, fit_and_validate
+from meal_bayes.robots import CheckedRobot, Robot
+from meal_bayes.seeds import stream
 
 Labels = NDArray[np.int8]
 
@@ -28,15 +30,18 @@ class Fitted:
     ----------
     dataset : Dataset
         What it was fitted on first.
-    settings : PerceptionSettings
-        Of its classifiers.
-    object_level : bool
-        May objects differ? (`knowledge_of`)
+    agent : Agent
+        Who answers: its levels and its view of objects decide what is learned.
+    seed : int
+        Of planning.
+    reward : float or None
+        r+ = -r-, the domain's by default.
     """
 
     dataset: Dataset
-    settings: PerceptionSettings
-    object_level: bool
+    agent: Agent
+    seed: int
+    reward: float | None
     perception: Perception = field(init=False)
     knowledge: Knowledge = field(init=False)
     _rows: dict[str, NDArray[np.int64]] = field(init=False)  # (P,E,2,K) of each object, counted
@@ -45,11 +50,14 @@ class Fitted:
 
     def refit(self, lessons: Sequence[Lesson]) -> None:
         """Learn everything anew from the data set and from lessons that kept their features."""
-        data = extended(self.dataset, lessons)
+        data, settings = (
+            extended(self.dataset, lessons),
+            PerceptionSettings(levels=self.agent.levels),
+        )
         everything = TrainingSet.everything(data)
-        self.perception, counts = fit_and_validate(data, everything, settings=self.settings)
+        self.perception, counts = fit_and_validate(data, everything, settings=settings)
         self.knowledge = knowledge_of(
-            data.domain, counts, data.labels, object_level=self.object_level
+            data.domain, counts, data.labels, object_level=self.agent.object_level
         )
         self._fitted = {
             name: (counts.counts[o], data.labels[o]) for o, name in enumerate(data.objects)
@@ -59,7 +67,7 @@ class Fitted:
 
     def learn(self, object_name: str, lessons: Sequence[Lesson]) -> None:
         """Take in all lessons of an object that came after the last refit."""
-        domain, levels = self.knowledge.domain, self.settings.levels
+        domain, levels = self.knowledge.domain, self.agent.levels
         nothing = np.zeros((len(domain.attributes), len(domain.behaviors), 2, levels), np.int64)
         unknown = np.full(len(domain.attributes), -1, np.int8)
         row, labels = self._fitted.get(object_name, (nothing, unknown))
@@ -72,6 +80,46 @@ class Fitted:
         self._rows[object_name], self._labels[object_name] = row, labels
         rates = base_rates(np.array(list(self._labels.values())))
         self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
+
+    def run(
+        self,
+        task: Task,
+        robot: Robot,
+        *,
+        told: Labels,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        recorder: Recorder | None = None,
+    ) -> tuple[Trial, tuple[Percept, ...]]:
+        """Answer a task with a robot; return the trial, and its percepts with their features.
+
+        Parameters
+        ----------
+        told : (P,) what people said of this object before; -1 nothing.
+        """
+        domain, agent = self.knowledge.domain, self.agent
+        columns = [domain.attribute_index(name) for name in task.query.attributes]
+        momdp, policy = agent.prepare(
+            task.query,
+            self.knowledge,
+            stream(self.seed, "solver", agent.name, *task.key),
+            reward=self.reward,
+            told=told[columns],
+        )
+        witness = Witness(domain, self.perception)
+        trial = run_trial(
+            task,
+            momdp,
+            policy,
+            CheckedRobot(robot, domain, sizes=self.sizes),
+            witness,
+            Streams.of(self.seed, task, agent.name),
+            truth=truth,
+            agent=agent.name,
+            on_step=on_step,
+            recorder=recorder,
+        )
+        return trial, tuple(witness.percepts)
 
     @property
     def sizes(self) -> dict[tuple[str, str], int]:

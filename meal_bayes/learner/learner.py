@@ -5,31 +5,19 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import (
-    Agent,
-    Knowledge,
-    Recorder,
-    Step,
-    Streams,
-    Task,
-    Trial,
-    as_agent,
-    run_trial,
-)
+from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Task, Trial, as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.lesson import Key, Lesson, Percept, Witness, checked_values, percepts_of
+from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labels_of, percepts_of
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
+from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import PerceptionSettings
-from meal_bayes.planners import Policy
-from meal_bayes.robots import CheckedRobot, Robot
-from meal_bayes.seeds import stream
+from meal_bayes.robots import Robot
 
 
 class Learner:
@@ -88,7 +76,7 @@ class Learner:
         self._lessons: dict[Key, Lesson] = {}
         self._refitted: set[Key] = set()  # lessons that the last refit learned from
         self._met: dict[Key, tuple[Percept, ...]] = {}  # of trials that nobody spoke of yet
-        self._asked = 0
+        self.asked = 0  # questions, with robots
 
     def __repr__(self) -> str:
         """Return a line that says what it has learned from."""
@@ -100,6 +88,22 @@ class Learner:
     def lessons(self) -> tuple[Lesson, ...]:
         """What people told, in the order in which they did."""
         return tuple(self._lessons.values())
+
+    @property
+    def source(self) -> Replayed | Fitted:
+        """What is known, by the kind of data that it was learned from.
+
+        Raises
+        ------
+        SettingsError : nothing was fitted.
+        """
+        if self._source is None:
+            raise SettingsError("This learner knows nothing yet; call fit(recordings) first.")
+        return self._source
+
+    def refitted(self, lesson: Lesson) -> bool:
+        """Whether the last refit has learned from a lesson."""
+        return lesson.key in self._refitted
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, or from a percept table; what was told before is kept.
@@ -122,9 +126,29 @@ class Learner:
         if isinstance(data, PerceptTable):
             self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
         else:
-            settings = PerceptionSettings(levels=self.agent.levels)
-            self._source = Fitted(data, settings, self.agent.object_level)
+            self._source = Fitted(data, self.agent, self.seed, self.reward)
         return self.refit()
+
+    def resume(
+        self, data: Dataset | PerceptTable, lessons: Sequence[Lesson], refitted: Sequence[bool]
+    ) -> Self:
+        """Come to the state of a learner that was saved.
+
+        Parameters
+        ----------
+        data : what it was fitted on.
+        lessons : what it was told, in order.
+        refitted : of each lesson, whether its last refit had learned from it.
+        """
+        pairs = list(zip(lessons, refitted, strict=True))
+        self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
+        self.fit(data)
+        self._lessons = {lesson.key: lesson for lesson in lessons}
+        if isinstance(self.source, Replayed):
+            return self.refit()
+        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
+            self._relearn(self.source, name)
+        return self
 
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
@@ -132,7 +156,7 @@ class Learner:
         Classifiers are refitted where the data are recordings, with the features of the trials that
         people spoke of.
         """
-        source = self._fitted_on()
+        source = self.source
         if isinstance(source, Replayed):
             source.learn(self.lessons)
             return self
@@ -145,7 +169,7 @@ class Learner:
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what is known; of a percept table, what is known without an object of it."""
-        source = self._fitted_on()
+        source = self.source
         if isinstance(source, Fitted):
             return source.knowledge
         if object_name is None:
@@ -184,25 +208,30 @@ class Learner:
         RobotError : the robot came to a state that the domain does not know.
         """
         query = question if isinstance(question, Query) else read_query(question, self.domain)
+        source = self.source
         if isinstance(robot, str):
-            task = replay_task(query, self._table(), robot)
+            task = replay_task(query, self._replayed().table, robot)
             if log is None:
                 return self.replay(task, on_step=on_step)
             header = self._header(question)
             return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
-        source = self._fitted_on()
         if isinstance(source, Replayed):
             raise SettingsError(
                 "A percept table holds no classifiers for what a robot feels; fit recordings "
                 "(load_dataset), or name an object of the table."
             )
-        task = self._live_task(query, object_name)
+        task = live_task(query, self.domain, self.asked, object_name)
+        self.asked += 1
         path = log if log is not None else next_log(self.logs, self.domain.name, task.object_name)
-        return logged(
-            path,
-            self._header(question),
-            lambda to: self._live(task, source, robot, truth, on_step, to),
-        )
+        told = self._told_of(task.object_name)
+
+        def run(recorder: Recorder | None) -> Trial:
+            trial, self._met[task.key] = source.run(
+                task, robot, told=told, truth=truth, on_step=on_step, recorder=recorder
+            )
+            return trial
+
+        return logged(path, self._header(question), run)
 
     def replay(
         self,
@@ -212,10 +241,11 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        source = self._fitted_on()
-        if isinstance(source, Fitted):
-            raise SettingsError("Recordings are not replayed; fit a percept table of them.")
-        return source.run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+
+    def problem(self, task: Task) -> MOMDP:
+        """Return the decision problem of a task about an object of the percept table."""
+        return self._replayed().problem(task)
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn what the object of a trial is; the posterior is updated at once.
@@ -230,7 +260,7 @@ class Learner:
         ------
         QueryError : an attribute that the domain does not have.
         """
-        source, key = self._fitted_on(), trial.task.key
+        source, key = self.source, trial.task.key
         told = checked_values(values, self.domain)
         if not told:
             return
@@ -259,7 +289,7 @@ class Learner:
         if lesson is None:
             raise SettingsError(f"Nothing was told of the trial {trial.task.name!r}.")
         self._met[lesson.key] = lesson.percepts
-        self._changed(self._fitted_on(), lesson.key, lesson.object_name)
+        self._changed(self.source, lesson.key, lesson.object_name)
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, which `load` reads back; see `saved`."""
@@ -302,79 +332,24 @@ class Learner:
         """Return the lessons that came after the last refit, or that it could not learn from."""
         return [lesson for lesson in self.lessons if lesson.key not in self._refitted]
 
-    def _live(
-        self,
-        task: Task,
-        source: Fitted,
-        robot: Robot,
-        truth: Mapping[str, bool] | ArrayLike | None,
-        on_step: Callable[[Step], None] | None,
-        recorder: Recorder | None,
-    ) -> Trial:
-        momdp, policy = self._prepared(task, source)
-        witness = Witness(self.domain, source.perception)
-        trial = run_trial(
-            task,
-            momdp,
-            policy,
-            CheckedRobot(robot, self.domain, sizes=source.sizes),
-            witness,
-            Streams.of(self.seed, task, self.agent.name),
-            truth=truth,
-            agent=self.agent.name,
-            on_step=on_step,
-            recorder=recorder,
-        )
-        self._met[task.key] = tuple(witness.percepts)
-        return trial
+    def _told_of(self, object_name: str) -> NDArray[np.int8]:
+        """Return what people told of an object, (P,)."""
+        own = [lesson for lesson in self.lessons if lesson.object_name == object_name]
+        unknown = np.full(len(self.domain.attributes), -1, np.int8)
+        return labels_of(own, self.domain).get(object_name, unknown)
 
-    def _prepared(self, task: Task, source: Fitted) -> tuple[MOMDP, Policy]:
-        rng = stream(self.seed, "solver", self.agent.name, *task.key)
-        columns = [self.domain.attribute_index(name) for name in task.query.attributes]
-        told = np.full(len(self.domain.attributes), -1, np.int8)
-        for lesson in self.lessons:
-            if lesson.object_name == task.object_name:
-                for name, value in lesson.values.items():
-                    told[self.domain.attribute_index(name)] = value
-        own = told[columns] if (told >= 0).any() else None
-        return self.agent.prepare(task.query, source.knowledge, rng, reward=self.reward, told=own)
-
-    def _live_task(self, query: Query, object_name: str | None) -> Task:
-        number = self._asked
-        self._asked += 1
-        name = f"object {number}" if object_name is None else object_name
-        key = (self.domain.data, "live", number, name, *query.attributes)
-        return Task(f"{question_of(query)} ({name})", query, -1, name, key)
-
-    def _header(self, question: object) -> dict[str, Any]:
-        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
-        return {"config": config, "seed": self.seed, "data": self.domain.data}
-
-    def _table(self) -> PerceptTable:
-        source = self._fitted_on()
+    def _replayed(self) -> Replayed:
+        source = self.source
         if isinstance(source, Fitted):
             raise SettingsError(
                 "Objects are replayed from a percept table; make one with build_percept_table, or "
                 "give a robot."
             )
-        return source.table
+        return source
 
-    def _fitted_on(self) -> Replayed | Fitted:
-        if self._source is None:
-            raise SettingsError("This learner knows nothing yet; call fit(recordings) first.")
-        return self._source
-
-
-def question_of(query: Query) -> str:
-    """Return a query in words."""
-    return f"{query.report_name([True] * len(query))}?"
-
-
-def replay_task(query: Query, table: PerceptTable, name: str) -> Task:
-    """Make the task of a query about an object of a percept table."""
-    index = object_index(table.objects, name)
-    key = (table.domain.data, "ask", name, *query.attributes)
-    return Task(question_of(query), query, index, name, key)
+    def _header(self, question: object) -> dict[str, Any]:
+        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
+        return {"config": config, "seed": self.seed, "data": self.domain.data}
 
 
 def _has_features(lesson: Lesson) -> bool:

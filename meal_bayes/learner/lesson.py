@@ -110,9 +110,7 @@ def labels_of(lessons: Iterable[Lesson], domain: Domain) -> dict[str, NDArray[np
     """Return what was told of each object, (P,); of two words the later one holds."""
     labels: dict[str, NDArray[np.int8]] = {}
     for lesson in lessons:
-        own = labels.setdefault(
-            lesson.object_name, np.full(len(domain.attributes), -1, np.int8)
-        )
+        own = labels.setdefault(lesson.object_name, np.full(len(domain.attributes), -1, np.int8))
         for name, value in lesson.values.items():
             own[domain.attribute_index(name)] = value
     return labels

@@ -35,12 +35,12 @@ def logged(
     with TrialWriter(path, header) as log:
         try:
             trial = run(log)
-        except BaseException as fault:  # noqa: BLE001  raised below, once the log is whole
+        except BaseException as fault:
             failure = fault
     if failure is not None:
         failure.add_note(f"the trial, as far as it went: meal-bayes log show {path}")
         raise failure
-    assert trial is not None  # noqa: S101
+    assert trial is not None
     return trial
 
 

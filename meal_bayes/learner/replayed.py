@@ -12,6 +12,7 @@ import numpy as np
 from meal_bayes.agents import Agent, Knowledge, Morc, Recorder, Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.learner.lesson import Lesson, labels_of
+from meal_bayes.momdp import MOMDP
 
 
 @dataclass(slots=True)
@@ -47,6 +48,10 @@ class Replayed:
     ) -> Trial:
         """Answer a task about an object of the table."""
         return self._ready().run(task, on_step=on_step, recorder=recorder)
+
+    def problem(self, task: Task) -> MOMDP:
+        """Build the decision problem of a task."""
+        return self._ready().prepare(task)[0]
 
     def _ready(self) -> Morc:
         if self._morc is None:

@@ -37,7 +37,7 @@ class Execution:
     warning: str = ""
 
 
-class _NoPercept(Exception):  # noqa: N818  not an error: the trial goes on
+class _NoPercept(Exception):
     """What was handed over is no percept."""
 
 

@@ -7,7 +7,7 @@ runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byt
 from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Logs, log_files
 from meal_bayes.trial_log.marks import BatchMarks, Marks
-from meal_bayes.trial_log.memory import Told, forget, labels_told, read_memory, write_told
+from meal_bayes.trial_log.memory import Told, forget, read_memory, write_told
 from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_trials
 from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
@@ -26,7 +26,6 @@ __all__ = [
     "TrialWriter",
     "check_log",
     "forget",
-    "labels_told",
     "log_files",
     "log_info",
     "read_header",

@@ -3,14 +3,10 @@
 A log whose header has `told` remembers; the folder of logs is the memory, and nothing else is.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from meal_bayes.arrays import freeze
 from meal_bayes.errors import LogError
 from meal_bayes.trial_log.reader import read_header, read_trials
 from meal_bayes.trial_log.writer import write_trials
@@ -60,20 +56,6 @@ def forget(memory: Sequence[Told]) -> int:
     for told in memory:
         _rewrite(told.path, {})
     return len(memory)
-
-
-def labels_told(
-    memory: Iterable[Told], objects: tuple[str, ...], attributes: tuple[str, ...]
-) -> NDArray[np.int8]:
-    """Put a memory in a table of labels (O,P), -1 where nothing was told; unknown names drop."""
-    labels = np.full((len(objects), len(attributes)), -1, np.int8)
-    row = {name: o for o, name in enumerate(objects)}
-    column = {name: p for p, name in enumerate(attributes)}
-    for told in memory:
-        for name, value in told.values.items():
-            if told.object_name in row and name in column:
-                labels[row[told.object_name], column[name]] = value
-    return freeze(labels, np.int8)
 
 
 def _told(words: Mapping[str, object], path: Path) -> Told:

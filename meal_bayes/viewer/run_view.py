@@ -9,6 +9,7 @@ import rerun as rr
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
+from meal_bayes.trial_log.words import NOT_TOLD, truth_words
 from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time, part
 from meal_bayes.viewer.words import plain, question
@@ -26,6 +27,7 @@ class _Tally:
     """Sums over the trials of one agent so far."""
 
     trials: int = 0
+    judged: int = 0  # of these, whose truth is known
     right: int = 0
     answered: int = 0
     cost: float = 0.0
@@ -35,18 +37,20 @@ class _Tally:
 
     def add(self, trial: Trial) -> None:
         self.trials += 1
-        self.right += trial.success
         self.answered += trial.report is not None
         self.cost += trial.cost
         self.squares += trial.cost**2
-        self.reward += trial.reward
-        self.recent = [*self.recent[1 - _WINDOW :], trial.success]
+        if trial.success is not None:
+            self.judged += 1
+            self.right += trial.success
+            self.reward += trial.reward
+            self.recent = [*self.recent[1 - _WINDOW :], trial.success]
 
     @property
     def accuracy(self) -> tuple[float, float]:
         """Share that was right, and its variance as a Beta(1, 1) posterior has it."""
-        a, n = self.right + 1, self.trials + 2
-        return self.right / self.trials, a * (n - a) / (n**2 * (n + 1))
+        a, n = self.right + 1, self.judged + 2
+        return self.right / self.judged, a * (n - a) / (n**2 * (n + 1))
 
     @property
     def mean_cost(self) -> tuple[float, float]:
@@ -86,13 +90,17 @@ class RunView:
             self._introduce(name)
         tally = self._tallies[name]
         tally.add(trial)
-        for entity, (mean, variance) in ((ACCURACY, tally.accuracy), (COST, tally.mean_cost)):
+        measures = [(COST, tally.mean_cost)]
+        if tally.judged:
+            measures.append((ACCURACY, tally.accuracy))
+            recent = sum(tally.recent) / len(tally.recent)
+            self._to.add(f"{CURVE}/{part(name)}", rr.Scalars, time, scalars=[recent])
+        for entity, (mean, variance) in measures:
             to = f"{entity}/{part(name)}"
             self._to.add(to, rr.Measurements, time, values=[mean], variances=[variance])
-        recent = sum(tally.recent) / len(tally.recent)
-        self._to.add(f"{CURVE}/{part(name)}", rr.Scalars, time, scalars=[recent])
         self._count_evidence(trial.momdp, time)
-        self._note_worst(number, trial)
+        if trial.judged:
+            self._note_worst(number, trial)
         if number % _EVERY == 0 or tally.trials <= _EVERY:
             self.tell(time)
 
@@ -138,7 +146,7 @@ class RunView:
     def _note_worst(self, number: int, trial: Trial) -> None:
         """Keep the trials with the lowest reward, the surest of them first."""
         sure = trial.last_belief.certainty
-        truth = plain(trial.task.query.report_name(trial.truth))
+        truth = plain(truth_words(trial))
         said = "no answer"
         if trial.report is not None:
             said = plain(trial.task.query.report_name(trial.report))
@@ -155,11 +163,16 @@ class RunView:
             "|---|---|---|---|---|---|",
         ]
         for name, tally in self._tallies.items():
-            (accuracy, variance), (cost, cost_variance) = tally.accuracy, tally.mean_cost
+            cost, cost_variance = tally.mean_cost
+            accuracy = reward = NOT_TOLD
+            if tally.judged:
+                mean, variance = tally.accuracy
+                accuracy = f"{mean:.3f} ± {math.sqrt(variance):.3f}"
+                reward = f"{tally.reward / tally.judged:.1f}"
             rows.append(
-                f"|{plain(name)}|{tally.trials}|{accuracy:.3f} ± {math.sqrt(variance):.3f}"
+                f"|{plain(name)}|{tally.trials}|{accuracy}"
                 f"|{tally.trials - tally.answered}|{cost:.1f} ± {math.sqrt(cost_variance):.1f}"
-                f"|{tally.reward / tally.trials:.1f}|"
+                f"|{reward}|"
             )
         rows += ["", "**the trials with the lowest reward**", ""]
         rows.append("|trial|agent|question|object|answer|truth|cost, s|reward|")

@@ -7,7 +7,7 @@ import rerun as rr
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.words import level_words
+from meal_bayes.trial_log.words import percept_words
 from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
 from meal_bayes.viewer.moments import Moment
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
@@ -188,13 +188,15 @@ class Scene:
         action = step.decision.action
         color = GRAY if action >= momdp.n_behaviors else series_color(action)
         self._lane("action", action_word(momdp, action), color, time)
-        words = level_words(momdp.levels)
+        words = None
+        if step.observation is not None:
+            words = percept_words(momdp, action, step.observation)
         for i, lane in enumerate(self._percept_lanes(trial)):
-            if step.observation is None:
+            if step.observation is None or words is None:
                 self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
                 continue
             level = int(step.observation[i])
-            text = f"{plain(trial.task.query.attributes[i])}: {words[level]}"
+            text = f"{plain(trial.task.query.attributes[i])}: {words[i]}"
             self._lane(lane, text, level_color(level, momdp.levels), time)
 
     def _lane(self, lane: str, state: str, color: Color, time: Time) -> None:
@@ -219,6 +221,7 @@ def _format(width: int, height: int) -> rr.components.ImageFormat:
 
 
 def _level(moment: Moment) -> str:
-    if moment.last and not moment.trial.success:
+    warned = moment.step is not None and moment.step.warning
+    if warned or (moment.last and (moment.trial.ended or moment.trial.success is False)):
         return "WARN"
     return "INFO"

@@ -8,7 +8,7 @@ import numpy as np
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.words import level_words, percent
+from meal_bayes.trial_log.words import percent, percept_words, truth_words, verdict_word
 from meal_bayes.viewer.moments import Moment
 
 _OPTIONS = 8  # actions that are compared
@@ -37,11 +37,12 @@ def story(moment: Moment) -> str:
     trial, momdp = moment.trial, moment.trial.momdp
     lines = [f"### {question(trial)}", _about(trial), "", *_done(moment), ""]
     lines += ["|attribute|belief|percept|", "|---|---|---|"]
-    seen = None if moment.step is None else moment.step.observation
-    words, positive = level_words(momdp.levels), moment.positive.tolist()
+    positive, words = moment.positive.tolist(), [""] * len(trial.task.query)
+    if moment.step is not None and moment.step.observation is not None:
+        action = moment.step.decision.action
+        words = percept_words(momdp, action, moment.step.observation)
     for i, name in enumerate(trial.task.query.attributes[:_ATTRIBUTES]):
-        percept = "" if seen is None else words[seen[i]]
-        lines.append(f"|{plain(name)}|{percent(positive[i])}|{percept}|")
+        lines.append(f"|{plain(name)}|{percent(positive[i])}|{words[i]}|")
     return "\n".join([*lines, "", *_answer(moment)])
 
 
@@ -88,10 +89,11 @@ def log_line(moment: Moment) -> str:
         return f"trial {moment.trial_number}: {question(trial)} {plain(trial.task.object_name)}"
     action = step.decision.action
     if action >= momdp.n_behaviors:
-        verdict = "right" if trial.success else "WRONG"
+        verdict = verdict_word(trial).replace("wrong", "WRONG")
         return f"answers {_said(trial, trial.report)}: {verdict}, {trial.cost:g} s"
-    words = level_words(momdp.levels)
-    seen = "nothing" if step.observation is None else ", ".join(words[z] for z in step.observation)
+    seen = "nothing"
+    if step.observation is not None:
+        seen = ", ".join(percept_words(momdp, action, step.observation))
     way = f"{momdp.x_names[step.x]} → {momdp.x_names[step.next_x]}"
     return f"{momdp.behavior_names[action]}, {way}, percept {seen}, H {moment.entropy:.2f}"
 
@@ -113,6 +115,7 @@ def _done(moment: Moment) -> Sequence[str]:
         title,
         "",
         f"{way}, {_outcome(step, momdp)}, {step.cost:g} s ({moment.spent:g} s so far)",
+        *([f"**{plain(step.warning)}**"] if step.warning else []),
     ]
 
 
@@ -135,14 +138,16 @@ def _answer(moment: Moment) -> Sequence[str]:
         best = _said(trial, moment.positive > 0.5)  # noqa: PLR2004
         sure = float(np.maximum(moment.positive, 1 - moment.positive).prod())
         return [f"now it would answer **{best}** ({percent(sure)} sure)"]
-    truth = _said(trial, trial.truth)
+    truth = plain(truth_words(trial))
+    if trial.ended:
+        return ["### broken off", f"{plain(trial.ended)}; truth: {truth}"]
     if trial.report is None:
         return ["### no answer", f"every report was too risky; truth: {truth}"]
+    answer = f"### answer: {_said(trial, trial.report)}"
+    if trial.success is None:
+        return [answer, f"truth: {truth}"]
     verdict = "right" if trial.success else f"WRONG; truth: {truth}"
-    return [
-        f"### answer: {_said(trial, trial.report)}",
-        f"**{verdict}**, reward {trial.reward:.1f}",
-    ]
+    return [answer, f"**{verdict}**, reward {trial.reward:.1f}"]
 
 
 def _said(trial: Trial, values: np.ndarray | None) -> str:

@@ -8,7 +8,6 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.agents import Step
-from meal_bayes.learner.asking import ask
 from meal_bayes.cli.screen import signs_of
 from meal_bayes.cli.story import (
     bar,
@@ -20,6 +19,7 @@ from meal_bayes.cli.story import (
     tell_trial,
 )
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.learner.asking import ask
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import Decision, unvalued
 

@@ -1,0 +1,242 @@
+"""A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
+
+`learner.json` holds names, settings and lessons; recordings are one array of float32 a context,
+features of lessons another; a percept table is the .npz of `save_percepts`. What was fitted is not
+kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
+"""
+
+import io
+import json
+import lzma
+import os
+import struct
+import tempfile
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.datasets import Dataset, load_percepts
+from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.domain import Domain, domain_from_table, domain_table
+from meal_bayes.errors import DataError, MealBayesError, SettingsError
+from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.lesson import Lesson, Percept, checked_values
+from meal_bayes.learner.replayed import Replayed
+
+_FORMAT = 1
+_LARGEST = 2**30  # bytes that a member may unpack to
+_TEXT = "learner.json"
+_TABLE = "table.npz"
+_UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, TypeError,
+    IndexError, AttributeError, EOFError, OverflowError, RecursionError, NotImplementedError,
+    RuntimeError, SyntaxError, MealBayesError,
+)  # fmt: skip
+
+
+def save_learner(learner: Learner, path: Path) -> None:
+    """Write a learner; the file is there whole or not at all."""
+    source = learner.source
+    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    meta: dict[str, Any] = {
+        "format": _FORMAT,
+        "domain": domain_table(learner.domain),
+        "agent": learner.agent.name,
+        "seed": learner.seed,
+        "reward": learner.reward,
+        "percepts": learner.percepts,
+        "refit_every": learner.refit_every,
+        "asked": learner.asked,
+        "lessons": [],
+    }
+    try:
+        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
+            rows = _Rows(learner.domain)
+            for lesson in learner.lessons:
+                told = _lesson_table(lesson, rows)
+                meta["lessons"].append({**told, "refitted": learner.refitted(lesson)})
+            if isinstance(source, Replayed):
+                archive.writestr(_TABLE, _table_bytes(source))
+            else:
+                meta["objects"] = list(source.dataset.objects)
+                _write(archive, "labels", source.dataset.labels)
+                for i, context in enumerate(rows.contexts):
+                    _write(archive, f"features/{i}", source.dataset.features[context])
+                    _write(archive, f"met/{i}", rows.array(context, source.sizes[context]))
+            archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
+        with draft.open("rb") as file:
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError as fault:
+        raise DataError(f"{path} cannot be written: {fault}.") from fault
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learner:
+    """Read a learner; raises as `Learner.load` does."""
+    if not path.is_file():
+        raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            meta = json.loads(_unpacked(archive, _TEXT))
+            if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
+                found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+                raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
+            learner = _learner(meta, agent, logs)
+            if _TABLE in archive.namelist():
+                data: Any = _read_table(archive, learner.domain)
+                arrays = None
+            else:
+                arrays = _Arrays(archive, learner.domain)
+                data = Dataset(
+                    learner.domain,
+                    tuple(map(str, meta["objects"])),
+                    arrays.features("features"),
+                    arrays.read("labels", "|i1", 2),
+                )
+            lessons = [_lesson(told, learner, arrays) for told in meta["lessons"]]
+            refitted = [told["refitted"] is True for told in meta["lessons"]]
+    except SettingsError:
+        raise
+    except _UNREADABLE as fault:
+        raise DataError(
+            f"{path} is not a whole learner ({fault}); save it again, or fit a new one."
+        ) from fault
+    except OSError as fault:
+        raise DataError(f"{path} cannot be read: {fault}.") from fault
+    return learner.resume(data, lessons, refitted)
+
+
+def _learner(meta: dict[str, Any], agent: object, logs: str | Path | None) -> Learner:
+    name = meta["agent"]
+    if agent is None and name not in AGENTS:
+        raise SettingsError(
+            f"The learner's agent {str(name)!r} is not one of the shipped ones; give it as "
+            "load(path, agent=...)."
+        )
+    learner = Learner(
+        domain_from_table(meta["domain"]),
+        agent=name if agent is None else agent,
+        seed=int(meta["seed"]),
+        reward=None if meta["reward"] is None else float(meta["reward"]),
+        percepts=str(meta["percepts"]),
+        refit_every=None if meta["refit_every"] is None else int(meta["refit_every"]),
+        logs=logs,
+    )
+    learner.asked = int(meta["asked"])
+    return learner
+
+
+class _Rows:
+    """Features of lessons on their way into arrays, a row each."""
+
+    def __init__(self, domain: Domain) -> None:
+        self.contexts = [(b.name, m) for b in domain.behaviors for m in b.modalities]
+        self._rows: dict[tuple[str, str], list[NDArray[np.float32]]] = {}
+
+    def add(self, percept: Percept) -> int:
+        """Append the features of a percept; return their row, -1 where there are none."""
+        if percept.features is None:
+            return -1
+        for modality, values in percept.features.items():
+            rows = self._rows.setdefault((percept.behavior, modality), [])
+            rows.append(values)
+        return len(rows) - 1
+
+    def array(self, context: tuple[str, str], size: int) -> NDArray[np.float32]:
+        rows = self._rows.get(context, [])
+        return np.array(rows, np.float32).reshape(len(rows), size)
+
+
+class _Arrays:
+    """Arrays of an archive, each checked before it is believed."""
+
+    def __init__(self, archive: zipfile.ZipFile, domain: Domain) -> None:
+        self._archive = archive
+        self._contexts = _Rows(domain).contexts
+        self.met: dict[tuple[str, str], NDArray[Any]] = {
+            context: self.read(f"met/{i}", "<f4", 2) for i, context in enumerate(self._contexts)
+        }
+
+    def features(self, part: str) -> dict[tuple[str, str], NDArray[Any]]:
+        return {c: self.read(f"{part}/{i}", "<f4", 3) for i, c in enumerate(self._contexts)}
+
+    def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
+        buffer = io.BytesIO(_unpacked(self._archive, f"{name}.npy"))
+        if np.lib.format.read_magic(buffer) != (1, 0):
+            raise ValueError(f"{name} is of another array format than 1.0")
+        shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
+        if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
+            raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
+        return np.frombuffer(buffer.read(), dtype).reshape(shape)
+
+
+def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
+    info = archive.getinfo(name)
+    if info.file_size > _LARGEST:
+        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
+    return archive.read(info)
+
+
+def _write(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(
+        buffer, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False
+    )
+    archive.writestr(f"{name}.npy", buffer.getvalue())
+
+
+def _lesson_table(lesson: Lesson, rows: _Rows) -> dict[str, Any]:
+    return {
+        "key": list(lesson.key),
+        "object": lesson.object_name,
+        "values": dict(lesson.values),
+        "percepts": [
+            {"behavior": p.behavior, "levels": p.levels.tolist(), "row": rows.add(p)}
+            for p in lesson.percepts
+        ],
+    }
+
+
+def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None) -> Lesson:
+    percepts, domain, most = list[Percept](), learner.domain, learner.agent.levels
+    for entry in told["percepts"]:
+        behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
+        levels = np.array(entry["levels"], np.int8)
+        if (
+            levels.shape != (len(domain.attributes),)
+            or not -1 <= levels.min() <= levels.max() < most
+        ):
+            raise ValueError(f"a percept of {behavior.name} has levels {entry['levels']}")
+        features = None
+        if arrays is not None and int(entry["row"]) >= 0:
+            features = {
+                m: arrays.met[behavior.name, m][int(entry["row"])] for m in behavior.modalities
+            }
+            if not all(np.isfinite(values).all() for values in features.values()):
+                raise ValueError(f"features of a percept of {behavior.name} are not finite")
+        percepts.append(Percept(behavior.name, levels, features))
+    key = tuple(part if isinstance(part, str) else int(part) for part in told["key"])
+    values = checked_values(told["values"], domain)
+    return Lesson(key, str(told["object"]), values, tuple(percepts))
+
+
+def _table_bytes(source: Replayed) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / _TABLE
+        save_percepts(source.table, path)
+        return path.read_bytes()
+
+
+def _read_table(archive: zipfile.ZipFile, domain: Domain) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / _TABLE
+        path.write_bytes(_unpacked(archive, _TABLE))
+        return load_percepts(path, domain=domain)
