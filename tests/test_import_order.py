@@ -32,7 +32,9 @@ ROOMS: dict[str, set[str]] = {
     "trial_log": {*BELOW_LOG, "agents.trial"},
     "learner": {*BELOW_LOG, "agents", "trial_log"},
     # perception and domain: a run under the paper's classifiers computes its own percept table
-    "experiments": {"learner", "trial_log", "agents", "perception", "datasets", "domain"},
+    "experiments": {
+        "learner", "trial_log", "agents", "perception", "robots.simulated_arm", "datasets", "domain"
+    },
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},
     "cli": {*EVERYTHING, "__init__"},  # for the version
@@ -56,7 +58,7 @@ LIBRARIES: dict[str, set[str]] = {
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
-    "mujoco": {f"robots.simulated_arm.{module}" for module in ("camera", "model", "physics")},
+    "mujoco": {f"robots.simulated_arm.{module}" for module in ("camera", "frame", "model", "physics")},
     "click": {"cli"},
     "rich": {"cli"},
 }

@@ -17,10 +17,12 @@ if find_spec("mujoco") is None:
 
 from meal_bayes.robots.simulated_arm.arm import SimulatedArm
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
+from meal_bayes.robots.simulated_arm.physics import OnFrame
 from meal_bayes.robots.simulated_arm.record import Recorded, record_object, to_dataset
 
 __all__ = [
     "ObjectParameters",
+    "OnFrame",
     "Recorded",
     "SimulatedArm",
     "attributes_of",

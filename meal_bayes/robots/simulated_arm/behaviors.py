@@ -49,7 +49,8 @@ LEGAL: dict[str, tuple[str, ...]] = {  # the states that a behavior may start fr
 }
 SUCCEEDED: dict[str, tuple[str, ...]] = {  # the states that a success ends in
     **dict.fromkeys(("look", "press", "reinit"), (READY,)),
-    **dict.fromkeys(("push", "drop"), (READY, MOVED)),
+    "push": (MOVED,),
+    "drop": (READY, MOVED),
     **dict.fromkeys(("grasp", "lower"), (GRASPED,)),
     **dict.fromkeys(("lift", "hold", "shake"), (LIFTED,)),
 }

@@ -39,11 +39,13 @@ class Recorded:
     happened: Happened
 
 
-def record_object(number: int, *, recordings: int, seed: int) -> Recorded:
-    """Draw the training object of that number, and record it."""
-    parameters, happened = draw_object(seed, "training", number), Happened()
+def record_object(
+    number: int, *, recordings: int, seed: int, population: str = "training"
+) -> Recorded:
+    """Draw the object of that number in a population, and record it."""
+    parameters, happened = draw_object(seed, population, number), Happened()
     rows = tuple(
-        _record(SimulatedArm(parameters, seed, "training", number, row), happened)
+        _record(SimulatedArm(parameters, seed, population, number, "recording", row), happened)
         for row in range(recordings)
     )
     return Recorded(f"object_{number:03d}", parameters, rows, happened)
