@@ -21,6 +21,7 @@ from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
 from meal_bayes.robots.simulated_arm import (
+    ObjectParameters,
     OnFrame,
     Recorded,
     SimulatedArm,
@@ -45,6 +46,7 @@ def record_objects(
     seed: int,
     *,
     population: str = "training",
+    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
     jobs: int = 1,
     progress: Progress = lambda *_: None,
 ) -> list[Recorded]:
@@ -52,9 +54,11 @@ def record_objects(
 
     Parameters
     ----------
+    alter : changes objects that were drawn; see `record_object`.
     progress : called with (objects recorded, objects in all).
     """
-    work = partial(record_object, recordings=recordings, seed=seed, population=population)
+    how = {} if alter is None else {"alter": alter}
+    work = partial(record_object, recordings=recordings, seed=seed, population=population, **how)
     found = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
         found.append(recorded)
@@ -100,7 +104,7 @@ def training_recordings(
                 (Path(unfinished) / name).replace(folder)
     rows = json.loads((folder / OUTCOMES).read_text(encoding="utf-8"))
     happened = Happened({(state, behavior, after): n for state, behavior, after, n in rows})
-    return load_dataset(folder / f"{DOMAIN}.toml", root=folder), happened
+    return load_dataset(DOMAIN, root=folder), happened
 
 
 def _physics_digest() -> str:
@@ -108,11 +112,10 @@ def _physics_digest() -> str:
     from importlib.metadata import version  # noqa: PLC0415  costs as much as the rest
 
     digest = hashlib.sha256(version("mujoco").encode())
-    for room, ending in (("robots.simulated_arm", (".py", ".xml")), ("domain.tables", (DOMAIN,))):
-        files = resources.files(f"meal_bayes.{room}").iterdir()
-        for file in sorted(files, key=lambda file: file.name):
-            if file.name.endswith(ending) or file.name.startswith(DOMAIN):
-                digest.update(file.read_bytes())
+    files = resources.files("meal_bayes.robots.simulated_arm").iterdir()
+    for file in sorted(files, key=lambda file: file.name):
+        if file.name.endswith((".py", ".xml")):
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:8]
 
 

@@ -1,7 +1,7 @@
 """Recording: every behavior on every object, as often as asked; what went wrong is tried again."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
@@ -40,10 +40,20 @@ class Recorded:
 
 
 def record_object(
-    number: int, *, recordings: int, seed: int, population: str = "training"
+    number: int,
+    *,
+    recordings: int,
+    seed: int,
+    population: str = "training",
+    alter: Callable[[ObjectParameters], ObjectParameters] = lambda drawn: drawn,
 ) -> Recorded:
-    """Draw the object of that number in a population, and record it."""
-    parameters, happened = draw_object(seed, population, number), Happened()
+    """Draw the object of that number in a population, and record it.
+
+    Parameters
+    ----------
+    alter : changes what was drawn, for experiments on one parameter.
+    """
+    parameters, happened = alter(draw_object(seed, population, number)), Happened()
     rows = tuple(
         _record(SimulatedArm(parameters, seed, population, number, "recording", row), happened)
         for row in range(recordings)

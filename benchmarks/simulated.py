@@ -1,0 +1,238 @@
+"""The arm in physics: what is told by what, accuracy and calibration on new objects, learning live.
+
+python benchmarks/simulated.py [--part answers|labels|content|live ...] [--objects N] [--asked N]
+                               [--trials N] [--jobs N] [--seed S] [--json]
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meal_bayes.datasets import Dataset
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import RobotError
+from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
+from meal_bayes.evaluation.statistics import clustered_se, paired_difference
+from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.simulated import (
+    DOMAIN,
+    ask_new,
+    learn_live,
+    record_objects,
+    training_recordings,
+)
+from meal_bayes.learner import Learner
+from meal_bayes.perception import build_percept_table
+from meal_bayes.robots.simulated_arm import ObjectParameters, to_dataset
+from meal_bayes.seeds import stream
+
+AGENTS = ("bayes", "morc")
+ORDER = ("look", "press", "push", "grasp", "lift", "hold", "shake", "lower", "drop")
+
+
+class Answer(NamedTuple):
+    """One answered question about a new object."""
+
+    number: int
+    attribute: str
+    success: bool
+    cost: float  # simulated s
+    reward: float
+    positive: float  # final belief
+    truth: bool
+    cpu: float  # s
+
+
+def shuffled(data: Dataset, seed: int) -> Dataset:
+    """Label every object at random, each attribute by a fair coin."""
+    labels = stream(seed, "random labels").integers(0, 2, data.labels.shape)
+    return replace(data, labels=labels.astype(np.int8))
+
+
+@lru_cache(maxsize=4)
+def learner_of(agent: str, seed: int, random_labels: bool) -> Learner:
+    """Fit a learner on the training objects, once a process."""
+    data, _ = training_recordings()
+    if random_labels:
+        data = shuffled(data, seed)
+    return Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
+
+
+def answers_about(
+    number: int, *, agent: str, seed: int, asked: int, random_labels: bool = False
+) -> list[Answer]:
+    """Ask about some attributes of one new object, each in a trial of its own."""
+    learner = learner_of(agent, seed, random_labels)
+    names = learner.domain.attributes
+    rng = stream(seed, "asked attributes", number)
+    found = []
+    for attribute in rng.permutation(names)[:asked]:
+        start = time.process_time()
+        learner.asked = 0  # every agent meets the same streams
+        trial = ask_new(learner, Query((str(attribute),)), seed, number)
+        cpu = time.process_time() - start
+        truth, report = bool(trial.truth[0]), trial.report
+        if random_labels:
+            truth = bool(rng.random() < 0.5)  # noqa: PLR2004
+        right = report is not None and bool(report[0]) == truth
+        positive = float(trial.last_belief.positive[0])
+        found.append(
+            Answer(number, str(attribute), right, trial.cost, trial.reward, positive, truth, cpu)
+        )
+    return found
+
+
+def ask_all(objects: int, jobs: int, **how: Any) -> list[Answer]:
+    """Ask about all new objects, in processes."""
+    found = list(in_parallel(partial(answers_about, **how), range(objects), jobs=jobs))
+    return sorted((one for each in found for one in each), key=lambda one: one[:2])
+
+
+def summary(answers: Sequence[Answer]) -> dict[str, float]:
+    """Sum up the answers of one agent."""
+    right = np.array([one.success for one in answers], float)
+    objects = np.array([one.number for one in answers])
+    belief = np.array([one.positive for one in answers])
+    truth = np.array([one.truth for one in answers])
+    return {
+        "trials": len(answers),
+        "accuracy": float(right.mean()),
+        "accuracy_se": clustered_se(right, objects),
+        "cost_s": float(np.mean([one.cost for one in answers])),
+        "reward": float(np.mean([one.reward for one in answers])),
+        "ece": calibration_error(belief, truth),
+        "ece_if_calibrated": expected_calibration_error(belief, stream(0, "ece")),
+        "cpu_s": float(np.mean([one.cpu for one in answers])),
+    }
+
+
+def answers(options: argparse.Namespace) -> dict[str, Any]:
+    """Compare agents on new objects, pair by pair."""
+    how = {"seed": options.seed, "asked": options.asked}
+    found = {agent: ask_all(options.objects, options.jobs, agent=agent, **how) for agent in AGENTS}
+    ours, theirs = (found[agent] for agent in AGENTS)
+    pairs = paired_difference(
+        [one.reward for one in ours], [one.reward for one in theirs], [one.number for one in ours]
+    )
+    kinds = load_domain(DOMAIN).behaviors
+    by_attribute = {
+        name: float(np.mean([one.success for one in ours if one.attribute == name]))
+        for name in load_domain(DOMAIN).attributes
+    }
+    return {
+        "every_behavior_once_s": sum(kind.cost for kind in kinds if kind.modalities),
+        **{agent: summary(rows) for agent, rows in found.items()},
+        "bayes_by_attribute": by_attribute,
+        "reward_bayes_minus_morc": pairs._asdict(),
+    }
+
+
+def labels(options: argparse.Namespace) -> dict[str, Any]:
+    """Ask a learner whose training labels were random about objects whose truth is random."""
+    rows = ask_all(
+        options.objects, options.jobs, agent="bayes", seed=options.seed, asked=options.asked,
+        random_labels=True,
+    )  # fmt: skip
+    found = summary(rows)
+    distance = abs(found["accuracy"] - 0.5) / found["accuracy_se"]
+    return {**found, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
+
+
+def equal_mass(drawn: ObjectParameters) -> ObjectParameters:
+    """Make what is drawn empty or full of balls, with .1 kg of its mass as shell or as content."""
+    if drawn.n_balls:
+        return replace(drawn, content_mass=0.1)
+    heavier = drawn.shell_mass + 0.1
+    return replace(drawn, content="nothing", content_mass=0.0, shell_mass=heavier)
+
+
+def content(options: argparse.Namespace) -> dict[str, Any]:
+    """Tell full objects from empty ones of equal mass, behavior by behavior."""
+    made = record_objects(
+        60, 2, options.seed, population="equal mass", alter=equal_mass, jobs=options.jobs
+    )
+    data = to_dataset(load_domain(DOMAIN), made)
+    table = build_percept_table(data, attributes=["full"])
+    full = data.domain.attribute_index("full")
+    truth = data.labels[:, full] == 1
+    told = {}
+    for name in ORDER:
+        said = table.log_odds[:, :, data.domain.behavior_index(name), full].astype(float)
+        known = ~np.isnan(said)
+        yes = said > 0.004  # noqa: PLR2004  the yes/no threshold
+        counts = [
+            [int((yes[truth == t] == s)[known[truth == t]].sum()) for s in (0, 1)] for t in (0, 1)
+        ]
+        rates = [row[t] / max(sum(row), 1) for t, row in enumerate(counts)]
+        told[name] = {"confusion": counts, "balanced_accuracy": float(np.mean(rates))}
+    masses = [
+        np.mean([o.parameters.mass for o in made if (o.parameters.content != "nothing") == f])
+        for f in (False, True)
+    ]
+    return {"mass_empty_kg": masses[0], "mass_full_kg": masses[1], "behaviors": told}
+
+
+def live(options: argparse.Namespace) -> dict[str, Any]:
+    """Learn from nothing, then compare the last trials with a fit on recordings of the objects."""
+    begun = time.process_time()
+    done = list(learn_live(options.trials, options.seed))
+    last = [one for one in done[-50:] if one.trial is not None]
+    cpu = time.process_time() - begun
+    made = record_objects(
+        options.trials - 50, 1, options.seed, population="live", jobs=options.jobs
+    )
+    learner = Learner(DOMAIN, seed=options.seed, logs=None)
+    learner.fit(to_dataset(load_domain(DOMAIN), made))
+    offline = []
+    for one in last:
+        try:
+            trial = ask_new(
+                learner, Query((one.attribute,)), options.seed, one.number, population="live"
+            )
+        except RobotError:
+            continue
+        offline.append(bool(trial.success))
+    blocks = [done[at : at + 20] for at in range(0, len(done), 20)]
+    return {
+        "curve": [
+            {
+                "trials": block[-1].number,
+                "agent": block[-1].agent,
+                "accuracy": float(np.mean([bool(one.trial.success) for one in block if one.trial])),
+                "cost_s": float(np.mean([one.trial.cost for one in block if one.trial])),
+            }
+            for block in blocks
+        ],
+        "last_50": float(np.mean([bool(one.trial.success) for one in last])),
+        "offline_on_the_same_objects": float(np.mean(offline)),
+        "robot_errors": sum(one.trial is None for one in done),
+        "cpu_s_a_trial": cpu / len(done),
+    }
+
+
+PARTS = {"answers": answers, "labels": labels, "content": content, "live": live}
+
+
+def main() -> None:
+    """Measure the parts that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--part", action="append", choices=PARTS)
+    parser.add_argument("--objects", type=int, default=100)
+    parser.add_argument("--asked", type=int, default=9)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    found = {part: PARTS[part](options) for part in options.part or PARTS}
+    print(json.dumps(found) if options.json else json.dumps(found, indent=2))
+
+
+if __name__ == "__main__":
+    main()
