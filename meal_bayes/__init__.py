@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from meal_bayes.agents import Trial, run_trial
-    from meal_bayes.datasets import load_dataset, load_percepts
+    from meal_bayes.datasets import Dataset, load_dataset, load_percepts
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.domain import Query, load_domain, read_query
     from meal_bayes.errors import MealBayesError
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 __all__ = [
     "POMCP",
     "ConfusionPosterior",
+    "Dataset",
     "Learner",
     "MealBayesError",
     "OfflineConfig",
@@ -87,7 +88,7 @@ __all__ = [
 
 _ROOMS = {
     "agents": ("Trial", "run_trial"),
-    "datasets": ("load_dataset", "load_percepts"),
+    "datasets": ("Dataset", "load_dataset", "load_percepts"),
     "datasets.percept_file": ("save_percepts",),
     "domain": ("Query", "load_domain", "read_query"),
     "errors": ("MealBayesError",),

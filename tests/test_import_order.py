@@ -14,7 +14,9 @@ GROUND = {"errors", "arrays", "seeds"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
-EVERYTHING = {*BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "cli"}
+EVERYTHING = {
+    *BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "cli"
+}  # fmt: skip
 
 # Room -> the rooms (or single modules of a room) that it may import, besides itself and the ground.
 ROOMS: dict[str, set[str]] = {

@@ -28,7 +28,10 @@ from meal_bayes.errors import SettingsError
 if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningRow, LearningSummary
 
-AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory; or package.module:name of your own"
+AGENTS = (
+    "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory; or "
+    "package.module:name of your own"
+)
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")

@@ -208,10 +208,9 @@ def _learning(name: str, agent: AgentTally) -> plots.Series:
 
 
 def _so_far(name: str, trials: list[Trial]) -> plots.Series:
-    hours = np.cumsum([trial.cost for trial in trials]) / _HOUR
     judged = [trial.judged for trial in trials]
+    hours = np.cumsum([trial.cost for trial in trials])[judged] / _HOUR
     right = np.cumsum([bool(trial.success) for trial in trials if trial.judged])
-    hours = hours[judged]
     points = min(_POINTS, len(right))
     at = np.unique(np.linspace(0, len(right) - 1, points).astype(int))
     found = [wilson_interval(int(right[i]), int(i) + 1) for i in at]
@@ -294,8 +293,9 @@ def _worst(tally: Tally) -> str:
         said = "no answer"
         if trial.report is not None:
             said = trial.task.query.report_name(trial.report)
+        judged = verdict(right=bool(trial.success), text=verdict_word(trial))
         summary = (
-            f"{verdict(right=bool(trial.success), text=verdict_word(trial))} <b>trial {place.number}</b>"
+            f"{judged} <b>trial {place.number}</b>"
             f"{escape(', '.join(trial.task.query.attributes))}? "
             f"{escape(trial.task.object_name)}, {escape(trial.agent)}: {escape(said)}; "
             f"{trial.cost:.1f} s, reward {trial.reward:.1f}"

@@ -86,7 +86,7 @@ class Learner:
 
     @property
     def lessons(self) -> tuple[Lesson, ...]:
-        """What people told, in the order in which they did."""
+        """What people told, in order."""
         return tuple(self._lessons.values())
 
     @property
@@ -132,13 +132,9 @@ class Learner:
     def resume(
         self, data: Dataset | PerceptTable, lessons: Sequence[Lesson], refitted: Sequence[bool]
     ) -> Self:
-        """Come to the state of a learner that was saved.
+        """Come to the state of a learner with this data and these lessons, in order.
 
-        Parameters
-        ----------
-        data : what it was fitted on.
-        lessons : what it was told, in order.
-        refitted : of each lesson, whether its last refit had learned from it.
+        `refitted` tells of each lesson whether the last refit had learned from it.
         """
         pairs = list(zip(lessons, refitted, strict=True))
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
@@ -153,8 +149,7 @@ class Learner:
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
 
-        Classifiers are refitted where the data are recordings, with the features of the trials that
-        people spoke of.
+        Classifiers are fitted on the data and on the features of trials that people spoke of.
         """
         source = self.source
         if isinstance(source, Replayed):
@@ -168,7 +163,7 @@ class Learner:
         return self
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what is known; of a percept table, what is known without an object of it."""
+        """Return what is known; of a percept table, what is known without one of its objects."""
         source = self.source
         if isinstance(source, Fitted):
             return source.knowledge
@@ -260,11 +255,10 @@ class Learner:
         ------
         QueryError : an attribute that the domain does not have.
         """
-        source, key = self.source, trial.task.key
+        source, key, name = self.source, trial.task.key, trial.task.object_name
         told = checked_values(values, self.domain)
         if not told:
             return
-        name = trial.task.object_name
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:

@@ -5,6 +5,7 @@ features of lessons another; a percept table is the .npz of `save_percepts`. Wha
 kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
 """
 
+import contextlib
 import io
 import json
 import lzma
@@ -43,7 +44,6 @@ def save_learner(learner: Learner, path: Path) -> None:
     """Write a learner; the file is there whole or not at all."""
     source = learner.source
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    path.parent.mkdir(parents=True, exist_ok=True)
     meta: dict[str, Any] = {
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
@@ -56,6 +56,7 @@ def save_learner(learner: Learner, path: Path) -> None:
         "lessons": [],
     }
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             rows = _Rows(learner.domain)
             for lesson in learner.lessons:
@@ -76,7 +77,8 @@ def save_learner(learner: Learner, path: Path) -> None:
     except OSError as fault:
         raise DataError(f"{path} cannot be written: {fault}.") from fault
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learner:

@@ -48,8 +48,8 @@ class TrialWriter:
     """Writes trials into `path`, which exists only once the file is whole.
 
     Until then the file is called `<path>.active`; when `write` returns, the trial has left the
-    process, and `salvage` reads it whatever happens next. It is a `Recorder` as well: a trial that is
-    told step by step is on disk step by step. Seconds of wall-clock time go into
+    process, and `salvage` reads it whatever happens next. It is a `Recorder` as well: a trial
+    that is told step by step is on disk step by step. Seconds of wall-clock time go into
     `<stem>.timing.csv` beside the file, so that two equal runs write equal logs. Where the `with`
     block ends by an exception, the file keeps the name that says it is unfinished.
 

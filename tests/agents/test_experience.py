@@ -15,7 +15,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import ConfusionSampler
 from meal_bayes.planners import RandomLegal
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots import CheckedRobot, RecordedRobot
+from meal_bayes.seeds import stream
 
 TOY = load_domain("toy")
 OBJECTS, RECORDINGS, BUDGET = 4, 3, 25.0  # s: more executions than there are recordings
@@ -43,9 +44,11 @@ def work(experience, o, attributes, seed, budget=BUDGET):
     columns = [TOY.attribute_index(name) for name in attributes]
     momdp = build_momdp(TOY, query, FAIR[columns], limit=RECORDINGS)
     task = Task("a task", query, o, DATASET.objects[o], (seed, o, *attributes))
-    robot = RecordedRobot(TOY, RECORDINGS, experience.supply)
+    luck = stream(seed, "robot", *task.key)
+    robot = RecordedRobot(TOY, o, RECORDINGS, experience.supply(o), luck)
     trial = run_trial(
-        task, momdp, RandomLegal(budget).solve(momdp, None), robot, witness,
+        task, momdp, RandomLegal(budget).solve(momdp, None),
+        CheckedRobot(robot, TOY, object_index=o), witness,
         Streams.of(seed, task, ""), truth=DATASET.labels[o, columns] == 1,
     )  # fmt: skip
     return SimpleNamespace(trial=trial, shown=witness.shown, columns=columns)

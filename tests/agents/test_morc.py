@@ -201,13 +201,17 @@ class TestPreparing:
         assert (momdp.correct, momdp.incorrect) == ((100, -100) if reward is None else (30, -30))
 
 
-def test_what_nobody_labelled_cannot_be_scored(table, make):
+def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
     labels = np.array(table.labels)
     labels[2, 1] = -1
     morc = Morc(dataclasses.replace(table, labels=labels), fast("predefined"), 0)
     assert morc.run(make.task(table, 2, "red")).truth.shape == (1,)
-    with pytest.raises(SettingsError, match=r"labelled 'object_2' for \['heavy'\]"):
-        morc.run(make.task(table, 2))
+    trial = morc.run(make.task(table, 2))
+    np.testing.assert_array_equal(trial.truth, [table.labels[2, 0], -1])
+    assert trial.success is None
+    assert trial.report is not None
+    assert np.isnan(trial.reward)
+    assert trial.cost > 0
 
 
 def test_percepts_are_one_of_two_kinds(table):

@@ -9,7 +9,7 @@ import pytest
 from meal_bayes.datasets import Dataset, make_synthetic, make_synthetic_model
 from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.robots import Execution, RecordedRobot, Robot, SimulatedRobot
+from meal_bayes.robots import CheckedRobot, Execution, RecordedRobot, SimulatedRobot
 
 RECORDINGS = 4
 OBJECTS = 6
@@ -20,31 +20,40 @@ def dataset_of(domain: Domain) -> Dataset:
     return make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
 
 
-def recorded(domain: Domain, seed: int) -> Robot:
-    return RecordedRobot(domain, RECORDINGS, np.random.default_rng(seed), dataset_of(domain))
+Maker = Callable[..., CheckedRobot]
 
 
-def looked_up(domain: Domain, seed: int) -> Robot:
-    return RecordedRobot(domain, RECORDINGS, np.random.default_rng(seed))
+def replaying(domain: Domain, seed: int, luck: int, o: int, **options: object) -> CheckedRobot:
+    order, failures = np.random.default_rng(seed), np.random.default_rng(luck)
+    robot = RecordedRobot(domain, o, RECORDINGS, order, failures, **options)  # type: ignore[arg-type]
+    return CheckedRobot(robot, domain, object_index=o)
 
 
-def repeating(domain: Domain, seed: int) -> Robot:
-    return RecordedRobot(domain, RECORDINGS, np.random.default_rng(seed), repeats=True)
+def recorded(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, luck, o, dataset=dataset_of(domain))
 
 
-def simulated(domain: Domain, seed: int) -> Robot:
-    rng = np.random.default_rng(0)
-    return SimulatedRobot(make_synthetic_model(domain, objects=OBJECTS, rng=rng))
+def looked_up(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, luck, o)
+
+
+def repeating(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, luck, o, repeats=True)
+
+
+def simulated(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
+    model = make_synthetic_model(domain, objects=OBJECTS, rng=np.random.default_rng(0))
+    return CheckedRobot(
+        SimulatedRobot(model, o, np.random.default_rng(luck)), domain, object_index=o
+    )
 
 
 MAKERS = [recorded, looked_up, repeating, simulated]
-Maker = Callable[[Domain, int], Robot]
 
 
-def run(robot: Robot, behaviors: list[int], seed: int, object_index: int = 1) -> list[Execution]:
-    robot.start(object_index)
-    rng = np.random.default_rng(seed)
-    return [robot.execute(behavior, rng) for behavior in behaviors]
+def run(robot: CheckedRobot, behaviors: list[int]) -> list[Execution]:
+    robot.start()
+    return [robot.execute(behavior) for behavior in behaviors]
 
 
 def assert_frequency(hits: int, n: int, p: float, sigma: float = 5.0) -> None:
@@ -65,14 +74,13 @@ def felt(execution: Execution) -> tuple[object, ...] | None:
 @pytest.mark.parametrize("name", ["toy", "roc36", "roc36_published", "ispy32", "cy101"])
 def test_moves_only_where_the_diagram_leads(make: Maker, name: str) -> None:
     domain = load_domain(name)
-    arrays, robot = domain.transitions(), make(domain, 1)
-    choose, rng = np.random.default_rng(2), np.random.default_rng(3)
+    arrays, robot, choose = domain.transitions(), make(domain, 1, 3), np.random.default_rng(2)
     for _ in range(60):
-        x = robot.start(int(choose.integers(OBJECTS)))
+        x = robot.start()
         assert domain.diagram.states[x] == domain.diagram.start
         for _ in range(20):
             behavior = int(choose.integers(len(domain.behaviors)))
-            execution = robot.execute(behavior, rng)
+            execution = robot.execute(behavior)
             assert arrays.transition[behavior, x, execution.next_x] > 0
             if execution.instance is not None:
                 kind = domain.behaviors[behavior]
@@ -84,8 +92,8 @@ def test_moves_only_where_the_diagram_leads(make: Maker, name: str) -> None:
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_after_the_end_nothing_happens(make: Maker) -> None:
-    robot = make(load_domain("toy"), 1)
-    ended = run(robot, [2, 0, 1, 2], 5)  # reinit is illegal in x0
+    robot = make(load_domain("toy"), 1, 5)
+    ended = run(robot, [2, 0, 1, 2])  # reinit is illegal in x0
     assert [execution.next_x for execution in ended] == [2] * 4
     assert all(execution.instance is None for execution in ended)
 
@@ -93,7 +101,7 @@ def test_after_the_end_nothing_happens(make: Maker) -> None:
 @pytest.mark.parametrize("make", MAKERS)
 def test_seeds_name_the_trial(make: Maker) -> None:
     domain, plan = load_domain("cy101"), [0, 1, 2, 3, 3, 4, 4, 5, 10] * 3
-    trials = [run(make(domain, 7), plan, seed) for seed in (8, 8, *range(9, 15))]
+    trials = [run(make(domain, 7, seed), plan) for seed in (8, 8, *range(9, 15))]
     seen = [str([(e.next_x, felt(e)) for e in trial]) for trial in trials]
     assert seen[0] == seen[1]
     assert len(set(seen[1:])) > 1
@@ -105,16 +113,15 @@ def test_luck_of_an_execution_does_not_depend_on_the_others(make: Maker) -> None
     lift, look, reinit = (domain.behavior_index(name) for name in ("lift", "look", "reinit"))
 
     def lifts(looks_between: int) -> list[tuple[object, ...]]:
-        robot = make(domain, 11)
-        robot.start(2)
-        rng, results = np.random.default_rng(12), []
+        robot, results = make(domain, 11, 12, 2), []
+        robot.start()
         for _ in range(50):
-            execution = robot.execute(lift, rng)
+            execution = robot.execute(lift)
             results.append((execution.next_x, felt(execution)))
             if execution.next_x == 1:
-                robot.execute(reinit, rng)
+                robot.execute(reinit)
             for _ in range(looks_between):
-                robot.execute(look, rng)
+                robot.execute(look)
         return results
 
     alone = lifts(0)
@@ -127,13 +134,13 @@ def test_luck_of_an_execution_does_not_depend_on_the_others(make: Maker) -> None
 @pytest.mark.parametrize("make", [repeating, simulated])
 def test_failures_have_the_diagram_s_frequency(make: Maker) -> None:
     domain, n = load_domain("roc36"), 1500
-    robot, rng = make(domain, 13), np.random.default_rng(14)
+    robot = make(domain, 13, 14)
     look, grasp = domain.behavior_index("look"), domain.behavior_index("grasp")
     successes = 0
     for _ in range(n):
-        robot.start(0)
-        assert robot.execute(look, rng).instance is not None  # look never fails
-        execution = robot.execute(grasp, rng)
+        robot.start()
+        assert robot.execute(look).instance is not None  # look never fails
+        execution = robot.execute(grasp)
         assert (execution.next_x == 2) == (execution.instance is not None)
         successes += execution.next_x == 2
     assert_frequency(successes, n, 0.95)
@@ -142,13 +149,13 @@ def test_failures_have_the_diagram_s_frequency(make: Maker) -> None:
 @pytest.mark.statistical
 def test_loops_that_fail_give_no_percept() -> None:
     domain, n = load_domain("ispy32"), 3000
-    robot, rng = repeating(domain, 15), np.random.default_rng(16)
-    robot.start(0)
-    robot.execute(domain.behavior_index("look"), rng)
+    robot = repeating(domain, 15, 16)
+    robot.start()
+    robot.execute(domain.behavior_index("look"))
     press = domain.behavior_index("press")
     percepts = 0
     for _ in range(n):
-        execution = robot.execute(press, rng)
+        execution = robot.execute(press)
         assert execution.next_x == 1
         percepts += execution.instance is not None
     assert_frequency(percepts, n, 0.95)
@@ -157,14 +164,14 @@ def test_loops_that_fail_give_no_percept() -> None:
 @pytest.mark.statistical
 def test_published_shakes_are_felt_only_when_the_object_falls() -> None:
     domain, n = load_domain("roc36_published"), 3000
-    robot, rng = repeating(domain, 17), np.random.default_rng(18)
+    robot = repeating(domain, 17, 18)
     plan = [domain.behavior_index(name) for name in ("look", "grasp", "lift_slow", "hold")]
     shake, falls, shaken = domain.behavior_index("shake"), 0, 0
     for _ in range(n):
-        robot.start(0)
-        if [robot.execute(behavior, rng).next_x for behavior in plan][-1] != 4:
+        robot.start()
+        if [robot.execute(behavior).next_x for behavior in plan][-1] != 4:
             continue
-        execution = robot.execute(shake, rng)
+        execution = robot.execute(shake)
         assert (execution.next_x == 5) == (execution.instance is not None)
         falls += execution.next_x == 5
         shaken += 1
@@ -173,12 +180,12 @@ def test_published_shakes_are_felt_only_when_the_object_falls() -> None:
 
 def test_each_recording_comes_once_and_then_none() -> None:
     domain = load_domain("ispy32")
-    robot, press = recorded(domain, 19), domain.behavior_index("press")
-    trial = run(robot, [0, *[press] * 30], 20)
+    robot, press = recorded(domain, 19, 20), domain.behavior_index("press")
+    trial = run(robot, [0, *[press] * 30])
     got = [e.instance.recording for e in trial[1:] if e.instance is not None]
     assert sorted(got) == list(range(RECORDINGS))
     assert all(e.next_x == 1 for e in trial[1:])
-    again = run(robot, [0, *[press] * 30], 20)
+    again = run(robot, [0, *[press] * 30])
     assert sorted(
         e.instance.recording for e in again[1:] if e.instance is not None
     ) == list(range(RECORDINGS))  # fmt: skip
@@ -188,7 +195,7 @@ def test_failed_execution_uses_no_recording() -> None:
     domain = load_domain("ispy32")
     press = domain.behavior_index("press")
     for seed in range(200):
-        trial = run(looked_up(domain, seed), [0, *[press] * (RECORDINGS + 1)], seed)
+        trial = run(looked_up(domain, seed, seed), [0, *[press] * (RECORDINGS + 1)])
         got = [e.instance for e in trial[1:]]
         failed = [i for i, instance in enumerate(got[:RECORDINGS]) if instance is None]
         if len(failed) == 1 and got[-1] is not None:
@@ -199,11 +206,11 @@ def test_failed_execution_uses_no_recording() -> None:
 
 def test_order_of_recordings_varies_and_is_fair() -> None:
     domain = load_domain("toy")
-    robot, rng = looked_up(domain, 21), np.random.default_rng(22)
+    robot = looked_up(domain, 21, 22)
     first: Counter[int] = Counter()
     for _ in range(2000):
-        robot.start(0)
-        instance = robot.execute(0, rng).instance
+        robot.start()
+        instance = robot.execute(0).instance
         assert instance is not None
         first[instance.recording] += 1
     for recording in range(RECORDINGS):
@@ -211,7 +218,7 @@ def test_order_of_recordings_varies_and_is_fair() -> None:
 
 
 def test_repeats_never_run_out_and_are_fair() -> None:
-    trial = run(repeating(load_domain("toy"), 23), [0] * 2000, 24)
+    trial = run(repeating(load_domain("toy"), 23, 24), [0] * 2000)
     drawn = Counter(e.instance.recording for e in trial if e.instance is not None)
     assert drawn.total() == 2000
     for recording in range(RECORDINGS):
@@ -221,8 +228,8 @@ def test_repeats_never_run_out_and_are_fair() -> None:
 def test_recorded_features_are_those_of_the_data_set() -> None:
     domain = load_domain("roc36")
     dataset = dataset_of(domain)
-    robot = RecordedRobot(domain, RECORDINGS, np.random.default_rng(25), dataset)
-    for execution in run(robot, [0, 1, 2, 3, 4], 26, object_index=3):
+    robot = replaying(domain, 25, 26, 3, dataset=dataset)
+    for execution in run(robot, [0, 1, 2, 3, 4]):
         instance = execution.instance
         assert instance is not None
         assert instance.object_index == 3
@@ -236,7 +243,7 @@ def test_recorded_features_are_those_of_the_data_set() -> None:
 def test_a_person_s_answer_has_no_features(make: Maker) -> None:
     domain = load_domain("ispy32")
     ask = domain.behavior_index("ask")
-    for execution in run(make(domain, 27), [ask] * 10, 28):
+    for execution in run(make(domain, 27, 28), [ask] * 10):
         assert execution.next_x == 0
         assert execution.instance is not None
         assert execution.instance.features is None
@@ -244,58 +251,56 @@ def test_a_person_s_answer_has_no_features(make: Maker) -> None:
 
 
 def test_simulated_instances_are_fresh() -> None:
-    trial = run(simulated(load_domain("toy"), 0), [0] * 30, 29)
+    trial = run(simulated(load_domain("toy"), 0, 29), [0] * 30)
     values = {str(felt(execution)) for execution in trial}
     assert len(values) == 30
     assert [e.instance.recording for e in trial if e.instance is not None] == list(range(30))
 
 
-@pytest.mark.parametrize("make", MAKERS)
-def test_mistakes_are_told(make: Maker) -> None:
+def test_mistakes_are_told() -> None:
     domain, rng = load_domain("toy"), np.random.default_rng(30)
-    with pytest.raises(SettingsError, match="call start"):
-        make(domain, 0).execute(0, rng)
-    robot = make(domain, 0)
-    robot.start(0)
-    for behavior in (-1, 3):
-        with pytest.raises(SettingsError, match="expected 0 to 2"):
-            robot.execute(behavior, rng)
+    model = make_synthetic_model(domain, objects=OBJECTS, rng=rng)
+    for robot in (RecordedRobot(domain, 0, 2, rng, rng), SimulatedRobot(model, 0, rng)):
+        with pytest.raises(SettingsError, match="call start"):
+            robot.execute("look")
+        robot.start()
+        with pytest.raises(SettingsError, match="Unknown behavior 'lok': did you mean 'look'"):
+            robot.execute("lok")
     with pytest.raises(SettingsError, match="Object -1"):
-        robot.start(-1)
+        RecordedRobot(domain, -1, 2, rng, rng)
 
 
 def test_object_beyond_the_data_set() -> None:
     for make in (recorded, simulated):
         with pytest.raises(SettingsError, match=f"Object {OBJECTS}"):
-            make(load_domain("toy"), 0).start(OBJECTS)
+            make(load_domain("toy"), 0, 0, OBJECTS)
 
 
 @pytest.mark.parametrize("recordings", [0, RECORDINGS + 1])
 def test_recordings_out_of_range(recordings: int) -> None:
-    domain = load_domain("toy")
+    domain, rng = load_domain("toy"), np.random.default_rng(0)
     with pytest.raises(SettingsError, match=f"expected 1 to {RECORDINGS}"):
-        RecordedRobot(domain, recordings, np.random.default_rng(0), dataset_of(domain))
+        RecordedRobot(domain, 0, recordings, rng, rng, dataset_of(domain))
     with pytest.raises(SettingsError, match="expected 1 or more"):
-        RecordedRobot(domain, 0, np.random.default_rng(0))
+        RecordedRobot(domain, 0, 0, rng, rng)
 
 
-def test_a_supply_says_what_comes_next() -> None:
-    domain, asked = load_domain("toy"), list[int]()
-    look = domain.behavior_index("look")
-
-    def supply(object_index: int) -> list[list[int]]:
-        asked.append(object_index)
-        return [[0, 2, 1], [0], [0]]
-
-    robot = RecordedRobot(domain, 3, supply)
-    rng = np.random.default_rng(1)
-    for o in (4, 7):
-        robot.start(o)
-        shown = [robot.execute(look, rng).instance for _ in range(4)]
+def test_a_given_order_says_what_comes_next() -> None:
+    domain = load_domain("toy")
+    order, look = [[0, 2, 1], [0], [0]], domain.behavior_index("look")
+    robot = RecordedRobot(domain, 4, 3, order, np.random.default_rng(1))
+    body = CheckedRobot(robot, domain, object_index=4)
+    for _ in range(2):
+        shown = [execution.instance for execution in run(body, [look] * 4)]
         assert [i and (i.object_index, i.recording) for i in shown] == [
-            (o, 1),
-            (o, 2),
-            (o, 0),
-            None,
-        ]
-    assert asked == [4, 7]
+            (4, 1), (4, 2), (4, 0), None
+        ]  # fmt: skip
+    assert order == [[0, 2, 1], [0], [0]]
+
+
+def test_ragged_recordings_run_out_one_by_one() -> None:
+    domain, rng = load_domain("toy"), np.random.default_rng(1)
+    body = CheckedRobot(RecordedRobot(domain, 0, [2, 0, 0], rng, rng), domain, object_index=0)
+    shown = [execution.instance for execution in run(body, [0, 0, 0, 1])]
+    assert sorted(i.recording for i in shown if i is not None) == [0, 1]
+    assert shown[2:] == [None, None]

@@ -27,8 +27,8 @@ from meal_bayes.trial_log.schema import (
 
 def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: data):
     """Messages of a trial, changed before digests are made; `kind` counts momdp, trial, steps."""
-    kinds = [MOMDPS, *(m.topic for m in TrialEncoder(0, 0, b"").whole(trial) if m.topic in (TRIAL, STEP))]
     packed = [m for m in TrialEncoder(0, 0, b"").whole(trial) if m.topic in (TRIAL, STEP)]
+    kinds = [MOMDPS, *(message.topic for message in packed)]
     data = [numbered(0, encode_momdp(trial.momdp)), *(message.data for message in packed)]
     classes = {MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage}
     for place, kind in enumerate(kinds):

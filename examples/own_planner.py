@@ -1,0 +1,48 @@
+"""A planner of one's own, compared with the shipped agents on the recordings of real robots.
+
+    python examples/own_planner.py
+    meal-bayes run offline --dataset roc36 --trials 20 --agent morc,own_planner:Cautious
+
+(the second in the folder of this file). A planner is an object with a method `solve`; its policy
+has a method `decide`. The observation model, the prior and the logs are those of `bayes`.
+"""
+
+from dataclasses import dataclass
+
+import meal_bayes as mb
+from meal_bayes.momdp import best_report
+from meal_bayes.planners import unvalued
+
+
+@dataclass
+class Cautious:
+    """Execute what is legal and was not tried, the cheapest first; report once it is sure."""
+
+    sure: float = 0.95  # Pr(the report is right)
+    patience: int = 12  # behaviors
+
+    def solve(self, momdp, rng):
+        self.momdp = momdp
+        return self
+
+    def decide(self, history, rng):
+        momdp, belief = self.momdp, history.belief
+        legal = [e for e in range(momdp.n_behaviors) if momdp.legal[belief.x, e]]
+        tired = len(history.actions) >= self.patience
+        if belief.certainty >= self.sure or tired or not legal:
+            return unvalued(momdp, best_report(momdp, belief))
+        untried = [e for e in legal if e not in history.actions] or legal
+        return unvalued(momdp, min(untried, key=lambda e: momdp.cost[e]))
+
+
+def main(trials=20):
+    config = mb.OfflineConfig(
+        "roc36", attributes=2, trials=trials, agents=("random_legal", "predefined_plus", Cautious())
+    )
+    run = mb.run_offline(config)
+    for row in mb.summarize(run.trials()):
+        print(f"{row.agent:<16} accuracy {row.accuracy:.2f}  cost {row.cost_s:5.1f} s")
+
+
+if __name__ == "__main__":
+    main()

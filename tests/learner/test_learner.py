@@ -1,0 +1,239 @@
+"""Told trials are conjugate updates: at once, in any order, and taken back exactly."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meal_bayes.agents import knowledge_without
+from meal_bayes.datasets import TrainingSet, load_percepts
+from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.learner import Learner
+from meal_bayes.perception import ConfusionCounts, fit_and_validate
+from meal_bayes.posterior import ConfusionPosterior
+
+ALPHA = "concentration"
+
+
+@pytest.fixture(scope="module")
+def met(dataset, make):
+    """A learner with trials about four objects, one of which it meets twice."""
+    learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
+    trials = []
+    for number, (name, red) in enumerate([("a", 1), ("b", 0), ("a", 1), (None, 0), ("cup 3", 1)]):
+        arm = make.arm(red=bool(red), full=number % 2 == 0, seed=number)
+        trials.append(learner.ask("red, full", arm, object_name=name))
+    return learner, trials
+
+
+def alpha(learner):
+    return learner.knowledge().posterior.concentration
+
+
+VALUES = st.dictionaries(st.sampled_from(["red", "full"]), st.booleans(), min_size=1)
+WORDS = st.lists(st.tuples(st.integers(0, 4), st.none() | VALUES), max_size=10)
+
+
+@given(words=WORDS)
+@settings(max_examples=60, deadline=None)
+def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
+    """`evidence == delta * IE` (Eq. 10) after every word; forgetting restores the posterior."""
+    learner, trials = met
+    fitted, rates = alpha(learner), learner.knowledge().base_rates
+    base = learner.source.instances.copy()
+    told = {}
+    try:
+        for number, values in words:
+            if values is None and number in told:
+                learner.forget(trials[number])
+                del told[number]
+            elif values is not None:
+                learner.tell(trials[number], values)
+                told.pop(number, None)
+                told[number] = values  # the later word holds
+            posterior = learner.knowledge().posterior
+            np.testing.assert_array_equal(posterior.evidence, learner.source.instances)
+            labels = {"cup 3": {"red": True, "full": True}}  # a training object's are known
+            for n, value in told.items():
+                labels.setdefault(trials[n].task.object_name, {}).update(value)
+            more = np.zeros_like(base)
+            for n in told:
+                for step in trials[n].steps[:2]:
+                    for name in labels[trials[n].task.object_name]:
+                        p = learner.domain.attribute_index(name)
+                        more[p, step.decision.action] += step.observation is not None
+            np.testing.assert_array_equal(learner.source.instances - base, more)
+    finally:
+        for number in told:
+            learner.forget(trials[number])
+    np.testing.assert_allclose(alpha(learner), fitted, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(learner.knowledge().base_rates, rates)
+
+
+@given(order=st.permutations(range(5)))
+@settings(max_examples=20, deadline=None)
+def test_the_order_of_words_does_not_matter(met, order):
+    learner, trials = met
+    truth = [{"red": bool(n != 1), "full": n % 2 == 0} for n in range(5)]
+    truth[2] = truth[0]  # the same object
+    results = []
+    for numbers in (range(5), order):
+        for n in numbers:
+            learner.tell(trials[n], truth[n])
+        results.append(alpha(learner))
+        for n in numbers:
+            learner.forget(trials[n])
+    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e-9)
+
+
+def test_an_object_s_trials_together_are_one_row(met):
+    """n percepts of one object are worth n (s + 1) / (n + s), over all its trials."""
+    learner, trials = met
+    before = learner.knowledge().posterior
+    for n in (0, 2):
+        learner.tell(trials[n], {"red": True})
+    after = learner.knowledge().posterior
+    levels = [t.steps[0].observation[0] for t in (trials[0], trials[2])]  # of look, of red
+    s = before.dispersion[0, 0, 1]
+    expected = before.concentration[0, 0, 1] + (s + 1) / (2 + s) * np.bincount(levels, minlength=4)
+    np.testing.assert_allclose(after.concentration[0, 0, 1], expected, rtol=1e-12)
+    for n in (0, 2):
+        learner.forget(trials[n])
+
+
+def test_eq_8_equals_a_fit_from_all_data(dataset, make):
+    """Without differences between objects nothing but counts is learned: equal to 1e-9."""
+    agent = make.agent("look", "lift", "reset", "look")
+    learner = make.learner(dataset, agent)
+    rows = []
+    for n in range(6):
+        trial = learner.ask("red, full", make.arm(red=n % 2 == 0, seed=n))
+        learner.tell(trial, {"red": n % 2 == 0, "full": True})
+        row = np.zeros((2, 3, 2, 2), int)
+        for step in trial.steps:
+            if step.observation is not None:
+                for p, v in enumerate((int(n % 2 == 0), 1)):
+                    row[p, step.decision.action, v, step.observation[p]] += 1
+        rows.append(row)
+    _, counts = fit_and_validate(dataset, TrainingSet.everything(dataset))
+    everything = ConfusionCounts(np.concatenate([counts.counts, rows]))
+    expected = ConfusionPosterior.from_counts(everything)
+    np.testing.assert_allclose(alpha(learner), expected.concentration, rtol=0, atol=1e-9)
+
+
+def test_the_next_ask_differs_without_a_refit(dataset, make):
+    learner = make.learner(dataset)
+    first = learner.ask("red, full", make.arm(seed=1))
+    before = learner.ask("red, full", make.arm(seed=2)).momdp
+    learner.tell(first, {"red": False, "full": True})
+    after = learner.ask("red, full", make.arm(seed=2)).momdp
+    assert not np.array_equal(before.confusion, after.confusion)
+    assert not np.array_equal(before.prior, after.prior)
+
+
+def test_what_was_told_of_an_object_is_believed_of_it_only(dataset, make):
+    learner = make.learner(dataset)
+    trial = learner.ask("red", make.arm(), object_name="mug")
+    learner.tell(trial, {"red": True})
+    assert learner.ask("red", make.arm(), object_name="mug").momdp.prior[0] == 0.99
+    for name in (None, "glass"):
+        prior = learner.ask("red", make.arm(), object_name=name).momdp.prior
+        np.testing.assert_array_equal(prior, learner.knowledge().base_rates[:1])
+
+
+def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
+    """4 levels, a shared trait, base rates, unknown labels unknown."""
+    labels = np.array(dataset.labels)
+    labels[:4, 0] = -1
+    learner = make.learner(dataclasses.replace(dataset, labels=labels))
+    knowledge, momdp = learner.knowledge(), learner.ask("red, full", make.arm()).momdp
+    assert momdp.levels == 4
+    assert momdp.n_kinds == len(knowledge.degree.points)
+    np.testing.assert_array_equal(momdp.prior, [5 / 10, 7 / 14])
+    known = labels[:, 0] >= 0
+    counted = knowledge.posterior.evidence[0, 0]
+    assert counted == known.sum() * dataset.recordings
+
+
+class TestRefitting:
+    def test_a_refit_learns_from_the_features_of_told_trials(self, dataset, make):
+        learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
+        trial = learner.ask("red, full", make.arm(), object_name="mug")
+        learner.tell(trial, {"red": False, "full": True})
+        conjugate = learner.source.instances.copy()
+        learner.refit()
+        np.testing.assert_array_equal(learner.source.instances, conjugate)
+        assert learner.source.perception.classifiers["look"].spaces["color"].rows.shape[0] == 37
+        learner.forget(trial)
+        fresh = make.learner(dataset, make.agent("look", "lift", **make.ours))
+        np.testing.assert_array_equal(alpha(learner), alpha(fresh))
+
+    def test_every_so_many_labels(self, dataset, make):
+        learner = make.learner(dataset, make.agent("look", **make.ours), refit_every=3)
+        for n in range(3):
+            trial = learner.ask("red", make.arm(seed=n))
+            learner.tell(trial, {"red": False})
+            assert learner.refitted(learner.lessons[0]) == (n == 2)
+
+
+class TestAPerceptTable:
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def table():
+        return load_percepts("roc36")
+
+    def test_a_told_label_teaches_of_all_other_objects(self, table):
+        labels = np.array(table.labels)
+        heavy, name = table.domain.attribute_index("heavy"), table.objects[0]
+        labels[0, heavy] = -1
+        hidden = dataclasses.replace(table, labels=labels)
+        learner = Learner("roc36", agent="predefined", logs=None).fit(hidden)
+        trial = learner.ask("heavy", name)
+        assert trial.success is None
+        learner.tell(trial, {"heavy": bool(table.labels[0, heavy])})
+        expected = knowledge_without(table, 5, levels=2, object_level=False)
+        found = learner.knowledge(table.objects[5])
+        np.testing.assert_allclose(
+            found.posterior.concentration, expected.posterior.concentration, rtol=0, atol=1e-9
+        )
+        learner.forget(trial)
+        before = knowledge_without(hidden, 5, levels=2, object_level=False)
+        np.testing.assert_array_equal(
+            learner.knowledge(table.objects[5]).posterior.concentration,
+            before.posterior.concentration,
+        )
+
+    def test_equal_questions_give_equal_trials(self, table):
+        learner = Learner("roc36", agent="random_legal", seed=3, logs=None).fit(table)
+        one, other = (learner.ask("heavy, blue", table.objects[2]) for _ in range(2))
+        assert [s.decision.action for s in one.steps] == [s.decision.action for s in other.steps]
+
+    def test_a_robot_needs_recordings_and_a_name_a_table(self, table, dataset, make):
+        learner = Learner("roc36", agent="predefined", logs=None).fit(table)
+        with pytest.raises(SettingsError, match="holds no classifiers"):
+            learner.ask("heavy", make.arm())
+        with pytest.raises(SettingsError, match="build_percept_table"):
+            make.learner(dataset).ask("red", "cup 1")
+
+
+def test_mistakes_are_told(dataset, make):
+    learner = make.learner(dataset)
+    trial = learner.ask("red", make.arm())
+    for values, error, says in (
+        ({"rd": True}, QueryError, "did you mean 'red'"),
+        ({"red": "yes"}, SettingsError, "True, False or None"),
+    ):
+        with pytest.raises(error, match=says):
+            learner.tell(trial, values)
+    learner.tell(trial, {"red": None})
+    with pytest.raises(SettingsError, match="Nothing was told"):
+        learner.forget(trial)
+    with pytest.raises(SettingsError, match="fit"):
+        Learner(dataset.domain).ask("red", make.arm())
+    with pytest.raises(SettingsError, match="other|differ"):
+        Learner("roc36").fit(dataset)
+    for wrong in ({"seed": -1}, {"refit_every": 0}, {"agent": 7}):
+        with pytest.raises(SettingsError):
+            Learner(dataset.domain, **wrong)

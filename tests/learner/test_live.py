@@ -1,0 +1,235 @@
+"""Trials with a live robot: what is wrong is no percept, and no step is ever lost."""
+
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meal_bayes.errors import RobotError
+from meal_bayes.evaluation import summarize
+from meal_bayes.robots import Outcome
+from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+PLAN = ("look", "lift", "reset", "look")
+
+
+class Faulty:
+    """Looks as it is told to, however often."""
+
+    def __init__(self, outcome):
+        self.outcome = outcome
+
+    def start(self):
+        return "table"
+
+    def execute(self, behavior):
+        return self.outcome() if callable(self.outcome) else self.outcome
+
+
+GOOD = np.array([40.0, 60.0, 190.0])
+WRONG = {
+    "nan": ({"color": [math.nan, 60, 190]}, "holds NaN or infinity"),
+    "inf": ({"color": [math.inf, 60, 190]}, "holds NaN or infinity"),
+    "too large for float32": ({"color": [1e39, 60, 190]}, "holds NaN or infinity"),
+    "too long": ({"color": [*GOOD, 1.0]}, r"shape \(4,\), expected \(3,\)"),
+    "too short": ({"color": GOOD[:2]}, r"shape \(2,\), expected \(3,\)"),
+    "a matrix": ({"color": GOOD[None]}, r"shape \(1, 3\), expected \(3,\)"),
+    "unknown modality": ({"colour": GOOD}, r"\['colour'\], expected those of \['color'\]"),
+    "one modality more": ({"color": GOOD, "force": [1.0]}, "expected those of"),
+    "no modality": ({}, "expected those of"),
+    "words": ({"color": ["a", "b", "c"]}, "does not hold numbers"),
+    "ragged": ({"color": [[1, 2], [3]]}, "does not hold numbers"),
+    "not by modality": (GOOD, r"not \{modality: numbers\}"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_is_no_percept_moves_no_belief_and_is_warned_of(dataset, make, tmp_path, kind):
+    features, says = WRONG[kind]
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    path = tmp_path / "a.mcap"
+    trial = learner.ask("red", Faulty(Outcome("table", features)), log=path)
+    step = trial.steps[0]
+    assert step.observation is None
+    np.testing.assert_array_equal(step.belief.log_odds, trial.first_belief.log_odds)
+    (back,) = read_trials(path)
+    for found in (trial, back):
+        assert pytest.approx(1.0) == found.steps[0].cost
+        assert re.search(says, found.steps[0].warning)
+        assert found.steps[0].warning.startswith("no percept of look: ")
+    assert not trial.ended
+
+
+def test_a_good_percept_has_no_warning(dataset, make):
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    trial = learner.ask("red", Faulty(Outcome("table", {"color": GOOD})))
+    assert trial.steps[0].observation is not None
+    assert not any(step.warning for step in trial.steps)
+
+
+class Breaks(Exception):
+    """A driver's own error."""
+
+
+def breaking(make, after, fault):
+    """Make an arm whose driver fails after some behaviors."""
+    arm = make.arm()
+    execute = arm.execute
+
+    def executed(behavior):
+        if len(arm.executed) == after:
+            raise fault
+        return execute(behavior)
+
+    arm.execute = executed
+    return arm
+
+
+@pytest.mark.parametrize("after", range(4))
+@pytest.mark.parametrize("fault", [Breaks("the gripper is hot"), KeyboardInterrupt(), SystemExit(3)])
+def test_an_exception_is_raised_once_the_log_is_whole(dataset, make, tmp_path, after, fault):
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours))
+    path = tmp_path / "a.mcap"
+    with pytest.raises(type(fault)):
+        learner.ask("red", breaking(make, after, fault), log=path, truth={"red": False})
+    assert check_log(path).whole
+    (trial,) = read_trials(path)
+    assert [trial.momdp.behavior_names[s.decision.action] for s in trial.steps] == [*PLAN[:after]]
+    assert trial.ended == f"robot error: {type(fault).__name__}{f': {fault}' * bool(str(fault))}"
+    assert trial.report is None
+    assert trial.success is None
+
+
+@pytest.mark.parametrize(
+    ("outcome", "says"),
+    [
+        (Outcome("tabel"), "did you mean 'table'"),
+        (Outcome(99), "state"),
+        (Outcome(-1), "state"),
+        (Outcome(None), "state"),
+        (("table", None), r"return an Outcome\(state, features\)"),
+        (None, r"return an Outcome\(state, features\)"),
+    ],
+)
+def test_an_unknown_state_ends_the_trial(dataset, make, tmp_path, outcome, says):
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours))
+    path = tmp_path / "a.mcap"
+    with pytest.raises(RobotError, match=says):
+        learner.ask("red", Faulty(outcome), log=path)
+    (trial,) = read_trials(path)
+    assert trial.ended.startswith("robot error: RobotError: execute('look')")
+    assert trial.steps == ()
+
+
+def test_an_unknown_state_at_the_start(dataset, make, tmp_path):
+    robot = Faulty(None)
+    robot.start = lambda: 99
+    with pytest.raises(RobotError, match=r"start\(\)"):
+        make.learner(dataset).ask("red", robot, log=tmp_path / "a.mcap")
+    (trial,) = read_trials(tmp_path / "a.mcap")
+    assert trial.ended.startswith("robot error: RobotError: start()")
+
+
+KILLED = """
+import os, runpy, signal, sys
+from pathlib import Path
+sys.path.insert(0, {here!r})
+import conftest as make
+last, path = int(sys.argv[1]), sys.argv[2]
+arm = make.Arm()
+execute = arm.execute
+def executed(behavior):
+    if len(arm.executed) == last:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return execute(behavior)
+arm.execute = executed
+learner = make.make_learner(make.make_dataset(), make.agent_of(*{plan!r}, **make.OURS))
+learner.ask("red", arm, log=path)
+"""
+
+
+@pytest.mark.parametrize("step", range(4))
+def test_a_kill_at_every_step_loses_no_earlier_step(dataset, make, tmp_path, step):
+    code, path = KILLED.format(here=str(HERE), plan=PLAN), tmp_path / "a.mcap"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(step), str(path)], env=environment, check=False
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert not path.exists()
+    active = path.with_name("a.mcap.active")
+    expected = make.learner(dataset, make.agent(*PLAN, **make.ours)).ask("red", make.arm())
+    (trial,) = salvage(active)
+    assert trial.ended
+    assert trial.success is None
+    assert len(trial.steps) == step
+    for one, other in zip(trial.steps, expected.steps, strict=False):
+        assert one.decision.action == other.decision.action
+        np.testing.assert_array_equal(one.observation, other.observation)
+        np.testing.assert_array_equal(one.belief.weight, other.belief.weight)
+    (again,) = read_trials(recover_log(active))
+    assert (len(again.steps), again.ended) == (step, trial.ended)
+
+
+def test_logs_of_a_session_stand_in_one_folder(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look", **make.ours), logs=tmp_path)
+    for name in (None, "mug", "a/b"):
+        learner.ask("red", make.arm(), object_name=name)
+    names = [path.name for path in sorted((tmp_path / "kitchen").iterdir())]
+    assert names == ["00000-object_0.mcap", "00001-mug.mcap", "00002-a_b.mcap"]
+
+
+def test_unknown_truth_is_left_out_and_clusters_are_names(dataset, make):
+    learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
+    trials = []
+    for n in range(40):
+        red, truth = n % 2 == 0, ({}, {"red": n % 2 == 0})[n % 4 < 2]
+        trials.append(
+            learner.ask("red", make.arm(red=red, seed=n), truth=truth, object_name=f"o{n % 7}")
+        )
+    (row,) = summarize(trials)
+    known = [trial for trial in trials if trial.success is not None]
+    assert (row.trials, row.judged, len(known)) == (40, 20, 20)
+    assert row.accuracy == np.mean([trial.success for trial in known])
+    assert math.isfinite(row.accuracy_se)
+    assert math.isfinite(row.nll)
+    (nothing,) = summarize([trial for trial in trials if trial.success is None])
+    assert math.isnan(nothing.accuracy)
+    assert math.isnan(nothing.nll)
+    assert nothing.as_dict()["accuracy"] is None
+
+
+def test_a_person_who_is_asked_answers_by_name(make):
+    from meal_bayes.domain import domain_from_table
+    from meal_bayes.robots import CheckedRobot
+
+    table = {
+        "name": "asking",
+        "attributes": ["red", "full"],
+        "behaviors": [{"name": "ask", "cost": 9.0, "answer_accuracy": 0.9}],
+        "diagram": {
+            "states": ["x0"],
+            "start": "x0",
+            "effects": [{"from": "x0", "do": "ask", "to": "x0"}],
+        },
+    }
+    domain = domain_from_table(table)
+    for outcome, answers, warned in (
+        (Outcome("x0", answers={"red": True}), {"red": True}, False),
+        (Outcome("x0", answers={"red": "yes"}), None, True),
+        (Outcome("x0", answers={"blue": True}), None, True),
+        (Outcome("x0", {"color": [1.0]}), None, True),
+        (Outcome("x0"), None, False),
+    ):
+        found = CheckedRobot(Faulty(outcome), domain).execute(0)
+        assert found.answers == answers
+        assert bool(found.warning) == warned
+        assert found.instance is None

@@ -1,0 +1,168 @@
+"""A learner comes back as it was; a file that is none is one clear error."""
+
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import load_percepts
+from meal_bayes.errors import DataError, MealBayesError, SettingsError
+from meal_bayes.learner import Learner
+
+STATE = ("prior", "counts", "concentration", "dispersion")
+
+
+def same(one, other):
+    a, b = one.posterior, other.posterior
+    for name in STATE:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(one.base_rates, other.base_rates)
+    assert one.degree.spread == other.degree.spread
+
+
+@pytest.fixture(scope="module")
+def agent(make):
+    return make.agent("look", "lift", **make.ours)
+
+
+@pytest.fixture(scope="module")
+def taught(dataset, make, agent):
+    """A learner that was refitted after one word and told two more."""
+    learner = make.learner(dataset, agent, seed=5, reward=70.0)
+    trials = []
+    for n, name in enumerate(("mug", "mug", None)):
+        trials.append(learner.ask("red, full", make.arm(seed=n), object_name=name))
+    learner.tell(trials[0], {"red": True})
+    learner.refit()
+    learner.tell(trials[1], {"full": True})
+    learner.tell(trials[2], {"red": False, "full": False})
+    return learner, trials
+
+
+@pytest.fixture
+def saved(taught, tmp_path):
+    path = tmp_path / "kitchen.mind"
+    taught[0].save(path)
+    return path
+
+
+def test_everything_comes_back(taught, saved, agent, make):
+    learner, trials = taught
+    again = Learner.load(saved, agent=agent, logs=None)
+    same(again.knowledge(), learner.knowledge())
+    assert (again.seed, again.reward, again.asked) == (5, 70.0, 3)
+    assert [lesson.key for lesson in again.lessons] == [lesson.key for lesson in learner.lessons]
+    asked = [one.ask("red", make.arm(seed=9), object_name="mug") for one in (learner, again)]
+    learner.asked -= 1
+    np.testing.assert_array_equal(asked[0].last_belief.weight, asked[1].last_belief.weight)
+    again.forget(trials[2])
+    again.refit()
+    again.forget(trials[0])
+    assert len(again.lessons) == 1
+
+
+def test_a_percept_table_comes_back(tmp_path):
+    learner = Learner("roc36", agent="predefined", logs=None).fit(load_percepts("roc36"))
+    trial = learner.ask("heavy", "heavy_blue_beans")
+    learner.tell(trial, {"heavy": True})
+    learner.save(tmp_path / "a.mind")
+    again = Learner.load(tmp_path / "a.mind", logs=None)
+    for name in ("heavy_blue_beans", "light_blue_rice"):
+        one, other = (x.knowledge(name).posterior for x in (learner, again))
+        np.testing.assert_array_equal(one.concentration, other.concentration)
+
+
+def test_an_agent_of_one_s_own_is_given_again(saved):
+    with pytest.raises(SettingsError, match=r"'script' is not one of the shipped"):
+        Learner.load(saved, logs=None)
+
+
+def test_saving_twice_replaces_and_leaves_nothing_else(taught, saved):
+    taught[0].save(saved)
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+def test_a_folder_that_is_not_there_or_a_place_that_cannot_be_written(taught, tmp_path):
+    taught[0].save(tmp_path / "new" / "a.mind")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(DataError, match="cannot be written"):
+        taught[0].save(tmp_path / "file" / "a.mind")
+
+
+def rewritten(path, change):
+    """Write the archive anew with other members."""
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    change(members)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+
+
+def text(**changes):
+    def change(members):
+        meta = {**json.loads(members["learner.json"]), **changes}
+        members["learner.json"] = json.dumps(meta).encode()
+
+    return change
+
+
+PERCEPT = {"behavior": "look", "levels": [0, 9], "row": 0}
+HOSTILE = {
+    "format": text(format=99),
+    "no format": text(format=None),
+    "domain": text(domain={"name": "x"}),
+    "domain text": text(domain="x"),
+    "objects": text(objects=["a"]),
+    "objects number": text(objects=7),
+    "seed": text(seed="x"),
+    "seed below": text(seed=-1),
+    "reward": text(reward=[1]),
+    "lessons": text(lessons=7),
+    "a lesson": text(lessons=[{}]),
+    "a level too high": text(
+        lessons=[{"key": [1], "object": "a", "values": {}, "refitted": 0, "percepts": [PERCEPT]}]
+    ),
+    "a row that is not there": text(
+        lessons=[{"key": [1], "object": "a", "values": {"red": True}, "refitted": True,
+                  "percepts": [{**PERCEPT, "levels": [0, 0], "row": 99}]}]
+    ),
+    "nested": lambda members: members.update({"learner.json": b"[" * 100_000}),
+    "no text": lambda members: members.pop("learner.json"),
+    "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),
+    "no labels": lambda members: members.pop("labels.npy"),
+    "a pickle": lambda members: members.update({"labels.npy": b"cos\nsystem\n(S'true'\ntR."}),
+    "torn array": lambda members: members.update(
+        {"features/0.npy": members["features/0.npy"][:-7]}
+    ),
+    "a table": lambda members: members.update({"table.npz": b"no table"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_what_is_not_a_learner_is_one_line(saved, agent, kind):
+    rewritten(saved, HOSTILE[kind])
+    with pytest.raises(MealBayesError) as found:
+        Learner.load(saved, agent=agent, logs=None)
+    assert "\n" not in str(found.value)
+
+
+def test_object_arrays_are_never_unpickled(saved, agent, tmp_path):
+    with (tmp_path / "a.npy").open("wb") as file:
+        np.save(file, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    content = (tmp_path / "a.npy").read_bytes()
+    rewritten(saved, lambda members: members.update({"labels.npy": content}))
+    with pytest.raises(DataError, match="expected"):
+        Learner.load(saved, agent=agent, logs=None)
+
+
+def test_a_torn_file_is_one_line(saved, agent):
+    content = saved.read_bytes()
+    for size in (0, 10, len(content) // 2, len(content) - 1):
+        saved.write_bytes(content[:size])
+        with pytest.raises(DataError, match="whole learner"):
+            Learner.load(saved, agent=agent, logs=None)
+    saved.unlink()
+    with pytest.raises(DataError, match="No file"):
+        Learner.load(saved, agent=agent, logs=None)
