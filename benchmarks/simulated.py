@@ -9,7 +9,7 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,9 +55,8 @@ def shuffled(data: Dataset, seed: int) -> Dataset:
     return replace(data, labels=labels.astype(np.int8))
 
 
-@lru_cache(maxsize=4)
-def learner_of(agent: str, seed: int, random_labels: bool) -> Learner:
-    """Fit a learner on the training objects, once a process."""
+def fitted(agent: str, seed: int, random_labels: bool) -> Learner:
+    """Fit a learner on the training objects."""
     data, _ = training_recordings()
     if random_labels:
         data = shuffled(data, seed)
@@ -65,32 +64,30 @@ def learner_of(agent: str, seed: int, random_labels: bool) -> Learner:
 
 
 def answers_about(
-    number: int, *, agent: str, seed: int, asked: int, random_labels: bool = False
+    numbers: Sequence[int], *, agent: str, seed: int, asked: int, random_labels: bool = False
 ) -> list[Answer]:
-    """Ask about some attributes of one new object, each in a trial of its own."""
-    learner = learner_of(agent, seed, random_labels)
-    names = learner.domain.attributes
-    rng = stream(seed, "asked attributes", number)
+    """Ask about some attributes of each new object, each in a trial of its own."""
+    learner = fitted(agent, seed, random_labels)
     found = []
-    for attribute in rng.permutation(names)[:asked]:
-        start = time.process_time()
-        learner.asked = 0  # every agent meets the same streams
-        trial = ask_new(learner, Query((str(attribute),)), seed, number)
-        cpu = time.process_time() - start
-        truth, report = bool(trial.truth[0]), trial.report
-        if random_labels:
-            truth = bool(rng.random() < 0.5)  # noqa: PLR2004
-        right = report is not None and bool(report[0]) == truth
-        positive = float(trial.last_belief.positive[0])
-        found.append(
-            Answer(number, str(attribute), right, trial.cost, trial.reward, positive, truth, cpu)
-        )
+    for number in numbers:
+        rng = stream(seed, "asked attributes", number)
+        for attribute in rng.permutation(learner.domain.attributes)[:asked].tolist():
+            learner.asked = 0  # every agent meets the same streams
+            start = time.process_time()
+            trial = ask_new(learner, Query((attribute,)), seed, number)
+            cpu = time.process_time() - start
+            truth = rng.random() < 0.5 if random_labels else bool(trial.truth[0])  # noqa: PLR2004
+            right = trial.report is not None and bool(trial.report[0]) == truth
+            positive = float(trial.last_belief.positive[0])
+            answer = (number, attribute, right, trial.cost, trial.reward, positive, truth, cpu)
+            found.append(Answer(*answer))
     return found
 
 
 def ask_all(objects: int, jobs: int, **how: Any) -> list[Answer]:
-    """Ask about all new objects, in processes."""
-    found = list(in_parallel(partial(answers_about, **how), range(objects), jobs=jobs))
+    """Ask about all new objects, in processes, each with a learner of its own."""
+    pieces = [range(start, objects, jobs) for start in range(jobs)]
+    found = list(in_parallel(partial(answers_about, **how), pieces, jobs=jobs))
     return sorted((one for each in found for one in each), key=lambda one: one[:2])
 
 
@@ -164,18 +161,16 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
     told = {}
     for name in ORDER:
         said = table.log_odds[:, :, data.domain.behavior_index(name), full].astype(float)
-        known = ~np.isnan(said)
-        yes = said > 0.004  # noqa: PLR2004  the yes/no threshold
+        known, yes = ~np.isnan(said), said > 0.004  # noqa: PLR2004  the yes/no threshold
         counts = [
-            [int((yes[truth == t] == s)[known[truth == t]].sum()) for s in (0, 1)] for t in (0, 1)
+            [int((known & (truth[:, None] == t) & (yes == spoken)).sum()) for spoken in (0, 1)]
+            for t in (0, 1)
         ]
         rates = [row[t] / max(sum(row), 1) for t, row in enumerate(counts)]
         told[name] = {"confusion": counts, "balanced_accuracy": float(np.mean(rates))}
-    masses = [
-        np.mean([o.parameters.mass for o in made if (o.parameters.content != "nothing") == f])
-        for f in (False, True)
-    ]
-    return {"mass_empty_kg": masses[0], "mass_full_kg": masses[1], "behaviors": told}
+    masses = np.array([one.parameters.mass for one in made])
+    weighed = {"mass_empty_kg": masses[~truth].mean(), "mass_full_kg": masses[truth].mean()}
+    return {**weighed, "behaviors": told}
 
 
 def live(options: argparse.Namespace) -> dict[str, Any]:

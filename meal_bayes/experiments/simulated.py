@@ -57,8 +57,9 @@ def record_objects(
     alter : changes objects that were drawn; see `record_object`.
     progress : called with (objects recorded, objects in all).
     """
-    how = {} if alter is None else {"alter": alter}
-    work = partial(record_object, recordings=recordings, seed=seed, population=population, **how)
+    work = partial(
+        record_object, recordings=recordings, seed=seed, population=population, alter=alter
+    )
     found = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
         found.append(recorded)

@@ -45,7 +45,7 @@ def record_object(
     recordings: int,
     seed: int,
     population: str = "training",
-    alter: Callable[[ObjectParameters], ObjectParameters] = lambda drawn: drawn,
+    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
 ) -> Recorded:
     """Draw the object of that number in a population, and record it.
 
@@ -53,7 +53,9 @@ def record_object(
     ----------
     alter : changes what was drawn, for experiments on one parameter.
     """
-    parameters, happened = alter(draw_object(seed, population, number)), Happened()
+    parameters, happened = draw_object(seed, population, number), Happened()
+    if alter is not None:
+        parameters = alter(parameters)
     rows = tuple(
         _record(SimulatedArm(parameters, seed, population, number, "recording", row), happened)
         for row in range(recordings)

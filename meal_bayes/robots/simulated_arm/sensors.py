@@ -27,7 +27,7 @@ NOISE: dict[str, Noise] = {
     "height": Noise(0.0005, 0.0005),  # m, of the hand
     "object_y": Noise(0.003, 0.001),  # m, the camera's tracker
     "object_z": Noise(0.003, 0.001),  # m, the camera's tracker
-    "load": Noise(1.0, 0.15),  # N, load cell under the table
+    "load": Noise(2.0, 0.15),  # N, load cell under the table
 }
 _CONTACT = 1.5  # N, at which the robot notes a contact
 _SMOOTH = 15  # samples of the moving average that vibration is taken against
