@@ -142,11 +142,10 @@ def labels(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def equal_mass(drawn: ObjectParameters) -> ObjectParameters:
-    """Make what is drawn empty or full of balls, with .1 kg of its mass as shell or as content."""
+    """Make what is drawn empty or full of balls, of .25 kg in all."""
     if drawn.n_balls:
-        return replace(drawn, content_mass=0.1)
-    heavier = drawn.shell_mass + 0.1
-    return replace(drawn, content="nothing", content_mass=0.0, shell_mass=heavier)
+        return replace(drawn, shell_mass=0.15, content_mass=0.1)
+    return replace(drawn, shell_mass=0.25, content="nothing", content_mass=0.0)
 
 
 def content(options: argparse.Namespace) -> dict[str, Any]:
@@ -168,9 +167,8 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
         ]
         rates = [row[t] / max(sum(row), 1) for t, row in enumerate(counts)]
         told[name] = {"confusion": counts, "balanced_accuracy": float(np.mean(rates))}
-    masses = np.array([one.parameters.mass for one in made])
-    weighed = {"mass_empty_kg": masses[~truth].mean(), "mass_full_kg": masses[truth].mean()}
-    return {**weighed, "behaviors": told}
+    masses = [one.parameters.mass for one in made]
+    return {"masses_kg": [min(masses), max(masses)], "behaviors": told}
 
 
 def live(options: argparse.Namespace) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
     from meal_bayes.agents import Trial
+    from meal_bayes.datasets import Dataset
     from meal_bayes.domain import Outcomes, TransitionDiagram
     from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.learner import Learner
@@ -75,6 +76,8 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
               help="Training objects; recorded once, then kept.")  # fmt: skip
 @click.option("--recordings", type=click.IntRange(min=1), default=3, show_default=True,
               help="Recordings of each.")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1,
+              show_default="one a core", help="Processes that record them.")  # fmt: skip
 @success_option
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @click.option(
@@ -89,6 +92,7 @@ def ask(
     agent: str,
     objects: int,
     recordings: int,
+    jobs: int,
     learn_success: bool,
     view: bool,
     save: Path | None,
@@ -103,11 +107,21 @@ def ask(
     logged step by step.
     """
     from meal_bayes.errors import RobotError
-    from meal_bayes.experiments.simulated import ask_new
+    from meal_bayes.experiments.simulated import (
+        ask_new,
+        training_recordings,
+        with_learned_success,
+    )
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
-    learner = _trained(agent, seed, objects, recordings, learn_success, quiet=as_json)
+    with progress("recording training objects", "objects") as advance:
+        data, happened = training_recordings(objects, recordings, jobs=jobs, progress=advance)
+    if learn_success:
+        if not as_json:
+            _print_success(data.domain.diagram, happened)
+        data = with_learned_success(data, happened)
+    learner = _fitted(agent, seed, data)
     log = logs / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}.mcap"
     frames: list[Frame] = []
     watch = _watch(frames) if view or recording is not None else None
@@ -178,20 +192,9 @@ def live(
     note(f"every trial: meal-bayes log show {folder}")
 
 
-def _trained(
-    agent: str, seed: int, objects: int, recordings: int, learn_success: bool, *, quiet: bool
-) -> "Learner":
-    """Fit a learner on training objects; where they are not yet recorded, record them."""
-    from meal_bayes.experiments.simulated import training_recordings, with_learned_success
+def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
     from meal_bayes.learner import Learner
 
-    with progress("recording training objects", "objects") as advance:
-        jobs = os.cpu_count() or 1
-        data, happened = training_recordings(objects, recordings, jobs=jobs, progress=advance)
-    if learn_success:
-        if not quiet:
-            _print_success(data.domain.diagram, happened)
-        data = with_learned_success(data, happened)
     learner = Learner(data.domain, agent=agent_value(agent), seed=seed, logs=None)
     if learner.agent.searches:
         prepare_planner()
