@@ -2,19 +2,23 @@
 
 python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
                                 [--without joint|balanced|nonnegative|nested|believable_only]
-                                [--width MEDIANS]
+                                [--width MEDIANS] [--paper] [--classifier MODULE:NAME ...]
+
+Ours comes first; the paper's recipe and classifiers of one's own stand beside it, such as
+sklearn.ensemble:RandomForestClassifier.
 """
 
 import argparse
 import dataclasses
 import json
+import pydoc
 import time
 from typing import Any
 
 import numpy as np
 
 from meal_bayes.datasets import Dataset, load_dataset
-from meal_bayes.perception import build_percept_table
+from meal_bayes.perception import PAPER, build_percept_table, with_classifier
 from meal_bayes.perception.quality import (
     base_rate_log_loss,
     held_out_counts,
@@ -43,17 +47,18 @@ def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
 
 
 def measure(
-    name: str, root: str | None, permutations: int, settings: PerceptionSettings
+    name: str, root: str | None, permutations: int, recipe: str, settings: PerceptionSettings
 ) -> dict[str, Any]:
-    """Measure one data set."""
+    """Measure one data set under one recipe."""
     dataset = load_dataset(name, root=root)
     columns = asked(dataset)
     start = time.process_time()
-    log_odds = held_out_log_odds(dataset, settings=settings)
+    log_odds, balanced = held_out_log_odds(dataset, settings=settings), recipe != "paper"
     decisions = time.process_time() - start
     start = time.process_time()
     build_percept_table(dataset, perception=settings)
     tables = time.process_time() - start
+    loss = held_out_log_loss(log_odds, dataset.labels, balanced=balanced)
     kappa = kappas(dataset, log_odds)
     by_chance = []
     for number in range(permutations):
@@ -63,8 +68,9 @@ def measure(
         )
     return {
         "dataset": name,
+        "recipe": recipe,
         "attributes": len(columns),
-        "log_loss": float(np.nanmean(held_out_log_loss(log_odds, dataset.labels)[:, columns])),
+        "log_loss": float(np.nanmean(loss[:, columns])),
         "base_rate_log_loss": float(base_rate_log_loss(dataset.labels)[columns].mean()),
         "kappa": float(kappa.mean()),
         "posterior_kappa": float(kappas(dataset, with_base_rate(log_odds, dataset.labels)).mean()),
@@ -83,18 +89,30 @@ def main() -> None:
     parser.add_argument("--permutations", type=int, default=5)
     parser.add_argument("--without", choices=CURES, help="take one of the recipe's cures out")
     parser.add_argument("--width", type=float, help="of kernels, in medians; learned by default")
+    parser.add_argument("--paper", action="store_true", help="measure the paper's recipe as well")
+    parser.add_argument("--classifier", nargs="+", default=[], metavar="MODULE:NAME")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = dataclasses.replace(DEFAULT, width=options.width)
     if options.without:
         settings = dataclasses.replace(settings, **{options.without: False})
-    rows = [measure(name, options.root, options.permutations, settings) for name in options.dataset]
+    recipes = {"ours": settings, **({"paper": PAPER} if options.paper else {})}
+    for text in options.classifier:
+        classifier = pydoc.locate(text.replace(":", "."))
+        recipes[text] = with_classifier(
+            classifier() if isinstance(classifier, type) else classifier
+        )
+    rows = [
+        measure(name, options.root, options.permutations, recipe, chosen)
+        for name in options.dataset
+        for recipe, chosen in recipes.items()
+    ]
     if options.json:
         print(json.dumps(rows, indent=2))
         return
     for key in rows[0]:
         cells = [f"{row[key]:.3f}" if isinstance(row[key], float) else row[key] for row in rows]
-        print(f"{key:20s}", *(f"{cell!s:>10s}" for cell in cells))
+        print(f"{key:20s}", *(f"{str(cell)[-22:]:>22s}" for cell in cells))
 
 
 if __name__ == "__main__":

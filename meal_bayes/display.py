@@ -12,6 +12,9 @@ _NAMED = 6  # items of a sequence that are written out
 _BAR = "display:inline-block;height:.7em;width:{:.0f}px;background:{}"
 _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
+_CELL = "text-align:left;padding-right:1em;white-space:nowrap"
+_ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
+_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
 
 
 def short_repr(instance: Any) -> str:
@@ -74,9 +77,9 @@ def card_html(title: str, facts: Mapping[str, str]) -> str:
 
 def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return an HTML table; cells are HTML already, title and header are text."""
-    head = "".join(f"<th style='text-align:left'>{escape(name)}</th>" for name in header)
+    head = "".join(f"<th style='{_CELL}'>{escape(name)}</th>" for name in header)
     body = "".join(
-        "<tr>" + "".join(f"<td style='text-align:left'>{cell}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td style='{_CELL}'>{cell}</td>" for cell in row) + "</tr>"
         for row in rows
     )
     return (
@@ -85,8 +88,28 @@ def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]])
     )
 
 
+def percent(share: float) -> str:
+    """Return a probability as a percentage, but never as certain.
+
+    >>> percent(0.5), percent(1 - 1e-9)
+    ('50.0%', '>99.9%')
+    """
+    if 0 < share < _ROUNDED or 1 - _ROUNDED < share < 1:
+        return "<0.1%" if share < _ROUNDED else ">99.9%"
+    return f"{share:.1%}"
+
+
 def bar_html(share: float) -> str:
     """Return a bar of a probability, with its number, as HTML."""
     full = _BAR.format(_WIDTH * share, _COLOR)
     rest = _BAR.format(_WIDTH * (1 - share), "#dde3ea")
-    return f"<span style='{full}'></span><span style='{rest}'></span>&nbsp;{share:.0%}"
+    return f"<span style='{full}'></span><span style='{rest}'></span>&nbsp;{percent(share)}"
+
+
+def level_names(levels: int) -> tuple[str, ...]:
+    """Return the names of the K levels of a percept, the surest "no" first.
+
+    >>> level_names(4)
+    ('strong no', 'no', 'yes', 'strong yes')
+    """
+    return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))

@@ -10,12 +10,13 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 LONGEST = 350  # lines of a file
 
-GROUND = {"errors", "arrays", "seeds"}
+GROUND = {"errors", "arrays", "seeds", "display"}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
 EVERYTHING = {
-    *BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "cli"
+    *BELOW_LOG, "agents", "trial_log", "learner", "experiments", "evaluation", "viewer", "gym",
+    "cli",
 }  # fmt: skip
 
 # Room -> the rooms (or single modules of a room) that it may import, besides itself and the ground.
@@ -23,6 +24,7 @@ ROOMS: dict[str, set[str]] = {
     "errors": set(),
     "arrays": set(),
     "seeds": set(),
+    "display": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -39,6 +41,7 @@ ROOMS: dict[str, set[str]] = {
     },
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},
+    "gym": {*BELOW_LOG, "agents", "experiments"},
     "cli": {*EVERYTHING, "__init__"},  # for the version
     "__init__": EVERYTHING,
     "__main__": EVERYTHING,
@@ -61,6 +64,8 @@ LIBRARIES: dict[str, set[str]] = {
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
     "mujoco": {f"robots.simulated_arm.{module}" for module in ("camera", "frame", "model", "physics")},
+    "gymnasium": {"gym"},
+    "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made
     "click": {"cli"},
     "rich": {"cli"},
 }

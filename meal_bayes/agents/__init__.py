@@ -13,6 +13,7 @@ from meal_bayes.agents.online_recipes import ONLINE_AGENTS, as_online_agent, loa
 from meal_bayes.agents.origin import Origin, origin_of
 from meal_bayes.agents.recipes import AGENTS, as_agent, distinct, load_agent
 from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial, truth_of
+from meal_bayes.agents.trial_display import trials_frame
 
 __all__ = [
     "AGENTS",
@@ -42,5 +43,6 @@ __all__ = [
     "load_online_agent",
     "origin_of",
     "run_trial",
+    "trials_frame",
     "truth_of",
 ]

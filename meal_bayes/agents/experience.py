@@ -62,6 +62,15 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
 
 
+def replayable(dataset: Dataset) -> NDArray[np.int64]:
+    """Return how many recordings of each behavior can be replayed, (O,E); R where it has none.
+
+    So behaviors without modalities, such as asking a person, never run out before the others.
+    """
+    senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
+    return np.where(senses, dataset.recording_counts, dataset.recordings)
+
+
 @dataclass(frozen=True, slots=True)
 class Experience:
     """Recordings gathered and labels told, O objects, E behaviors, R recordings, P attributes.
@@ -70,16 +79,17 @@ class Experience:
     the object, earlier and later ones. Without, it labels the recordings of its own trial.
     """
 
-    order: NDArray[np.int64]  # (O,E,R) in which the world hands recordings out
+    order: NDArray[np.int64]  # (O,E,R) in which the world hands recordings out, absent ones last
     used: NDArray[np.int64]  # (O,E) handed out so far, again and again
     labels: NDArray[np.int8]  # (O,E,R,P) of the recordings gathered; -1 not labelled
     gathered: NDArray[np.bool_]  # (O,E,R)
     told: NDArray[np.int8]  # (O,P) -1 unknown
     attempts: NDArray[np.int64]  # (E,2) legal executions that failed, and that succeeded
+    counts: NDArray[np.int64]  # (O,E) recordings that there are
     memory: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("order", "used", "attempts"):
+        for name in ("order", "used", "attempts", "counts"):
             set_frozen(self, **{name: freeze(getattr(self, name), np.int64)})
         for name in ("labels", "told"):
             set_frozen(self, **{name: freeze(getattr(self, name), np.int8)})
@@ -92,7 +102,9 @@ class Experience:
         """Start with D empty; `rng` draws the order of recordings."""
         o, p = dataset.labels.shape
         e, r = len(dataset.domain.behaviors), dataset.recordings
-        order = rng.random((o, e, r)).argsort(axis=-1)
+        counts = replayable(dataset)
+        absent = np.arange(r) >= counts[..., None]
+        order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)
         return cls(
             order,
             np.zeros((o, e), np.int64),
@@ -100,6 +112,7 @@ class Experience:
             np.zeros((o, e, r), np.bool_),
             np.full((o, p), -1, np.int8),
             np.zeros((e, 2), np.int64),
+            counts,
             memory,
         )
 
@@ -107,9 +120,10 @@ class Experience:
         """Execute every behavior once on some objects, recording 1, all labels told."""
         labels, gathered, told = self.labels.copy(), self.gathered.copy(), self.told.copy()
         sensing = np.flatnonzero([bool(b.modalities) for b in dataset.domain.behaviors])
-        at = np.ix_(objects, sensing, np.zeros(1, np.intp))
-        labels[at] = dataset.labels[objects][:, None, None]
-        gathered[at] = True
+        o, e = np.nonzero(self.counts[np.ix_(objects, sensing)] > 0)
+        o, e = objects[o], sensing[e]
+        labels[o, e, 0] = dataset.labels[o]
+        gathered[o, e, 0] = True
         told[objects] = dataset.labels[objects]
         return replace(self, labels=labels, gathered=gathered, told=told)
 
@@ -132,7 +146,7 @@ class Experience:
                 attempts[e, int(perceived or step.next_x != step.x)] += 1
             if not perceived or not domain.behaviors[e].modalities:
                 continue
-            r = self.order[o, e, used[o, e] % self.order.shape[2]]
+            r = self.order[o, e, used[o, e] % self.counts[o, e]]
             used[o, e] += 1
             gathered[o, e, r] = True
             labels[o, e, r, columns] = values
@@ -144,8 +158,9 @@ class Experience:
 
     def supply(self, object_index: int) -> list[list[int]]:
         """List the recordings of an object that come next, (E,) lists, the next one last."""
-        rows = zip(self.order[object_index], self.used[object_index], strict=True)
-        return [np.roll(order, -used)[::-1].tolist() for order, used in rows]
+        o = object_index
+        rows = zip(self.order[o], self.counts[o], self.used[o], strict=True)
+        return [np.roll(order[:count], -used)[::-1].tolist() for order, count, used in rows]
 
     def evidence(self) -> NDArray[np.int64]:
         """Count the labelled instances of attribute and behavior, (P,E): delta x IE of Eq. 10."""

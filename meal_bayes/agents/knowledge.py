@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.perception import ConfusionCounts, table_counts
 from meal_bayes.posterior import ConfusionPosterior, SharedDegree, learn_degree
@@ -20,6 +21,8 @@ class Knowledge:
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]  # (P,) (n+ + 1) / (n + 2) of the training objects
     degree: SharedDegree | None = None  # what all percepts of an object share; None: only the truth
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))

@@ -11,6 +11,7 @@ from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
@@ -43,6 +44,8 @@ class Morc:
         default_factory=OrderedDict
     )
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
@@ -64,8 +67,8 @@ class Morc:
             task,
             momdp,
             policy,
-            self._robot(task),
-            self._perceiver(task),
+            self.robot(task),
+            self.perceiver(task),
             Streams.of(self.seed, task, self.agent.name),
             truth=self.table.labels[task.object_index, columns],
             agent=self.agent.name,
@@ -110,7 +113,8 @@ class Morc:
         counts = self.table.recording_counts[task.object_index]
         return np.where(senses, counts, self.table.recordings)
 
-    def _robot(self, task: Task) -> CheckedRobot:
+    def robot(self, task: Task) -> CheckedRobot:
+        """Return the body of a trial, with the trial's own luck."""
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
@@ -122,7 +126,8 @@ class Morc:
         )
         return CheckedRobot(robot, domain, object_index=task.object_index)
 
-    def _perceiver(self, task: Task) -> Perceiver:
+    def perceiver(self, task: Task) -> Perceiver:
+        """Return who perceives what the body does."""
         if self.percepts == "recorded":
             return RecordedPercepts(self.table, self.agent.levels)
         every = range(len(self.table.domain.attributes))

@@ -225,7 +225,7 @@ class MorcItrs:
         robot = RecordedRobot(
             body,
             o,
-            self._recordings,
+            self.experience.counts[o],
             order,
             stream(self.seed, "robot", *task.key),
             repeats="model_percepts" in self.world.published,

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.agents.trial_display import trial_card, trial_frame, trial_html
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import QueryError
 from meal_bayes.momdp import (
@@ -48,6 +50,8 @@ class Step:
     belief: Belief  # after the step
     warning: str = ""  # why something that the robot handed over was no percept
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:
@@ -66,6 +70,17 @@ class Trial:
         set_frozen(self, truth=freeze(self.truth, np.int8))
         if self.report is not None:
             set_frozen(self, report=freeze(self.report, np.bool_))
+
+    def __repr__(self) -> str:
+        """Return the trial in five lines."""
+        return trial_card(self)
+
+    def _repr_html_(self) -> str:
+        return trial_html(self)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row a step; see `trial_frame`."""
+        return trial_frame(self)
 
     @property
     def judged(self) -> bool:
@@ -186,7 +201,8 @@ def run_trial(
     ------
     RobotError : the robot came to a state that the domain does not know.
     """
-    running = _Running(task, momdp, policy, robot, perceiver, streams, truth_of(task.query, truth))
+    known = truth_of(task.query, truth)
+    running = RunningTrial(task, momdp, policy, robot, perceiver, streams, known)
     trial = running.trial(agent)
     if recorder is not None:
         recorder.begin(trial)
@@ -209,8 +225,8 @@ def run_trial(
     return trial
 
 
-class _Running:
-    """A trial that is under way."""
+class RunningTrial:
+    """A trial that is under way: `start` it, then `step` until its belief is at `term`."""
 
     def __init__(
         self,
@@ -231,16 +247,19 @@ class _Running:
         self.at = "robot"  # who is at work
 
     def trial(self, agent: str, *, ended: str = "") -> Trial:
+        """Return the trial so far."""
         return Trial(
             self.task, agent, self.momdp, self.first, tuple(self.steps), self.truth, self.report,
             ended,
         )  # fmt: skip
 
     def start(self) -> None:
+        """Put the robot at the start."""
         self.belief = self.belief.at(self.robot.start())
         self.history = History(self.belief)
 
     def step(self, max_steps: int) -> Step:
+        """Decide, execute and perceive, or report: after `max_steps` behaviors the best."""
         momdp, belief, history = self.momdp, self.belief, self.history
         self.at = "planner"
         decision = self.policy.decide(history, self.streams.planner)

@@ -14,6 +14,7 @@ from meal_bayes.cli.options import (
     json_option,
     logs_option,
     seed_option,
+    table_of,
 )
 from meal_bayes.cli.screen import note, output
 from meal_bayes.cli.story import tell_briefly
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 def ask(
     question: str,
     dataset: str,
+    root: Path | None,
     name: str,
     agent: str,
     learn: bool,
@@ -61,6 +63,7 @@ def ask(
     from meal_bayes.learner.asking import question_task
     from meal_bayes.trial_log import read_memory
 
+    dataset = table_of(dataset, root)
     table = load_percepts(dataset)
     task = question_task(question, table, name)
     config: dict[str, object] = {

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 import click
 from rich.table import Table
 
-from meal_bayes.cli.options import json_option, perception_option
+from meal_bayes.cli.options import json_option, named_value, perception_option, root_option
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
+from meal_bayes.display import listed
 
 if TYPE_CHECKING:
-    from meal_bayes.datasets import PerceptTable
+    from meal_bayes.datasets import Dataset, PerceptTable
 
 _UNSOUND = 1  # exit code of `verify` where a file is missing or changed
 _TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
@@ -27,16 +28,20 @@ def data() -> None:
 
 @data.command("list", short_help="List the data sets, or what one holds.")
 @click.argument("dataset", required=False)
+@root_option
 @json_option
-def list_(dataset: str | None, as_json: bool) -> None:
+def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     """List the data sets that ship as percept tables, and whether their recordings are here.
 
-    With the name of a data set, or the path of your own table (.npz), list what can be asked of it.
+    With the name of a data set, the path of your own domain (TOML, with --root), or the path of
+    your own table (.npz), list what can be asked of it.
     """
-    from meal_bayes.datasets import cache_folder, load_percepts
+    from meal_bayes.datasets import cache_folder, load_dataset, load_percepts
 
     if dataset is not None:
-        _print_contents(load_percepts(dataset), as_json=as_json)
+        own = root is not None
+        held = load_dataset(dataset, root=root) if own else load_percepts(dataset)
+        _print_contents(held, as_json=as_json)
         return
     rows = [_row(name) for name in _public()]
     if as_json:
@@ -90,11 +95,15 @@ def verify(dataset: str) -> None:
 )
 @perception_option
 @click.option(
-    "--root", type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Where the recordings are; your own: a folder of CSV files.",
+    "--classifier", metavar="MODULE:NAME",
+    help="A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
+    "instance in a module of your own.",
 )  # fmt: skip
+@root_option
 @click.option("--out", type=click.Path(path_type=Path), help="Where to write the table (.npz).")
-def percepts(dataset: str, perception: str, root: Path | None, out: Path | None) -> None:
+def percepts(
+    dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None
+) -> None:
     """Make a percept table from recordings.
 
     With --out it is written; a shipped data set's is compared with the one in the package.
@@ -108,16 +117,24 @@ def percepts(dataset: str, perception: str, root: Path | None, out: Path | None)
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
         out.parent.mkdir(parents=True, exist_ok=True)
-    compared = dataset in _public() and perception == "default"
+    estimator = None if classifier is None else named_value(classifier)
+    estimator = estimator() if isinstance(estimator, type) else estimator
+    own = dataset not in _public()
+    compared = not own and perception == "default" and classifier is None
     if out is None and not compared:
         raise SettingsError(
-            f"The package holds no {perception} table of {dataset!r} to compare with; "
-            "give --out FILE.npz to write the new one."
+            f"The package holds no table of {dataset!r} by {classifier or perception} to compare "
+            "with; give --out FILE.npz to write the new one."
         )
     with patience(f"reading the recordings of {dataset} ..."):
         recordings = load_dataset(dataset, root=root)
+    missing = recordings.missing() if own else []
+    if missing:
+        note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
     with progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
-        table = build_percept_table(recordings, perception=perception, progress=advance)
+        table = build_percept_table(
+            recordings, perception=perception, classifier=estimator, progress=advance
+        )
     if out is not None:
         save_percepts(table, out)
         click.echo(f"{out}: {_size(table)}")
@@ -147,7 +164,7 @@ def _row(name: str) -> dict[str, str | int]:
     }
 
 
-def _print_contents(table: "PerceptTable", *, as_json: bool) -> None:
+def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
     if as_json:
         names = {"attributes": table.domain.attributes, "objects": table.objects}
@@ -162,7 +179,7 @@ def _print_contents(table: "PerceptTable", *, as_json: bool) -> None:
     print_facts(output(), facts)
 
 
-def _size(table: "PerceptTable") -> str:
+def _size(table: "PerceptTable | Dataset") -> str:
     return (
         f"{len(table.objects)} objects, {len(table.domain.behaviors)} behaviors, "
         f"{len(table.domain.attributes)} attributes, {table.recordings} recordings"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.options import dataset_option, json_option
+from meal_bayes.cli.options import dataset_option, json_option, table_of
 from meal_bayes.cli.screen import note
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def export(
     file: Path,
     kind: str | None,
     dataset: str,
+    root: Path | None,
     question: str | None,
     name: str | None,
     discount: float | None,
@@ -79,7 +80,11 @@ def export(
         raise click.UsageError("A reference model knows no objects; leave --object out.")
     if model is None and reference is not None:
         raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
-    momdp = _query(dataset, question, name) if question else _reference(reference, str(model))
+    momdp = (
+        _query(table_of(dataset, root), question, name)
+        if question
+        else _reference(reference, str(model))
+    )
     if discount is not None:
         momdp = replace(momdp, discount=discount)
     if reward is not None:

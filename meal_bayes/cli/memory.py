@@ -24,7 +24,7 @@ def memory() -> None:
 @dataset_option
 @logs_option
 @json_option
-def show(dataset: str, logs: Path, as_json: bool) -> None:
+def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List what was told of the objects of a data set, the latest last."""
     found = _memory(logs, dataset)
     if as_json:
@@ -49,7 +49,7 @@ def show(dataset: str, logs: Path, as_json: bool) -> None:
 @click.option("--object", "name", metavar="NAME", help="Only what was told of this object.")
 @dataset_option
 @logs_option
-def forget(name: str | None, dataset: str, logs: Path) -> None:
+def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget what was told; the trials stay in their logs."""
     from meal_bayes.trial_log import forget as forget_told
 
@@ -58,7 +58,7 @@ def forget(name: str | None, dataset: str, logs: Path) -> None:
 
 
 def _memory(logs: Path, dataset: str) -> "list[Told]":
-    from meal_bayes.datasets import load_percepts
+    from meal_bayes.datasets.percept_file import domain_of
     from meal_bayes.trial_log import read_memory
 
-    return read_memory(logs, load_percepts(dataset).domain.data)
+    return read_memory(logs, domain_of(dataset).data)

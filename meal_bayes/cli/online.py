@@ -37,10 +37,6 @@ AGENTS = (
 @click.command(short_help="Agents learn while they work, tested after every batch.")
 @dataset_option
 @click.option(
-    "--root", type=click.Path(exists=True, file_okay=False), metavar="FOLDER",
-    help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
-)  # fmt: skip
-@click.option(
     "--attributes", type=int, default=1, show_default=True, metavar="N", help="Asked at a time."
 )
 @click.option(
@@ -92,7 +88,7 @@ AGENTS = (
 @json_option
 def online(
     dataset: str,
-    root: str | None,
+    root: Path | None,
     attributes: int,
     agents: tuple[str, ...],
     batches: int,
@@ -124,7 +120,7 @@ def online(
     named = listed(*agents)
     config = OnlineConfig(
         dataset=dataset,
-        root=root,
+        root=None if root is None else str(root),
         attributes=attributes,
         **({"agents": tuple(map(agent_value, named))} if named else {}),  # type: ignore[arg-type]
         batches=batches,

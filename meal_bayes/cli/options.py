@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import importlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,13 +10,41 @@ import click
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-dataset_option = click.option(
-    "--dataset",
-    default="roc36",
-    show_default=True,
-    metavar="NAME|FILE",
-    help="roc36, ispy32, cy101, a variant of them, or your own percept table (.npz).",
+root_option = click.option(
+    "--root",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
 )
+
+
+def dataset_option(command: Command) -> Command:
+    """Make the options --dataset and --root; `table_of` reads them."""
+    return click.option(
+        "--dataset",
+        default="roc36",
+        show_default=True,
+        metavar="NAME|FILE",
+        help="roc36, ispy32, cy101 or a variant of them; your own domain (TOML, with --root), or "
+        "your own percept table (.npz).",
+    )(root_option(command))
+
+
+def table_of(dataset: str, root: Path | None, perception: str = "default") -> str:
+    """Return what opens the table that --dataset and --root name: a shipped name, or an .npz.
+
+    The table of a domain and recordings of one's own is computed once, and kept in the cache.
+    """
+    from meal_bayes.cli.screen import note, progress
+    from meal_bayes.experiments.percepts import percepts_for, table_path
+
+    path = table_path(dataset, perception, root=root)
+    if path is None or root is None:
+        return dataset
+    if not path.is_file():
+        with progress("percepts", "behaviors") as advance:
+            percepts_for(dataset, perception, root=root, on_progress=advance, on_note=note)
+    return str(path)
 
 
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
@@ -37,25 +66,7 @@ def agent_value(text: str) -> object:
     ------
     SettingsError : a module that cannot be imported, or has no such name.
     """
-    module, _, name = text.partition(":")
-    if not name:
-        return text
-    from importlib import import_module
-
-    from meal_bayes.errors import SettingsError
-
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
-    try:
-        found: Any = import_module(module)
-        for part in name.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError) as fault:
-        raise SettingsError(
-            f"The agent {text!r} cannot be imported ({fault}); give package.module:name of an "
-            "Agent or a planner, from this folder or an installed package."
-        ) from fault
-    return found
+    return named_value(text) if ":" in text else text
 
 
 AGENTS = (
@@ -89,3 +100,30 @@ perception_option = click.option(
 def listed(*texts: str) -> tuple[str, ...]:
     """Take names that are given one by one or as comma lists."""
     return tuple(name.strip() for text in texts for name in text.split(","))
+
+
+def named_value(name: str) -> Any:
+    """Import what a name says, ``package.module:name``; modules of the current folder are found.
+
+    Raises
+    ------
+    SettingsError : no such module, or nothing of that name in it.
+    """
+    from meal_bayes.domain import unknown
+    from meal_bayes.errors import SettingsError
+
+    module, _, attribute = name.partition(":")
+    if not module or not attribute:
+        raise SettingsError(f"{name!r} names no value; write it as package.module:name.")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
+    try:
+        found = importlib.import_module(module)
+    except ImportError as fault:
+        raise SettingsError(
+            f"The module of {name!r} cannot be imported ({fault}); run where it lies, or put its "
+            "folder on PYTHONPATH."
+        ) from fault
+    if not hasattr(found, attribute):
+        raise SettingsError(unknown(f"name in {module}", attribute, vars(found)))
+    return getattr(found, attribute)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from meal_bayes.cli.options import dataset_option, json_option
+from meal_bayes.cli.options import dataset_option, json_option, table_of
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
 
@@ -53,6 +53,7 @@ _TOLD = 12  # pairs in the table
 @json_option
 def posterior(
     dataset: str,
+    root: Path | None,
     method: str,
     model: str,
     attributes: str | None,
@@ -75,6 +76,7 @@ def posterior(
 
     if method == "grid" and model != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
+    dataset = table_of(dataset, root)
     config = {
         "command": "posterior", "dataset": dataset, "method": method, "model": model,
         "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
@@ -83,7 +85,7 @@ def posterior(
     table, columns, counts = _counts(dataset, attributes, held_out, levels)
     drawn = _fit(table, columns, counts, config)
     folder = out or Path("posteriors") / _folder(config)
-    facts = _write(drawn, counts, seed, folder)
+    facts = _write(drawn, counts, table.objects, seed, folder)
     if as_json:
         told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
         click.echo(json.dumps(told, allow_nan=False))
@@ -149,7 +151,9 @@ def _folder(config: "dict[str, Any]") -> str:
     return f"{Path(config['dataset']).stem}-{config['method']}-{config['model']}-{digest}"
 
 
-def _write(draws: "Draws", counts: "NDArray[Any]", seed: int, folder: Path) -> "dict[str, Any]":
+def _write(
+    draws: "Draws", counts: "NDArray[Any]", objects: "tuple[str, ...]", seed: int, folder: Path
+) -> "dict[str, Any]":
     """Write everything; give what is told of it."""
     import numpy as np
 
@@ -157,17 +161,25 @@ def _write(draws: "Draws", counts: "NDArray[Any]", seed: int, folder: Path) -> "
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
+    from meal_bayes.posterior.draws import sensing
+    from meal_bayes.posterior.pointwise import pointwise_log_likelihood
     from meal_bayes.seeds import stream
 
     with patience("checking the fit ..."):
         check = predictive_check(draws, counts, stream(seed, "predictive"))
         beliefs = beliefs_without_itself(draws, counts)
         n = check.observed.shape[1]
+        likelihood, units = pointwise_log_likelihood(draws, counts, objects)
+        dims = ("object", "attribute", "behavior", "truth", "level")
         made = idata.to_idata(
             draws,
-            observed={"yes": (("truth", "number"), check.observed)},
+            observed={
+                "yes": (("truth", "number"), check.observed),
+                "counts": (dims, counts[:, :, sensing(counts)]),
+            },
             predicted={"yes": (("truth", "number"), check.predicted[None])},
-            coords={"number": np.arange(n)},
+            log_likelihood={"percepts": (("unit",), likelihood)},
+            coords={"number": np.arange(n), "object": objects, "unit": units},
         )
         idata.save_netcdf(made, folder / "posterior.nc")
         (folder / "summary.csv").write_text(idata.summary_csv(made), encoding="utf-8")

@@ -21,6 +21,7 @@ from meal_bayes.cli.options import (
     logs_option,
     perception_option,
     seed_option,
+    table_of,
 )
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import note, output, prepare_planner, progress, resumed, signs_of
@@ -70,6 +71,7 @@ def run() -> None:
 @json_option
 def offline(
     dataset: str,
+    root: Path | None,
     attributes: int,
     trials: int,
     agents: tuple[str, ...],
@@ -91,7 +93,7 @@ def offline(
 
     named = listed(*agents)
     config = OfflineConfig(
-        dataset=dataset,
+        dataset=table_of(dataset, root, perception),
         attributes=attributes,
         trials=trials,
         agents=tuple(map(agent_value, named)) or DEFAULT_AGENTS,

@@ -8,7 +8,7 @@ from meal_bayes.datasets.csv_folder import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, object_index
 from meal_bayes.datasets.download import cache_folder, fetch, registry, verify
 from meal_bayes.datasets.load import load_dataset
-from meal_bayes.datasets.percept_file import load_percepts
+from meal_bayes.datasets.percept_file import load_percepts, save_percepts
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.datasets.splits import ObjectSplit, leave_one_object_out, leave_two_objects_out
 from meal_bayes.datasets.synthetic import SyntheticModel, make_synthetic, make_synthetic_model
@@ -32,5 +32,6 @@ __all__ = [
     "object_index",
     "registry",
     "save_csv_folder",
+    "save_percepts",
     "verify",
 ]

@@ -178,6 +178,15 @@ class Dataset:
         """R, the most recordings that an object has of a behavior."""
         return int(next(iter(self.features.values())).shape[1])
 
+    def missing(self) -> list[str]:
+        """Return what is ragged: objects and behaviors with fewer than R recordings, as texts."""
+        return [
+            f"{name} {count} of {behavior.name}"
+            for e, behavior in enumerate(self.domain.behaviors)
+            for name, count in zip(self.objects, self.recording_counts[:, e], strict=True)
+            if behavior.modalities and count < self.recordings
+        ]
+
     def instance(self, object_index: int, behavior: str, recording: int) -> Instance:
         """Return one recorded execution.
 

@@ -35,6 +35,11 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
     DataError : files that do not hold what their layout promises.
     DownloadError : files that cannot be had.
     """
+    if str(name).endswith(".npz"):
+        raise SettingsError(
+            f"{name} is a percept table, which holds no recordings; give the domain (a shipped "
+            "name, or the path of its TOML) and, for your own, the folder of the CSV files."
+        )
     domain = load_domain(name)
     loader = _LOADERS.get(domain.data)
     if loader is None:

@@ -113,6 +113,11 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
     return _lay_out(meta, arrays, domain, str(name))
 
 
+def domain_of(name: str | Path) -> Domain:
+    """Return the domain of a shipped name, of a TOML, or of a percept table (.npz)."""
+    return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
+
+
 def _ships(domain: Domain) -> bool:
     return domain.name in domain_names() and load_domain(domain.name) == domain
 

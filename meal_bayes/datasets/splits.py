@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
 
 PARTS = 3  # pre, train, test
@@ -20,6 +21,8 @@ class ObjectSplit:
     pre: NDArray[np.intp]
     train: NDArray[np.intp]
     test: NDArray[np.intp]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         parts = [freeze(np.sort(part), np.intp) for part in (self.pre, self.train, self.test)]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.dataset import Dataset, Instance
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 
@@ -24,6 +25,8 @@ class SyntheticModel:
     objects: tuple[str, ...]  # (O,)
     labels: NDArray[np.int8]  # (O,P)
     centers: Mapping[tuple[str, str], NDArray[np.float64]]  # (behavior, modality) -> (O,D)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         centers = {context: freeze(values) for context, values in self.centers.items()}

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
 
 
@@ -28,6 +29,8 @@ class TrainingSet:
     behavior: NDArray[np.int32]  # (n,) index in the domain
     recording: NDArray[np.int32]  # (n,) from 0
     labels: NDArray[np.int8]  # (n,P) 1 true, 0 false, -1 not labeled
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         columns = [self.object, self.behavior, self.recording]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
+from meal_bayes.display import short_repr
 from meal_bayes.errors import DomainError
 
 TERMINAL = "term"
@@ -48,6 +49,8 @@ class TransitionDiagram:
     start: str
     effects: tuple[Effect, ...]
     illegal: str = "terminate"  # or "stay": what an illegal behavior does
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         self._check_states()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from meal_bayes.display import short_repr
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
 
@@ -49,6 +50,8 @@ class Domain:
     report_reward: float = 500.0  # r+ = -r- in Eq. 4
     legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)  # s, Random Legal's, by len(query)
     asked_minimum: int = 0  # experiments ask attributes with more than this many objects each way
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not self.data:

@@ -26,12 +26,13 @@ from meal_bayes.evaluation.statistics import (
     paired_difference,
     wilson_interval,
 )
-from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
+from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, summarize
 
 __all__ = [
     "Interval",
     "LearningRow",
     "LearningSummary",
+    "Summary",
     "SummaryRow",
     "bootstrap_interval",
     "brier",

@@ -3,11 +3,13 @@
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
+from html import escape
 from typing import Any
 
 import numpy as np
 
 from meal_bayes.agents.trial import Trial
+from meal_bayes.display import card, table_html
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
@@ -49,9 +51,39 @@ class SummaryRow:
         return plain(dataclasses.asdict(self))
 
 
-def summarize(
-    trials: Iterable[Trial], *, seconds: Mapping[str, float] | None = None
-) -> list[SummaryRow]:
+class Summary(list[SummaryRow]):
+    """Rows of measures, one an agent; a list that shows itself as a table."""
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row an agent."""
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        names = [field.name for field in dataclasses.fields(SummaryRow)]
+        return pd.DataFrame([dataclasses.asdict(row) for row in self], columns=names)
+
+    def __repr__(self) -> str:
+        """Return a line an agent."""
+        facts = {
+            row.agent: f"accuracy {row.accuracy:.3f} ± {row.accuracy_se:.3f}, "
+            f"cost {row.cost_s:.1f} s, reward {row.reward:.1f} ± {row.reward_se:.1f}"
+            for row in self
+        }
+        return card(f"Summary of {sum(row.trials for row in self)} trials", facts)
+
+    def _repr_html_(self) -> str:
+        header = ("agent", "trials", "accuracy", "cost, s", "reward", "NLL", "ECE")
+        rows = [
+            (
+                escape(row.agent), str(row.trials), f"{row.accuracy:.3f} ± {row.accuracy_se:.3f}",
+                f"{row.cost_s:.1f}", f"{row.reward:.1f} ± {row.reward_se:.1f}", f"{row.nll:.3f}",
+                f"{row.ece:.3f}",
+            )
+            for row in self
+        ]  # fmt: skip
+        return table_html("Summary", header, rows)
+
+
+def summarize(trials: Iterable[Trial], *, seconds: Mapping[str, float] | None = None) -> Summary:
     """Summarize trials, one row an agent in the order of their first trials.
 
     Parameters
@@ -63,7 +95,7 @@ def summarize(
     for trial in trials:
         by_agent.setdefault(trial.agent, []).append(trial)
     times = seconds or {}
-    return [_row(agent, own, times.get(agent, math.nan)) for agent, own in by_agent.items()]
+    return Summary(_row(agent, own, times.get(agent, math.nan)) for agent, own in by_agent.items())
 
 
 def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:

@@ -10,8 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.agents import Task, Trial, as_agent, distinct
+from meal_bayes.agents import Task, Trial, as_agent, distinct, trials_frame
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.parallel import in_parallel
@@ -79,6 +80,12 @@ class OfflineRun:
         for path in self.paths:
             yield from read_trials(path)
 
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row a trial; see `trials_frame`."""
+        return trials_frame(self.trials())
+
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
@@ -133,7 +140,8 @@ def run_offline(
         done += finished
         if on_progress is not None:
             on_progress(done, total)
-    paths = {name: [u.path for u in units if u.agent.agent.name == name] for name in carried}
+    numbers = range((len(tasks) + UNIT - 1) // UNIT)
+    paths = {name: [store.unit(name, number) for number in numbers] for name in carried}
     seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
     return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
 

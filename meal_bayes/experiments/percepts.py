@@ -7,11 +7,18 @@ from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
-from meal_bayes.datasets import PerceptTable, cache_folder, load_dataset, load_percepts
-from meal_bayes.datasets.percept_file import save_percepts
-from meal_bayes.datasets.sources import source
+from meal_bayes.datasets import (
+    PerceptTable,
+    cache_folder,
+    load_dataset,
+    load_percepts,
+    save_percepts,
+)
+from meal_bayes.datasets.percept_file import domain_of
+from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.experiments.store import fingerprint
 from meal_bayes.perception import build_percept_table
 
 log = logging.getLogger("meal_bayes.experiments")
@@ -23,39 +30,38 @@ def percepts_for(
     dataset: str,
     perception: str = "default",
     *,
+    root: str | Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> PerceptTable:
-    """Load the percept table of a data set; with ``"paper"`` compute it once into the cache.
+    """Load the percept table of a data set; compute it once where none is at hand.
 
     Parameters
     ----------
-    dataset : a shipped domain, or the path of a table of one's own (.npz).
+    dataset : a shipped domain, the path of a domain of one's own (TOML), or of a table (.npz).
     perception : "default", or "paper" for the recipe of Sect. 4.2 on the recordings.
+    root : the folder of the recordings of a domain of one's own.
     on_progress : called with (behaviors done, behaviors in all) while a table is computed.
     on_note : called with a line of text before a table is computed; logged otherwise.
 
     Raises
     ------
-    SettingsError : an unknown data set or perception, or the paper's for a table of one's own.
+    SettingsError : an unknown data set or perception; recordings where none are needed, or none
+        where they are; a table that another recipe made.
+    DataError : recordings that do not hold what their layout promises.
     DownloadError : recordings that cannot be had.
     """
     if perception not in _PERCEPTIONS:
         raise SettingsError(unknown("perception", perception, _PERCEPTIONS))
-    if perception == "default":
+    domain = domain_of(dataset)
+    path = table_path(dataset, perception, root=root)
+    if path is None:
         return load_percepts(dataset)
-    if str(dataset).endswith(".npz"):
-        raise SettingsError(
-            f"{dataset} is a percept table already; leave perception out, or make another with "
-            "`meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER --perception paper`."
-        )
-    domain = load_domain(dataset)
-    source(domain.data)
-    path = cached_table(domain.data, perception)
     if not _readable(path, domain):
-        recordings = load_dataset(domain.data)
+        own = dataset.endswith(".toml")
+        recordings = load_dataset(dataset, root=root) if own else load_dataset(domain.data)
         (on_note or log.info)(
-            f"computing the {perception} percepts of {domain.data} from its recordings, once; "
+            f"computing the {perception} percepts of {domain.name} from its recordings, once; "
             f"kept in {path}"
         )
         table = build_percept_table(recordings, perception=perception, progress=on_progress)
@@ -63,9 +69,46 @@ def percepts_for(
     return load_percepts(path, domain=domain)
 
 
-def cached_table(data: str, perception: str) -> Path:
-    """Where a computed table is kept: named by data set, package version and perception's code."""
-    return cache_folder() / "percepts" / f"{data}-{perception}-{_version()}-{_code_digest()}.npz"
+def table_path(
+    dataset: str, perception: str = "default", *, root: str | Path | None = None
+) -> Path | None:
+    """Return where the computed table of a data set is kept; None where one ships or is given.
+
+    It is named by the recordings and the domain, by the package and its perception's code.
+    """
+    if dataset.endswith(".npz"):
+        _check_table(dataset, perception, root)
+        return None
+    domain, own = load_domain(dataset), dataset.endswith(".toml")
+    if root is not None and not own:
+        raise SettingsError(
+            f"The percepts of {dataset!r} need no folder of recordings; leave root out, or give "
+            "the path of a domain of your own (TOML)."
+        )
+    if domain.data in SOURCES and root is None:
+        if perception == "default":
+            return None
+    elif not own or root is None:
+        raise SettingsError(
+            f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
+            "folder of its CSV files, or a percept table (.npz)."
+        )
+    name = f"{domain.data}-{perception}-{_version()}-{_code_digest()}"
+    print_of = fingerprint(dataset, None if root is None else str(root))[:12]
+    return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
+
+
+def _check_table(dataset: str, perception: str, root: str | Path | None) -> None:
+    if root is not None:
+        raise SettingsError(f"{dataset} is a percept table already; leave root out.")
+    if perception != "default":
+        recipe = load_percepts(dataset).provenance.get("perception", "")
+        if not recipe.startswith(f"recipe={perception}"):
+            raise SettingsError(
+                f"{dataset} is a percept table of another recipe; leave perception out, or make "
+                "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "
+                f"--perception {perception}`."
+            )
 
 
 def _readable(path: Path, domain: Domain) -> bool:

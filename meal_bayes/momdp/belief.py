@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import card
 from meal_bayes.errors import ImpossibleObservation
+from meal_bayes.momdp.display import belief_facts, belief_html
 from meal_bayes.momdp.model import MOMDP
 
 
@@ -35,6 +37,13 @@ class Belief:
         set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
         if self.log_share.flags.writeable:  # else all beliefs of a MOMDP hold the same array
             set_frozen(self, log_share=freeze(self.log_share))
+
+    def __repr__(self) -> str:
+        """Return the belief in three lines."""
+        return card(*belief_facts(self))
+
+    def _repr_html_(self) -> str:
+        return belief_html(self)
 
     def at(self, x: int) -> "Belief":
         """Move to another x, believing the same."""

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import card, card_html
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.momdp.display import momdp_facts
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,13 @@ class MOMDP:
             )
         # A kind that the prior rules out is never believed in; its share is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
+
+    def __repr__(self) -> str:
+        """Return the problem in six lines."""
+        return card(*momdp_facts(self))
+
+    def _repr_html_(self) -> str:
+        return card_html(*momdp_facts(self))
 
     @property
     def levels(self) -> int:

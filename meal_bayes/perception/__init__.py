@@ -18,7 +18,13 @@ from meal_bayes.perception.perceiver import (
     Perceiver,
     RecordedPercepts,
 )
-from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, named_settings
+from meal_bayes.perception.settings import (
+    DEFAULT,
+    PAPER,
+    PerceptionSettings,
+    named_settings,
+    with_classifier,
+)
 from meal_bayes.perception.tables import build_percept_table
 
 __all__ = [
@@ -39,4 +45,5 @@ __all__ = [
     "fit_perception",
     "named_settings",
     "table_counts",
+    "with_classifier",
 ]

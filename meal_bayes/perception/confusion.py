@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
 
 
@@ -19,6 +20,8 @@ class ConfusionCounts:
     """
 
     counts: NDArray[np.int64]  # (O,P,E,2,K) [truth, level]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(self, counts=freeze(self.counts, np.int64))

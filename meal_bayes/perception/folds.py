@@ -54,7 +54,7 @@ class FoldProblem:
     @property
     def known(self) -> Rows:
         """Rows that may be trained on."""
-        return self.folds != UNKNOWN
+        return np.asarray(self.folds != UNKNOWN)
 
     def without(self, left_out: Iterable[int]) -> Floats:
         """Decisions on the rows of these folds by classifiers that never saw them, (n,M,P)."""

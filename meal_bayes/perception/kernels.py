@@ -102,15 +102,18 @@ def fit_and_score(
         names = training_set.object[rows].astype(np.int64)
         place = names * dataset.recordings + training_set.recording[rows]
         own, labels = kernels.between(behavior.name, place, place), training_set.labels[rows]
-        beside = np.hstack([space.rows[place] for space in kernels.spaces_of(behavior.name)])
+        beside = None
+        if settings.classifier is not None:
+            beside = np.hstack([space.rows[place] for space in kernels.spaces_of(behavior.name)])
         gathered[e] = place, BehaviorRecordings(names, labels, own, beside)
     width, _ = learned_widths([recordings for _, recordings in gathered.values()], settings)
     for e, (place, recordings) in gathered.items():
         fit, believed, told = fit_behavior(recordings.widened(width), settings, shape[0])
         counts[:, :, e] = told.counts[:, :, 0]
-        outputs = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
-        outputs = round_log_odds(np.where(believed, outputs, 0.0))
+        said = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
+        outputs = round_log_odds(np.where(believed, said, 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
+    log_odds[np.arange(dataset.recordings)[:, None] >= dataset.recording_counts[:, None]] = np.nan
     return log_odds, ConfusionCounts(counts)
 
 

@@ -1,10 +1,13 @@
 """What can be set in perception, and the two named recipes."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+
+RECIPES = ("stacked", "paper", "classifier")
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,27 +16,51 @@ class PerceptionSettings:
 
     `joint` and the last five are cures: each can be taken out to see what it is good for (tests,
     benchmarks).
+
+    Attributes
+    ----------
+    recipe : "stacked"; "paper": support vector machines, Cohen's kappa weights; "classifier".
+    kernel : "rbf", exp(-d^2 / w^2), or "polynomial", degree 2.
+    width : w in median distances; None: learned (1, 1.5 or 2).
+    joint : "stacked", RBF only: one more kernel, of all modalities at once.
+    noise : lambda of C = K + lambda I.
+    ridge : on the stacker's slopes.
+    levels : K, what an observed percept tells: 2 yes or no; 4 and how surely.
+    folds : "paper" and "classifier": grouped folds, an object never split.
+    box : "paper" only: the support vector machine's C.
+    by_object : cross-validate over objects; False: over samples, as published.
+    nested : stackers learn from decisions that saw none of the objects left out.
+    balanced : both classes weigh the same, so a percept is a likelihood ratio.
+    nonnegative : a modality may be ignored, never turned around.
+    believable_only : where TPR - FPR <= 0 in training, percepts say nothing.
+    classifier : of the recipe "classifier" only: a scikit-learn classifier, see `with_classifier`.
     """
 
-    recipe: str = "stacked"  # or "paper": support vector machines, Cohen's kappa weights
-    kernel: str = "rbf"  # exp(-d^2 / w^2); "polynomial": degree 2
-    width: float | None = None  # w in median distances; None: learned (1, 1.5 or 2)
-    joint: bool = True  # "stacked", RBF only: one more kernel, of all modalities at once
-    noise: float = 0.15  # lambda of C = K + lambda I
-    ridge: float = 0.5  # on the stacker's slopes
-    levels: int = 2  # K, what an observed percept tells: yes or no; 4: and how surely
-    folds: int = 5  # "paper" only: grouped folds, an object never split
-    box: float = 10.0  # "paper" only: the support vector machine's C
-    by_object: bool = True  # cross-validate over objects; False: over samples, as published
-    nested: bool = True  # stackers learn from decisions that saw none of the objects left out
-    balanced: bool = True  # both classes weigh the same, so a percept is a likelihood ratio
-    nonnegative: bool = True  # a modality may be ignored, never turned around
-    believable_only: bool = True  # where TPR - FPR <= 0 in training, percepts say nothing
+    recipe: str = "stacked"
+    kernel: str = "rbf"
+    width: float | None = None
+    joint: bool = True
+    noise: float = 0.15
+    ridge: float = 0.5
+    levels: int = 2
+    folds: int = 5
+    box: float = 10.0
+    by_object: bool = True
+    nested: bool = True
+    balanced: bool = True
+    nonnegative: bool = True
+    believable_only: bool = True
+    classifier: Any = None
 
     def __post_init__(self) -> None:
-        for name, known in (("recipe", ("stacked", "paper")), ("kernel", ("rbf", "polynomial"))):
+        kernels = ("rbf", "polynomial")
+        for name, known in (("recipe", RECIPES), ("kernel", kernels)):
             if getattr(self, name) not in known:
                 raise SettingsError(unknown(name, getattr(self, name), known))
+        if (self.recipe == "classifier") != (self.classifier is not None):
+            raise SettingsError("A classifier and the recipe 'classifier' go together; give both.")
+        if self.classifier is not None:
+            _check_classifier(self.classifier)
         for name in ("noise", "ridge", "box"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
@@ -53,8 +80,37 @@ DEFAULT = PerceptionSettings()
 PAPER = PerceptionSettings(recipe="paper", kernel="polynomial", joint=False)
 
 
+def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
+    """Return settings under which a classifier of one's own perceives.
+
+    Parameters
+    ----------
+    classifier : any scikit-learn classifier, or pipeline that ends in one, with `predict_proba` or
+        `decision_function`. A clone an attribute and behavior learns from the features of all
+        modalities side by side, squashed, standardized and clipped.
+    others : further settings, such as ``levels=4`` or ``folds=10``.
+
+    Raises
+    ------
+    SettingsError : what cannot be cloned, fitted, or asked for a decision.
+    """
+    return PerceptionSettings(recipe="classifier", joint=False, classifier=classifier, **others)
+
+
+def _check_classifier(classifier: Any) -> None:
+    if isinstance(classifier, type):
+        name = classifier.__name__
+        raise SettingsError(f"classifier is the class {name}; give an instance: {name}().")
+    decides = hasattr(classifier, "predict_proba") or hasattr(classifier, "decision_function")
+    if not (decides and all(hasattr(classifier, name) for name in ("fit", "get_params"))):
+        raise SettingsError(
+            f"classifier is {type(classifier).__name__}; expected a scikit-learn classifier: with "
+            "fit, get_params, and predict_proba or decision_function."
+        )
+
+
 def named_settings(name: str) -> PerceptionSettings:
-    """Look a recipe up: "default" or "paper"."""
+    """Return the settings of a recipe: "default" or "paper"."""
     known = {"default": DEFAULT, "paper": PAPER}
     if name not in known:
         raise SettingsError(unknown("perception", name, known))

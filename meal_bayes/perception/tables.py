@@ -1,10 +1,14 @@
 """Percept tables: every recording seen by classifiers that never saw its object."""
 
 import hashlib
+import inspect
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from functools import partial
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +25,7 @@ from meal_bayes.perception.recordings import (
     all_recordings_of,
     number_in_object,
 )
-from meal_bayes.perception.settings import PerceptionSettings, named_settings
+from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
 from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
@@ -36,6 +40,7 @@ def build_percept_table(
     dataset: Dataset,
     *,
     perception: str | PerceptionSettings = "default",
+    classifier: Any = None,
     attributes: Iterable[str] | None = None,
     objects: Iterable[str] | None = None,
     progress: Progress | None = None,
@@ -50,15 +55,17 @@ def build_percept_table(
 
     The paper's recipe scores the training side, and learns its calibration and weights, by grouped
     folds of objects rather than by single objects; all that is done for held-out o leaves o's
-    whole fold out, but for the support vector machine that scores o itself.
+    whole fold out, but for the support vector machine that scores o itself. A classifier of one's
+    own leaves the whole fold out for everything.
 
     Parameters
     ----------
     perception : "default", "paper", or settings.
+    classifier : any scikit-learn classifier, in place of a recipe; see `with_classifier`.
     attributes, objects : what to compute; all by default. The rest is NaN.
     progress : called with (behaviors done, behaviors in all).
     """
-    settings = named_settings(perception) if isinstance(perception, str) else perception
+    settings = _settings(perception, classifier)
     domain = dataset.domain
     columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
     held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
@@ -104,6 +111,14 @@ def build_percept_table(
     )
 
 
+def _settings(perception: str | PerceptionSettings, classifier: Any) -> PerceptionSettings:
+    if classifier is None:
+        return named_settings(perception) if isinstance(perception, str) else perception
+    if perception != "default":
+        raise SettingsError("Give perception or a classifier, not both (see with_classifier).")
+    return with_classifier(classifier)
+
+
 def _positions(
     what: str, names: Iterable[str] | None, known: Sequence[str], find: Callable[[str], int]
 ) -> NDArray[np.int64]:
@@ -140,7 +155,8 @@ def _histograms(training: Halves, objects: NDArray[np.int64], n_objects: int) ->
     counts = np.zeros((held, n_objects, n_attributes, len(BIN_EDGES) + 1), np.uint8)
     names, starts = np.unique(objects, return_index=True)
     for level in range(len(BIN_EDGES) + 1):
-        counts[..., level][:, names] = np.add.reduceat(place == level, starts, axis=1, dtype=np.uint8)
+        shown = np.add.reduceat(place == level, starts, axis=1, dtype=np.uint8)
+        counts[..., level][:, names] = shown
     return counts
 
 
@@ -169,14 +185,49 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
         digest.update(values.tobytes())
     data = dataset.domain.data
     home = SOURCES.get(data)
-    option = " --perception paper" if settings.recipe == "paper" else ""
+    option = {"paper": " --perception paper"}
+    if settings.classifier is not None:
+        kind = type(settings.classifier)
+        option["classifier"] = f" --classifier {kind.__module__}:{kind.__qualname__}"
     return {
         "package": f"meal-bayes {_version()}",
-        "perception": ", ".join(f"{name}={value}" for name, value in asdict(settings).items()),
+        "perception": _told(settings),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
-        "command": f"meal-bayes data percepts --dataset {data}{option}",
+        "command": f"meal-bayes data percepts --dataset {data}{option.get(settings.recipe, '')}",
+        **_classifier_provenance(settings.classifier),
     }
+
+
+def _told(settings: PerceptionSettings) -> str:
+    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    del values["classifier"]  # it has entries of its own
+    return ", ".join(f"{name}={value}" for name, value in values.items())
+
+
+def _classifier_provenance(classifier: Any) -> dict[str, str]:
+    """Return what a classifier is: its parameters, and the source or the package it comes from."""
+    if classifier is None:
+        return {}
+    kind = type(classifier)
+    package = kind.__module__.partition(".")[0]
+    parameters = {name: repr(value) for name, value in sorted(classifier.get_params().items())}
+    found = {
+        "classifier": f"{kind.__module__}:{kind.__qualname__}",
+        "classifier_parameters": ", ".join(f"{name}={text}" for name, text in parameters.items()),
+    }
+    version = getattr(sys.modules.get(package), "__version__", None)
+    if isinstance(version, str):
+        return {**found, "classifier_package": f"{package} {version}"}
+    return {**found, "classifier_source_sha256": _source_digest(kind)}
+
+
+def _source_digest(kind: type) -> str:
+    try:
+        source = Path(inspect.getfile(kind)).read_bytes()
+    except (OSError, TypeError):  # typed at a prompt
+        return "unknown"
+    return hashlib.sha256(source).hexdigest()
 
 
 def _version() -> str:

@@ -34,6 +34,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.seeds import stream
@@ -62,6 +63,8 @@ class SharedDegree:
     spread: float  # sigma
     points: Array  # (M,) t, rising
     kinds: Array  # (2,M) Pr(t | truth)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         set_frozen(self, points=freeze(self.points), kinds=freeze(self.kinds))

@@ -65,8 +65,8 @@ def log_likelihood(
 ) -> NDArray[np.float64]:
     """Log-probability (...,P,E) of a sequence of percepts with counts (...,P,E,K).
 
-    Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E); inf takes percepts as
-    independent (Eq. 8).
+    Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with
+    the counts; inf takes percepts as independent (Eq. 8).
     """
     known = np.isinf(precision)
     s = np.where(known, 1.0, precision)

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv
 
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import short_repr
+from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion, youden
 
@@ -46,14 +48,23 @@ class ConfusionPosterior:
     `from_counts` takes all percepts of a row as independent (the paper's reading); `from_objects`
     lets each object have its own row, so that repeats of one object are worth less.
 
+    Attributes
+    ----------
+    prior : (P,E,2,K) Dirichlet parameters before any percept.
+    counts : (P,E,2,K) percepts of labelled instances, as they were counted.
+    concentration : (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
+    dispersion : (P,E,2) s of the objects' rows, inf = all objects alike.
+
     >>> ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]]).mean[0, 0].round(3).tolist()
     [[0.75, 0.25], [0.167, 0.833]]
     """
 
-    prior: NDArray[np.float64]  # (P,E,2,K) Dirichlet parameters before any percept
-    counts: NDArray[np.float64]  # (P,E,2,K) percepts of labelled instances, as they were counted
-    concentration: NDArray[np.float64]  # (P,E,2,K) Dirichlet parameters of the mean row, A x mean
-    dispersion: NDArray[np.float64]  # (P,E,2) s of the objects' rows, inf = all objects alike
+    prior: NDArray[np.float64]
+    counts: NDArray[np.float64]
+    concentration: NDArray[np.float64]
+    dispersion: NDArray[np.float64]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in ("prior", "counts", "concentration", "dispersion"):
@@ -119,6 +130,25 @@ class ConfusionPosterior:
         concentration = fit.weight[..., None] * fit.mean
         folds = zip(fit.prior, total, concentration, fit.dispersion, strict=True)
         return tuple(cls(*fold) for fold in folds)
+
+    @classmethod
+    def from_idata(cls, idata: Any, domain: Domain) -> "ConfusionPosterior":
+        """Sum a posterior of NUTS or of the grid up for agents, laid out for a domain.
+
+        Parameters
+        ----------
+        idata : an InferenceData or DataTree of `meal-bayes posterior` (posterior.nc), or of
+            `to_idata` with the percept counts (object, attribute, behavior, truth, level) among
+            its observed data.
+        domain : every attribute of it must have been fitted.
+
+        Raises
+        ------
+        DataError : draws or counts that are not there, or not of this domain.
+        """
+        from meal_bayes.posterior.from_idata import posterior_from  # noqa: PLC0415  it needs us
+
+        return posterior_from(idata, domain)
 
     @property
     def mean(self) -> NDArray[np.float64]:

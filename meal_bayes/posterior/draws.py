@@ -6,6 +6,7 @@ The grid's posterior is drawn from here; NUTS brings its own. Both are summed up
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,14 +14,14 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.errors import SettingsError
+from meal_bayes.display import level_names, short_repr
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 
 Array = NDArray[np.float64]
 
 TRUTHS = ("false", "true")
-_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
 _ROW = ("attribute", "behavior", "truth")
 _DIMENSIONS = 5  # (O,P,E,2,K)
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
@@ -32,16 +33,27 @@ class Draws:
     """Draws from the joint posterior, chain by chain; C chains of S draws.
 
     E counts the behaviors that sense: the others have no rows here.
+
+    Attributes
+    ----------
+    attributes : (P,) names.
+    behaviors : (E,) names.
+    mean : (C,S,P,E,2,K) m of each row.
+    dispersion : (C,S,P,E,2) s of each row.
+    misperception : (C,S) epsilon, where the model has one.
+    others : what else was drawn: (dims after chain and draw, values).
+    statistics : (C,S) each, what the sampler says of itself.
     """
 
-    attributes: tuple[str, ...]  # (P,)
-    behaviors: tuple[str, ...]  # (E,)
-    mean: Array  # (C,S,P,E,2,K) m of each row
-    dispersion: Array  # (C,S,P,E,2) s of each row
-    misperception: Array | None = None  # (C,S) epsilon, where the model has one
-    # What else was drawn, and what the sampler says of itself: (dims after chain and draw, values).
+    attributes: tuple[str, ...]
+    behaviors: tuple[str, ...]
+    mean: Array
+    dispersion: Array
+    misperception: Array | None = None
     others: Mapping[str, tuple[tuple[str, ...], Array]] = field(default_factory=dict)
-    statistics: Mapping[str, Array] = field(default_factory=dict)  # (C,S) each
+    statistics: Mapping[str, Array] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         mean = freeze(np.maximum(self.mean, _FLOOR))
@@ -79,6 +91,35 @@ class Draws:
         """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
         return _flat(self.mean), _flat(self.dispersion)
 
+    @classmethod
+    def from_idata(cls, idata: Any) -> "Draws":
+        """Read draws back from an InferenceData or DataTree that `to_idata` made.
+
+        Raises
+        ------
+        DataError : no group posterior with the rows and dispersions of Theta.
+        """
+        rows = ("chain", "draw", *_ROW)
+        try:
+            posterior = idata["posterior"]
+            mean = posterior["mean"].transpose(*rows, "level")
+            dispersion = posterior["dispersion"].transpose(*rows)
+            names = {dim: tuple(map(str, mean[dim].values)) for dim in _ROW}
+        except (KeyError, ValueError, AttributeError, TypeError) as fault:
+            raise DataError(
+                f"This holds no posterior of confusion matrices ({fault}); make one with "
+                "`meal-bayes posterior`, or fit_hierarchical and to_idata."
+            ) from None
+        epsilon = posterior["misperception"].values if "misperception" in posterior else None
+        return cls(names["attribute"], names["behavior"], mean.values, dispersion.values, epsilon)
+
+    def select(self, attributes: Sequence[str], behaviors: Sequence[str]) -> "Draws":
+        """Keep some attributes and behaviors, in this order."""
+        p = [self.attributes.index(name) for name in attributes]
+        e = [self.behaviors.index(name) for name in behaviors]
+        mean, dispersion = self.mean[:, :, p][:, :, :, e], self.dispersion[:, :, p][:, :, :, e]
+        return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
+
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
         """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
@@ -101,11 +142,6 @@ class Draws:
         concentration[:, columns] = weight[..., None] * center
         dispersion[:, columns] = share / (1 - share)
         return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
-
-
-def level_names(levels: int) -> tuple[str, ...]:
-    """Name the K levels of a percept."""
-    return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))
 
 
 def sensing(counts: ArrayLike) -> NDArray[np.bool_]:

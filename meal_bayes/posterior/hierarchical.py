@@ -27,9 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
+from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import dispersion as grid
-from meal_bayes.posterior.draws import TRUTHS, Draws, level_names, sensed
+from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
 from meal_bayes.seeds import stream
 
 # PyTensor compiles into the home folder unless told where, which may be read-only; and it looks for

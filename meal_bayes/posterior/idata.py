@@ -41,6 +41,7 @@ def to_idata(
     *,
     observed: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
     predicted: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
+    log_likelihood: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
     coords: Mapping[str, ArrayLike] | None = None,
 ) -> Any:
     """Make an InferenceData (0.x) or DataTree (1.x) of draws.
@@ -48,14 +49,16 @@ def to_idata(
     Parameters
     ----------
     draws : become the groups posterior and sample_stats.
-    observed, predicted : name -> (dims, values), for the groups observed_data and
-        posterior_predictive; predicted values have chain and draw before their dims.
+    observed, predicted, log_likelihood : name -> (dims, values), for the groups observed_data,
+        posterior_predictive and log_likelihood; the values of the last two have chain and draw
+        before their dims. `az.loo` needs the last.
     coords : names along dims that the draws do not have.
     """
     groups: dict[str, dict[str, Any]] = {"posterior": {}, "sample_stats": dict(draws.statistics)}
     dims: dict[str, list[str]] = {}
     parts = (("posterior", draws.variables), ("observed_data", observed or {}),
-             ("posterior_predictive", predicted or {}))  # fmt: skip
+             ("posterior_predictive", predicted or {}),
+             ("log_likelihood", log_likelihood or {}))  # fmt: skip
     for group, variables in parts:
         for name, (along, values) in variables.items():
             groups.setdefault(group, {})[name] = np.asarray(values)

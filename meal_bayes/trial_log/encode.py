@@ -135,7 +135,7 @@ class TrialEncoder:
         """Pack the next step with a line of text, and a picture where the behavior is another."""
         momdp, index = self._trial.momdp, len(self._steps)
         self._check(step_misfit(step, momdp, f"step {index}"))
-        positive = step.belief.positive.tolist()
+        positive = _positive(step.belief)
         seen = [] if _replays(self._before, step, momdp) else step.belief.seen.ravel().tolist()
         data = _bytes(_step(step, momdp, self._number, index, positive, seen))
         time = log_time(self._number, index + 1)
@@ -188,6 +188,13 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
+def _positive(belief: Belief) -> list[float]:
+    """Pr(attribute is true), (N,), of any belief; weights that are not finite make it NaN."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        values: list[float] = belief.positive.tolist()
+    return values
+
+
 def _start(trial: Trial, number: int, momdp: int) -> Any:
     task, first = trial.task, trial.first_belief
     return TrialMessage(
@@ -202,7 +209,7 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         truth=trial.truth.tolist(),
         belief_x=first.x,
         weight=first.weight.ravel().tolist(),
-        positive=first.positive.tolist(),
+        positive=_positive(first),
         seen=first.seen.ravel().tolist() if first.seen.any() else [],
     )
 

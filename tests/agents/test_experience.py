@@ -241,3 +241,21 @@ class TestFeedback:
     def test_settings_are_checked(self, wrong, message):
         with pytest.raises(SettingsError, match=message):
             Feedback(**wrong)
+
+
+def test_recordings_that_are_not_there_are_never_handed_out():
+    features = {context: values.copy() for context, values in DATASET.features.items()}
+    for (behavior, _), values in features.items():
+        values[(0, slice(1, None)) if behavior == "look" else 1] = np.nan
+    ragged = replace(DATASET, features=features)
+    experience = Experience.none(ragged, np.random.default_rng(3))
+    for o in range(OBJECTS):
+        for e, count in enumerate(ragged.recording_counts[o, :2]):
+            assert sorted(experience.supply(o)[e]) == list(range(count))
+    after = experience
+    for o in range(2):
+        trial = work(after, o, ("red",), seed=o).trial
+        after = after.absorb(TOY, trial, np.array([1], np.int8))
+    taught = after.pretrain(ragged, np.arange(OBJECTS)).recordings()
+    assert len(taught) >= 2 * OBJECTS - 1
+    assert (taught.recording < ragged.recording_counts[taught.object, taught.behavior]).all()

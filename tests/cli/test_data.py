@@ -118,11 +118,12 @@ def test_bad_files_of_ones_own_are_told(fails, kitchen, file, old, new, found):
     assert not Path("own.npz").exists()
 
 
-def test_a_missing_recording_is_told(fails, kitchen):
+def test_a_missing_recording_is_told(run, kitchen):
     rows = Path("lift_force.csv").read_text().splitlines()
     Path("lift_force.csv").write_text("\n".join(rows[:-1]) + "\n")
-    words = ("--dataset", "kitchen.toml", "--root", ".", "--out", "own.npz")
-    assert "no row of recording 2 of green_bowl" in fails("data", "percepts", *words)
+    result = run("data", "percepts", "--dataset", "kitchen.toml", "--root", ".", "--out", "own.npz")
+    assert "fewer than 2 recordings: green_bowl 1 of lift" in result.stderr
+    assert load_percepts("own.npz").recording_counts.sum() == 8 * 2 * 2 - 1
 
 
 def test_percepts_says_what_it_needs(fails, kitchen):
@@ -152,3 +153,31 @@ def test_the_shipped_roc36_table_is_made_again(run, recordings):
     result = run("data", "percepts", "--dataset", "roc36", "--root", recordings)
     assert result.exit_code == 0, result.output
     assert "within 0.01" in result.stdout
+
+
+def test_percepts_by_a_classifier_of_ones_own(run, kitchen):
+    (kitchen / "mine.py").write_text(
+        "from sklearn.linear_model import LogisticRegression\nbest = LogisticRegression(C=0.5)\n"
+    )
+    own = ("--dataset", "kitchen.toml", "--root", ".")
+    result = run("data", "percepts", *own, "--classifier", "mine:best", "--out", "mine.npz")
+    assert result.exit_code == 0
+    told = load_percepts(kitchen / "mine.npz").provenance
+    assert told["classifier"].endswith(":LogisticRegression")
+    assert "C=0.5" in told["classifier_parameters"]
+    name = "sklearn.naive_bayes:GaussianNB"
+    assert run("data", "percepts", *own, "--classifier", name, "--out", "nb.npz").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("forest", "names no value; write it as package.module:name"),
+        ("nowhere:forest", "cannot be imported"),
+        ("sklearn.naive_bayes:GausianNB", "did you mean 'GaussianNB'"),
+        ("os:getcwd", "expected a scikit-learn classifier"),
+    ],
+)
+def test_names_of_no_classifier_are_told(fails, kitchen, name, message):
+    own = ("--dataset", "kitchen.toml", "--root", ".")
+    assert message in fails("data", "percepts", *own, "--classifier", name, "--out", "x.npz")

@@ -32,6 +32,8 @@ def test_the_grid_writes_everything(run, tmp_path):
     assert saved["mean"].dims == ("chain", "draw", "attribute", "behavior", "truth", "level")
     assert saved["mean"].coords["attribute"].values.tolist() == ["heavy", "beans"]
     assert saved["mean"].shape[:2] == (4, 200)
+    likelihood = load_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["percepts"]
+    assert likelihood.shape == (4, 200, 36 * 2)
     assert (tmp_path / "fit" / "summary.csv").read_text().count("\n") == 1 + 2 * 11 * 2 * 3
     rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
     assert len(rows) == 2 * 11  # reinit does not sense

@@ -53,6 +53,11 @@ def test_unknown_label_cannot_be_a_truth(own: Path) -> None:
         dataset.truth(1, query)
 
 
+def test_a_table_holds_no_recordings() -> None:
+    with pytest.raises(SettingsError, match="which holds no recordings"):
+        load_dataset("own.npz")
+
+
 def test_own_data_needs_a_folder(own: Path) -> None:
     with pytest.raises(SettingsError, match="give root="):
         load_dataset(own / "own.toml")

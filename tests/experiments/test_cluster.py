@@ -1,5 +1,6 @@
 """A Dask cluster on this machine runs the same experiment, also when a worker dies."""
 
+import importlib
 import json
 import os
 import signal
@@ -14,11 +15,34 @@ from pathlib import Path
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
 from meal_bayes.experiments.parallel import in_parallel
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCAL = "127.0.0.1"
+
+LOOKER = """
+from meal_bayes.momdp import best_report
+from meal_bayes.planners import unvalued
+
+
+class Looker:
+    def __init__(self, looks):
+        self.looks = looks
+
+    def solve(self, momdp, rng):
+        return LookerPolicy(momdp, self.looks)
+
+
+class LookerPolicy:
+    def __init__(self, momdp, looks):
+        self.momdp, self.looks = momdp, looks
+
+    def decide(self, history, rng):
+        if len(history.actions) < self.looks and self.momdp.legal[history.belief.x, 0]:
+            return unvalued(self.momdp, 0)
+        return unvalued(self.momdp, best_report(self.momdp, history.belief))
+"""
 
 pytestmark = pytest.mark.usefixtures("dask")
 
@@ -108,6 +132,20 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     assert workers[1].poll() is None
     assert contents(run.folder) == expected
     assert len(list(run.results())) == 2 * 2 * 3
+
+
+def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatch):
+    """Its module lies in a folder that the workers have never heard of."""
+    address, _ = cluster
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "looker_on_dask.py").write_text(LOOKER, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path / "mine")
+    looker = importlib.import_module("looker_on_dask").Looker
+    wanted = OfflineConfig("roc36", 1, 6, ("predefined", looker(2)), seed=1)
+    here = run_offline(wanted, logs=tmp_path / "here")
+    there = run_offline(wanted, logs=tmp_path / "there", cluster=address)
+    assert contents(there.folder) == contents(here.folder)
+    assert len(contents(here.folder)) == 2
 
 
 def test_faults_of_the_work_are_told(cluster, config, tmp_path):

@@ -9,7 +9,7 @@ from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import percepts
-from meal_bayes.experiments.percepts import cached_table, percepts_for
+from meal_bayes.experiments.percepts import percepts_for, table_path
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_the_papers_is_computed_once_with_a_note(computed):
     assert done == [(1, 1)]
     (said,) = notes
     assert "computing the paper percepts of roc36" in said
-    assert str(cached_table("roc36", "paper")) in said
+    assert str(table_path("roc36", "paper")) in said
     again = percepts_for("roc36", "paper", on_note=notes.append)
     assert len(computed) == len(notes) == 1
     assert again.provenance == table.provenance == {"made": "1"}
@@ -60,7 +60,7 @@ def test_a_variant_shares_the_table_and_keeps_its_costs(computed):
 
 def test_a_damaged_table_is_computed_again(computed):
     percepts_for("roc36", "paper")
-    path = cached_table("roc36", "paper")
+    path = table_path("roc36", "paper")
     path.write_bytes(path.read_bytes()[:1000])
     assert percepts_for("roc36", "paper").provenance == {"made": "2"}
     assert [p.name for p in path.parent.iterdir()] == [path.name]
@@ -75,11 +75,18 @@ def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     assert len(computed) == 3
 
 
-def test_what_cannot_be_computed_is_told(computed):
+def test_a_table_of_the_recipe_asked_for_is_taken(tmp_path):
+    made = replace(load_percepts("roc36"), provenance={"perception": "recipe=paper, folds=5"})
+    save_percepts(made, tmp_path / "own.npz")
+    assert percepts_for(str(tmp_path / "own.npz"), "paper").provenance == made.provenance
+
+
+def test_what_cannot_be_computed_is_told(computed, tmp_path):
+    save_percepts(load_percepts("roc36"), tmp_path / "own.npz")
     with pytest.raises(SettingsError, match="Unknown perception 'papers': did you mean 'paper'"):
         percepts_for("roc36", "papers")
-    with pytest.raises(SettingsError, match="is a percept table already"):
-        percepts_for("own.npz", "paper")
-    with pytest.raises(SettingsError, match="Unknown data set 'toy'"):
+    with pytest.raises(SettingsError, match="is a percept table of another recipe"):
+        percepts_for(str(tmp_path / "own.npz"), "paper")
+    with pytest.raises(SettingsError, match="toy has no public recordings"):
         percepts_for("toy", "paper")
     assert computed == []

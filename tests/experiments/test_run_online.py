@@ -125,7 +125,8 @@ class TestAFinishedRun:
     def test_headers_tell_the_settings(self, finished, config):
         for path in finished.folder.rglob("*.mcap"):
             header = read_header(path)
-            assert header["config"] == config.as_dict()
+            own = {"agents": [header["agent"]], "reward": 100.0}  # the domain's
+            assert header["config"] == config.as_dict() | own
             assert path.name == f"{header['batch']:02d}-{header['part']}.mcap"
             assert path.parent.name == f"repeat-{header['repeat']:03d}"
             assert path.parent.parent.name == header["agent"]
@@ -251,7 +252,7 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
         folders[run.folder] = contents(run.folder)
         trials = [t for p in run.folder.rglob("*-test.mcap") for t in read_trials(p)]
         assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
-        assert {trial.momdp.correct for trial in trials} == {change.get("reward", 300.0)}
+        assert {trial.momdp.correct for trial in trials} == {change.get("reward", 100.0)}
     assert len(folders) == len(changes)
 
 

@@ -2,13 +2,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import Instance, TrainingSet, load_dataset
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.domain import Query
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.perception import DEFAULT, PAPER, RecordedPercepts, build_percept_table
+from meal_bayes.perception import (
+    DEFAULT,
+    PAPER,
+    RecordedPercepts,
+    build_percept_table,
+    with_classifier,
+)
 from meal_bayes.perception.leave_out import each_object, kernel_problem
 from meal_bayes.perception.modality import fit_space, widened, with_joint
 from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
@@ -17,7 +24,9 @@ from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, believable_only=False)
 RECIPES = pytest.mark.parametrize(
-    "settings", [DEFAULT, replace(PAPER, folds=4)], ids=["default", "paper"]
+    "settings",
+    [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)],
+    ids=["default", "paper", "classifier"],
 )
 
 
@@ -94,7 +103,7 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     assert (table.training_bins[3, known, 0, :2].sum(axis=-1) == 2).all()
     assert (table.training_bins[known, 3, 0].sum(axis=-1) == 0).all()
     # The other attribute, whose labels are all known, is as it was, but for the width they share.
-    settings = replace(settings, width=None if settings.recipe == "paper" else 1.0)
+    settings = replace(settings, width=1.0 if settings.recipe == "stacked" else None)
     table = build_percept_table(relabel(dataset, labels), perception=settings)
     whole = build_percept_table(dataset, perception=settings)
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
+from scipy.stats import dirichlet_multinomial
 
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.posterior import idata
+from meal_bayes.posterior import ConfusionPosterior, draw_grid, idata
 from meal_bayes.posterior.draws import Draws
+from meal_bayes.posterior.pointwise import pointwise_log_likelihood
 
 
 @pytest.fixture
@@ -89,3 +92,83 @@ def test_netcdf_needs_a_library(draws, tmp_path, monkeypatch):
     with pytest.raises(SettingsError, match="pip install h5netcdf h5py"):
         idata.save_netcdf(idata.to_idata(draws), tmp_path / "posterior.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+DIMS = ("object", "attribute", "behavior", "truth", "level")
+
+
+@pytest.fixture
+def fitted():
+    """Return percept counts of six objects in the toy domain, and draws of their posterior."""
+    rng, domain = np.random.default_rng(3), load_domain("toy")
+    truth = np.array([[0, 1], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]])
+    shown = rng.binomial(3, np.where(truth, 0.8, 0.3)[:, :, None], (6, 2, 2))
+    counts = np.zeros((6, 2, len(domain.behaviors), 2, 2), np.int64)
+    o, p, e = np.indices(shown.shape)
+    counts[o, p, e, truth[o, p], 1], counts[o, p, e, truth[o, p], 0] = shown, 3 - shown
+    draws = draw_grid(
+        counts, rng, attributes=domain.attributes, behaviors=domain.behavior_names, draws=100
+    )
+    return domain, counts, draws
+
+
+def saved(counts, draws, path, **groups):
+    objects = [f"object {o}" for o in range(len(counts))]
+    made = idata.to_idata(
+        draws,
+        observed={"counts": (DIMS, counts[:, :, :2])},
+        coords={"object": objects, **groups.pop("coords", {})},
+        **groups,
+    )
+    return idata.load_netcdf(idata.save_netcdf(made, path))
+
+
+def test_a_posterior_read_back_is_the_agents(fitted, tmp_path):
+    domain, counts, draws = fitted
+    expected = draws.posterior(counts)
+    found = ConfusionPosterior.from_idata(saved(counts, draws, tmp_path / "p.nc"), domain)
+    for name in ("prior", "counts", "concentration", "dispersion"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name))
+    turned = draws.select(("heavy", "red"), ("lift", "look"))
+    swapped = saved(counts[:, ::-1, 1::-1], turned, tmp_path / "q.nc")
+    found = ConfusionPosterior.from_idata(swapped, domain)  # laid out for the domain again
+    np.testing.assert_allclose(found.concentration, expected.concentration)
+
+
+def test_what_is_no_posterior_is_told(fitted):
+    domain, counts, draws = fitted
+    with pytest.raises(DataError, match="holds no posterior of confusion matrices"):
+        ConfusionPosterior.from_idata({}, domain)
+    with pytest.raises(DataError, match="without the percepts it was drawn from"):
+        ConfusionPosterior.from_idata(idata.to_idata(draws), domain)
+    part = idata.to_idata(
+        draws.select(("red",), ("look", "lift")), observed={"counts": (DIMS, counts[:, :1, :2])}
+    )
+    with pytest.raises(DataError, match="Unknown attribute 'heavy'"):
+        ConfusionPosterior.from_idata(part, domain)
+
+
+def test_log_likelihood_is_that_of_each_object(fitted):
+    _, counts, draws = fitted
+    values, units = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
+    assert values.shape == (4, 100, 12)
+    unit = units.index("2: heavy")
+    expected = 0.0
+    for e in range(2):
+        k, alpha = counts[2, 1, e, 1], (draws.dispersion[..., None] * draws.mean)[3, 7, 1, e, 1]
+        ways = {0: 1, 1: 3, 2: 3, 3: 1}[int(k[0])]
+        expected += dirichlet_multinomial(alpha, 3).logpmf(k) - np.log(ways)
+    assert values[3, 7, unit] == pytest.approx(expected)
+
+
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
+def test_arviz_leaves_one_out(fitted, tmp_path):
+    _, counts, draws = fitted
+    values, units = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
+    found = saved(
+        counts, draws, tmp_path / "p.nc",
+        log_likelihood={"percepts": (("unit",), values)}, coords={"unit": units},
+    )  # fmt: skip
+    loo = idata.az.loo(found)
+    assert loo.n_data_points == 12
+    assert np.isfinite(float(getattr(loo, "elpd", getattr(loo, "elpd_loo", np.nan))))

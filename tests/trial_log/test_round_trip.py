@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -137,7 +138,7 @@ def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     belief = trial.steps[2].belief
     strange = Belief(0, belief.weight, belief.seen + 3, belief.log_share)
     steps = list(trial.steps)
-    steps[2] = Step(*(getattr(steps[2], name) for name in steps[2].__slots__[:-1]), strange)
+    steps[2] = dataclasses.replace(steps[2], belief=strange)
     odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
     write_trials(tmp_path / "a.mcap", [trial, odd], header={})
     back = list(read_trials(tmp_path / "a.mcap"))

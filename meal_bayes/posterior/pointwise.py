@@ -1,0 +1,63 @@
+"""The log-likelihood of each object's percepts under each draw: what leave-one-out checks need.
+
+An object's percepts of one attribute, of all behaviors together, are one unit, so that models which
+let them err together can be compared with models that do not. Its rows theta are integrated out.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.posterior.dependence import log_likelihood
+from meal_bayes.posterior.draws import Draws, sensing
+
+Array = NDArray[np.float64]
+
+
+def pointwise_log_likelihood(
+    draws: Draws, counts: ArrayLike, objects: Sequence[str]
+) -> tuple[Array, list[str]]:
+    """Compute the log-likelihood of every object and attribute whose label is known.
+
+    Parameters
+    ----------
+    draws : C chains of S draws.
+    counts : (O,P,E',2,K), the percepts that they were drawn from.
+    objects : (O,) names.
+
+    Returns
+    -------
+    values : (C,S,U) ln Pr(percepts of a unit | draw), nats.
+    units : (U,) their names, "object: attribute".
+    """
+    array = np.asarray(counts)
+    kept = array[:, :, sensing(array)]
+    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
+    o, p = np.nonzero(by_truth.any(axis=-1))
+    evidence = _evidence(draws, kept.sum(axis=3), o, p)  # (C*S,U,2)
+    truth, unit = by_truth[o, p, 1].astype(int), np.arange(len(o))
+    right, wrong = evidence[:, unit, truth], evidence[:, unit, 1 - truth]
+    epsilon = draws.epsilon[:, None]
+    with np.errstate(divide="ignore"):
+        values = np.logaddexp(np.log1p(-epsilon) + right, np.log(epsilon) + wrong)
+    names = [
+        f"{objects[i]}: {draws.attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)
+    ]
+    return values.reshape(*draws.mean.shape[:2], -1), names
+
+
+def _evidence(
+    draws: Draws, shown: NDArray[np.int64], o: NDArray[np.intp], p: NDArray[np.intp]
+) -> Array:
+    """Log-probability of the units' percepts (O,P,E,K) under the rows of each truth, (C*S,U,2)."""
+    mean, s = draws.rows()
+    evidence = np.zeros((len(mean), len(o), 2))
+    for attribute in np.unique(p):
+        members = np.flatnonzero(p == attribute)
+        for e in range(shown.shape[2]):
+            each, place = np.unique(shown[o[members], attribute, e], axis=0, return_inverse=True)
+            rows, weight = mean[:, None, attribute, e], s[:, None, attribute, e]  # (C*S,1,2,K)
+            scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
+            evidence[:, members] += scores[:, place.ravel()]
+    return evidence

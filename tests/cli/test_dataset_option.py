@@ -1,0 +1,62 @@
+"""--dataset means the same everywhere: a name, a domain with its recordings, or a table."""
+
+import json
+
+import pytest
+
+OWN = ("--dataset", "kitchen.toml", "--root", ".")
+COMMANDS = [
+    ("ask", "Is it red?", "--object", "red_mug", "--agent", "greedy"),
+    ("run", "offline", "--trials", "4", "--attributes", "1", "--agent", "greedy"),
+    ("posterior", "--draws", "20", "--chains", "2"),
+    ("export", "out.pomdp", "--query", "red"),
+    ("memory", "show"),
+]
+IDS = [" ".join(command[:2]) for command in COMMANDS]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=IDS)
+def test_a_domain_with_recordings_is_a_data_set(run, kitchen, command):
+    result = run(*command, *OWN, "--json")
+    assert result.exit_code == 0, result.stderr
+    if command[0] != "memory":
+        (kept,) = (kitchen / "cache" / "percepts").glob("kitchen-default-*.npz")
+        before = kept.stat().st_mtime_ns
+        again = run(*command, *OWN, "--json")
+        assert again.exit_code == 0
+        assert kept.stat().st_mtime_ns == before  # computed once
+
+
+def test_a_table_serves_as_its_recordings_do(run, kitchen):
+    assert run("data", "percepts", *OWN, "--out", "made.npz").exit_code == 0
+    first, second = (
+        json.loads(run(*COMMANDS[1], *own, "--json").stdout)["rows"][0]
+        for own in (OWN, ("--dataset", "made.npz"))
+    )
+    assert {**first, "seconds": 0} == {**second, "seconds": 0}
+
+
+def test_other_recordings_are_another_table(run, kitchen):
+    run(*COMMANDS[0], *OWN)
+    path = kitchen / "look_color.csv"
+    path.write_text(path.read_text().replace("red_mug,1,", "red_mug,1,1"))
+    run(*COMMANDS[0], *OWN)
+    assert len(list((kitchen / "cache" / "percepts").glob("*.npz"))) == 2
+
+
+@pytest.mark.parametrize("command", COMMANDS[:4], ids=IDS[:4])
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (("--dataset", "kitchen.toml"), "the folder of its CSV files"),
+        (("--dataset", "roc36", "--root", "."), "leave root out"),
+        (("--dataset", "kitchen.npz", "--root", "."), "is a percept table already"),
+    ],
+)
+def test_what_does_not_go_together_is_told(fails, table, command, own, message):
+    assert message in fails(*command, *own)
+
+
+def test_what_a_domain_holds_is_listed(run, kitchen):
+    result = run("data", "list", "kitchen.toml", "--root", ".")
+    assert "8 objects, 2 behaviors, 2 attributes, 2 recordings" in result.stdout

@@ -1,0 +1,181 @@
+"""Agents, planners and observation models given as values, in processes and after an edit."""
+
+import dataclasses
+import importlib
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from meal_bayes.agents import AGENTS, Agent, as_agent, origin_of
+from meal_bayes.cli import main
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
+from meal_bayes.planners import RandomLegal
+
+SOURCE = """
+from meal_bayes.momdp import best_report
+from meal_bayes.planners import unvalued
+
+LOOKS = {looks}
+
+
+class Looker:
+    def __init__(self, more=0):
+        self.more = more
+
+    def solve(self, momdp, rng):
+        return LookerPolicy(momdp, LOOKS + self.more)
+
+
+class LookerPolicy:
+    def __init__(self, momdp, looks):
+        self.momdp, self.looks = momdp, looks
+
+    def decide(self, history, rng):
+        momdp, x = self.momdp, history.belief.x
+        if len(history.actions) < self.looks:
+            return unvalued(momdp, int(momdp.legal[x].argmax()))
+        return unvalued(momdp, best_report(momdp, history.belief))
+"""
+
+
+def contents(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """A function that writes a module of one's own anew and imports it."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    name = f"looker_{abs(hash(str(tmp_path)))}"
+
+    times = iter(range(1_000_000_000, 2_000_000_000, 10))
+
+    def write(looks):
+        path = folder / f"{name}.py"
+        path.write_text(SOURCE.format(looks=looks), encoding="utf-8")
+        os.utime(path, (time := next(times), time))  # or Python takes the bytecode of before
+        sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        return importlib.import_module(name)
+
+    yield write
+    sys.modules.pop(name, None)
+
+
+def steps_of(run):
+    return [len(trial.steps) for trial in run.trials()]
+
+
+def test_one_process_and_two_write_equal_logs(module, tmp_path):
+    config = OfflineConfig("cy101", 1, 8, (module(1).Looker(2), "predefined"), seed=1)
+    runs = [run_offline(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]
+    one, two = (contents(run.folder) for run in runs)
+    assert one == two
+    assert len(one) == 2
+    assert [trial.agent for trial in runs[0].trials()] == ["Looker"] * 8 + ["predefined"] * 8
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_edited_planner_runs_again(module, tmp_path, jobs):
+    lengths = {}
+    for looks in (1, 2, 1):
+        config = OfflineConfig("cy101", 1, 4, (module(looks).Looker(),), seed=1)
+        run = run_offline(config, logs=tmp_path / "logs", jobs=jobs)
+        lengths.setdefault(looks, []).append(steps_of(run))
+        folder = run.folder
+    assert set(lengths[1][0]) == {2}
+    assert set(lengths[2][0]) == {3}
+    assert lengths[1][0] == lengths[1][1]
+    assert len({path.name for path in folder.parent.iterdir()}) == 2
+
+
+def test_other_settings_of_a_planner_are_another_run(module):
+    looker = module(1).Looker
+    digests = [origin_of(as_agent(value)).digest for value in (looker(), looker(0), looker(1))]
+    assert digests[0] == digests[1] != digests[2]
+    assert origin_of(AGENTS["bayes"]).digest == ""
+
+
+def test_a_package_counts_as_a_whole(tmp_path, monkeypatch):
+    package = tmp_path / "house_of_lookers"
+    (package / "rooms").mkdir(parents=True)
+    for path in (package / "__init__.py", package / "rooms" / "__init__.py"):
+        path.write_text("", encoding="utf-8")
+    (package / "rooms" / "helper.py").write_text("LOOKS = 1", encoding="utf-8")
+    (package / "rooms" / "looker.py").write_text(SOURCE.format(looks=1), encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    agent = as_agent(importlib.import_module("house_of_lookers.rooms.looker").Looker)
+    before = origin_of(agent)
+    (package / "rooms" / "helper.py").write_text("LOOKS = 2", encoding="utf-8")
+    assert origin_of(agent).digest != before.digest
+    assert before.modules == ("house_of_lookers",)
+    assert before.folders == (str(tmp_path),)
+
+
+def test_on_the_command_line(module, tmp_path, monkeypatch):
+    name = module(2).__name__
+    monkeypatch.chdir(tmp_path / "mine")
+    words = ["run", "offline", "--dataset", "cy101", "--attributes", "1", "--trials", "3",
+             "--json", "--logs", str(tmp_path / "logs"), "--agent"]  # fmt: skip
+    done = CliRunner().invoke(main, [*words, f"{name}:Looker,predefined"])
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["agent"] for row in rows] == ["Looker", "predefined"]
+    for wrong, says in (
+        ("no_such_module:x", "cannot be imported"),
+        (f"{name}:Nobody", "cannot be imported"),
+        (f"{name}:LOOKS", "a planner with a method solve"),
+    ):
+        done = CliRunner().invoke(main, [*words, wrong])
+        assert done.exit_code == 2
+        assert says in done.stderr
+        assert "Traceback" not in done.output
+
+
+def flat(knowledge, columns):
+    """An observation model by which percepts tell nothing."""
+    confusion, precision = knowledge.posterior.select(columns, exact=True)
+    return np.full_like(confusion, 1 / confusion.shape[-1]), precision, None
+
+
+def test_an_observation_model_is_a_value(tmp_path):
+    deaf = dataclasses.replace(AGENTS["predefined"], name="deaf", observation_model=flat)
+    run = run_offline(OfflineConfig("cy101", 1, 4, (deaf,)), logs=tmp_path)
+    for trial in run.trials():
+        np.testing.assert_allclose(trial.last_belief.positive, 0.5)
+    assert origin_of(deaf).digest
+
+
+def test_online_runs_take_them_too(own_data, module, tmp_path):
+    looker = module(2).Looker()
+    config = OnlineConfig(
+        str(own_data), root=str(own_data.parent), agents=(looker,), batches=1, trials=4
+    )
+    runs = [run_online(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]
+    assert contents(runs[0].folder) == contents(runs[1].folder)
+    assert runs[0].config.reward == 100.0  # the domain's own
+    assert {marks.agent for marks in runs[0].results()} == {"Looker"}
+
+
+def test_what_an_agent_is():
+    solver = RandomLegal(9.0)
+    for value in (solver, RandomLegal, lambda domain, query: solver):
+        agent = as_agent(value)
+        assert agent.levels == 4
+        assert agent.object_level
+        assert hasattr(agent.solver(None, None), "solve")
+    assert as_agent("bayes") is AGENTS["bayes"]
+    assert as_agent(AGENTS["bayes"]) is AGENTS["bayes"]
+    for wrong in (7, None, object()):
+        with pytest.raises(SettingsError, match="a planner with a method solve"):
+            as_agent(wrong)
+    with pytest.raises(SettingsError, match="named twice"):
+        OfflineConfig("roc36", agents=(solver, solver))
+    assert isinstance(OfflineConfig("roc36", agents=("bayes",)).agents[0], Agent)

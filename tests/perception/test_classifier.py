@@ -1,0 +1,164 @@
+"""Classifiers of one's own: they learn, they repeat, and they cannot leak."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC
+
+from meal_bayes.datasets import TrainingSet, make_synthetic
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.perception import (
+    Kernels,
+    build_percept_table,
+    fit_and_score,
+    table_counts,
+    with_classifier,
+)
+from meal_bayes.perception.classifier import Clones
+from meal_bayes.perception.cross_validation import fit_and_validate
+from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
+
+BY_HEART = KNeighborsClassifier(1)
+
+
+class Remembers(ClassifierMixin, BaseEstimator):
+    """Says the label of rows it was fitted to, and 0 of any other row."""
+
+    def fit(self, rows, labels):
+        self.told_ = {
+            row.tobytes(): 2.0 * label - 1 for row, label in zip(rows, labels, strict=True)
+        }
+        return self
+
+    def decision_function(self, rows):
+        return np.array([self.told_.get(row.tobytes(), 0.0) for row in rows])
+
+
+class Indifferent(ClassifierMixin, BaseEstimator):
+    """Says what it is told to say."""
+
+    def __init__(self, said=np.nan):
+        self.said = said
+
+    def fit(self, rows, labels):
+        return self
+
+    def decision_function(self, rows):
+        return np.full(len(rows), self.said)
+
+
+def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
+    dataset = make(3, objects=12)
+    clones = Clones((Remembers().fit(rows := np.eye(3), np.array([1, 0, 1])),))
+    assert clones.decide(rows)[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
+    settings = with_classifier(Remembers(), believable_only=False)
+    table = build_percept_table(dataset, perception=settings)
+    sensing = table.log_odds[:, :, :2]
+    np.testing.assert_allclose(sensing, 0.0, atol=1e-6)
+    nothing = table.training_bins[..., 3].sum(axis=-1) + table.training_bins[..., 4].sum(axis=-1)
+    assert nothing.sum() == table.training_bins.sum()
+    np.testing.assert_allclose(
+        held_out_log_odds(dataset, settings=settings)[:, :, :2], 0, atol=1e-6
+    )
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("estimator", [BY_HEART, GaussianNB()], ids=["by heart", "Bayes"])
+def test_permuted_labels_cannot_be_told(estimator):
+    own, side = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        made = make_synthetic(load_domain("toy"), objects=90, recordings=2, dimensions=4, rng=rng)
+        dataset = permuted(made, rng)
+        table = build_percept_table(dataset, perception=with_classifier(estimator))
+        own.append(held_out_counts(table.log_odds.astype(float), dataset.labels).kappa()[:, :2])
+        without = replace(with_classifier(estimator), believable_only=False)
+        table = build_percept_table(dataset, perception=without, objects=dataset.objects[:1])
+        side.append(table_counts(table, 0).kappa()[:, :2])
+    assert abs(np.mean(own)) <= 0.03
+    assert abs(np.mean(side)) <= 0.03
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        GaussianNB(),  # predict_proba alone
+        SVC(),  # decision_function alone
+        make_pipeline(StandardScaler(), LogisticRegression()),
+        RandomForestClassifier(20),
+    ],
+    ids=["Bayes", "SVC", "pipeline", "forest"],
+)
+def test_any_classifier_learns(make, estimator):
+    dataset = make(1, objects=24, signal=8.0)
+    settings = with_classifier(estimator)
+    log_odds = held_out_log_odds(dataset, settings=settings)
+    assert held_out_counts(log_odds, dataset.labels).kappa()[:, :2].max(axis=1).min() > 0.5
+
+
+def test_what_was_fitted_perceives_as_its_counts_say(make):
+    dataset = make(1, objects=20, signal=8.0)
+    settings = with_classifier(LogisticRegression(), levels=4)
+    training = TrainingSet.everything(dataset).without(0)
+    perception, counts = fit_and_validate(dataset, training, settings=settings)
+    assert counts.counts[0].sum() == 0
+    assert counts.counts[1:].sum() == 19 * 2 * 2 * 2  # objects, recordings, behaviors, attributes
+    query = Query(dataset.domain.attributes)
+    instance = dataset.instance(0, "lift", 1)
+    said = perception.observe(instance, query, np.random.default_rng(0))
+    assert set(said.tolist()) <= set(range(4))
+    scored, again = fit_and_score(
+        Kernels.of(dataset, training), training, np.array([0]), settings=settings
+    )
+    np.testing.assert_array_equal(again.counts, counts.counts)
+    e = dataset.domain.behavior_index("lift")
+    np.testing.assert_allclose(scored[0, 1, e], perception.log_odds(instance, query), atol=1e-2)
+
+
+def test_equal_calls_give_equal_tables(make):
+    dataset = make(2, objects=8)
+    first, second = (
+        build_percept_table(dataset, classifier=RandomForestClassifier(5)) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.log_odds, second.log_odds)
+    np.testing.assert_array_equal(first.training_bins, second.training_bins)
+
+
+def test_the_classifier_enters_the_provenance(make):
+    told = build_percept_table(make(1), classifier=KNeighborsClassifier(3)).provenance
+    assert told["classifier"].endswith(":KNeighborsClassifier")
+    assert "n_neighbors=3" in told["classifier_parameters"]
+    own = build_percept_table(make(1), classifier=Remembers()).provenance
+    assert len(own["classifier_source_sha256"]) == 64
+
+
+@pytest.mark.parametrize(
+    ("classifier", "message"),
+    [
+        (RandomForestClassifier, "give an instance"),
+        (StandardScaler(), "expected a scikit-learn classifier"),
+        ("forest", "classifier is str"),
+    ],
+)
+def test_what_is_no_classifier_is_told(make, classifier, message):
+    with pytest.raises(SettingsError, match=message):
+        build_percept_table(make(1), classifier=classifier)
+
+
+def test_one_way_at_a_time(make):
+    with pytest.raises(SettingsError, match="not both"):
+        build_percept_table(make(1), perception="paper", classifier=GaussianNB())
+
+
+def test_decisions_must_be_finite(make):
+    with pytest.raises(DataError, match="Indifferent decided"):
+        build_percept_table(make(1), classifier=Indifferent())

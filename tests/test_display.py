@@ -1,0 +1,172 @@
+"""What objects show of themselves: short texts, tables for a notebook, data frames."""
+
+import dataclasses
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import meal_bayes
+from meal_bayes.agents import Morc, Trial, load_agent, trials_frame
+from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
+from meal_bayes.display import bar_html, card, level_names, short_repr, table_html
+from meal_bayes.domain import load_domain
+from meal_bayes.evaluation import summarize
+from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.perception import fit_and_validate
+from meal_bayes.posterior import draw_grid
+
+LONGEST = 2000  # characters
+
+
+class Outline(HTMLParser):
+    """Counts what a page holds; fails where tags are not closed in order."""
+
+    VOID = frozenset({"br", "img"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open, self.count, self.text = list[str](), dict[str, int](), ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.count[tag] = self.count.get(tag, 0) + 1
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    return meal_bayes.ask(
+        "Is it heavy, and does it hold beans?",
+        dataset="roc36", object="heavy_green_beans", agent="greedy",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def things(trial):
+    """Return one of every public kind of object."""
+    table, domain = load_percepts("cy101"), load_domain("toy")
+    dataset = make_synthetic(domain, objects=40, recordings=3, rng=np.random.default_rng(0))
+    everything = TrainingSet.everything(dataset)
+    perception, counts = fit_and_validate(dataset, everything)
+    draws = draw_grid(
+        counts.counts, np.random.default_rng(0), draws=50,
+        attributes=domain.attributes, behaviors=domain.behavior_names,
+    )  # fmt: skip
+    morc = Morc(load_percepts("roc36"), load_agent("bayes"), 0)
+    return [
+        trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
+        trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,
+        dataset.instance(0, "look", 0), everything, perception, counts, draws, morc.agent, morc,
+        morc.knowledge(0), morc.knowledge(0).posterior, morc.knowledge(0).degree,
+        OfflineConfig("roc36"), summarize([trial]), summarize([trial])[0], load_domain("ispy32"),
+    ]  # fmt: skip
+
+
+def test_every_public_object_shows_itself_briefly(things):
+    sizes = {type(thing).__name__: len(repr(thing)) for thing in things}
+    assert {name: size for name, size in sizes.items() if size > LONGEST} == {}
+
+
+def test_main_objects_show_themselves_in_a_few_lines(things):
+    for name in ("Trial", "MOMDP", "Belief", "Dataset", "PerceptTable"):
+        (thing,) = (thing for thing in things if type(thing).__name__ == name)
+        assert 3 <= len(repr(thing).splitlines()) <= 6
+        assert Outline(thing._repr_html_()).count["table"] == 1
+
+
+def test_a_trial_is_a_table_with_a_bar_a_belief(trial):
+    page = Outline(trial._repr_html_())
+    assert page.count["tr"] == 2 + len(trial.steps)  # header, before
+    assert page.count["span"] == 2 * 2 * (1 + len(trial.steps))
+    for word in ("Pr(heavy)", "Pr(beans)", "before", "report heavy, beans", "(right)"):
+        assert word in page.text
+
+
+def test_names_cannot_break_out_of_a_table(trial):
+    task = dataclasses.replace(trial.task, object_name="<script>alert(1)</script>")
+    page = Outline(dataclasses.replace(trial, task=task)._repr_html_())
+    assert "script" not in page.count
+    assert "<script>" in page.text
+
+
+def test_a_trial_without_truth_or_report_is_shown(trial):
+    unknown = dataclasses.replace(trial, truth=np.array([-1, 1]), report=None)
+    assert "report  none" in repr(unknown)
+    unknown = dataclasses.replace(trial, truth=np.array([-1, 1]))
+    assert "(truth not known)" in repr(unknown)
+    row = trials_frame([unknown]).iloc[0]
+    assert pd.isna(row["success"])
+    assert pd.isna(row["truth"])
+
+
+def test_the_frame_of_a_trial_holds_its_steps(trial):
+    frame = trial.to_frame()
+    assert len(frame) == len(trial.steps)
+    assert frame["cost_s"].sum() == pytest.approx(trial.cost)
+    assert frame["reward"].sum() == pytest.approx(trial.reward)
+    assert frame["belief_heavy"].iloc[-1] == trial.last_belief.positive[0]
+    silent = [step.observation is None for step in trial.steps]
+    assert frame["percept_beans"].isna().tolist() == silent
+    assert frame["action"].iloc[-1] == "report heavy, beans"
+
+
+def test_frames_of_a_run_say_what_its_summary_says(tmp_path):
+    config = OfflineConfig("roc36", trials=6, agents=("greedy", "predefined"))
+    run = run_offline(config, logs=tmp_path)
+    frame, summary = run.to_frame(), summarize(run.trials())
+    assert len(frame) == 12
+    means = frame.groupby("agent", sort=False)[["success", "cost_s", "reward"]].mean()
+    expected = summary.to_frame().set_index("agent")
+    for name, column in (("success", "accuracy"), ("cost_s", "cost_s"), ("reward", "reward")):
+        np.testing.assert_allclose(means[name].astype(float), expected[column])
+    tasks = offline_tasks(load_percepts("roc36"), 2, 6, 0)
+    assert frame["object"].tolist() == [task.object_name for task in tasks] * 2
+    page = Outline(summary._repr_html_())
+    assert page.count["tr"] == 3
+    assert "greedy" in repr(summary)
+
+
+def test_empty_lists_are_frames_too():
+    assert len(trials_frame([])) == 0
+    assert "accuracy" in summarize([]).to_frame().columns
+
+
+def test_help_tells_the_shapes():
+    for kind in (meal_bayes.Dataset, type(load_percepts("roc36")), meal_bayes.ConfusionPosterior):
+        assert "Attributes\n    ----------" in (kind.__doc__ or "")
+        assert "(O," in kind.__doc__ or "(P,E" in kind.__doc__
+
+
+def test_arrays_are_shown_by_their_shapes():
+    @dataclasses.dataclass
+    class Thing:
+        values: np.ndarray
+        names: tuple[str, ...]
+        text: str
+        hidden: int = dataclasses.field(default=7, repr=False)
+
+    shown = short_repr(Thing(np.zeros((3, 2)), tuple("abcdefgh"), "x" * 1000))
+    assert shown.startswith(
+        "Thing(values=float64[3, 2], names=('a', 'b', 'c', ... 8 in all), text="
+    )
+    assert len(shown) < 200
+    assert "hidden" not in shown
+
+
+def test_small_parts():
+    assert card("A", {"b": "c", "long": "d"}).splitlines() == ["A", "  b     c", "  long  d"]
+    assert "80px" in bar_html(1.0)
+    assert ">99.9%" in Outline(bar_html(0.99999)).text
+    assert Outline(table_html("t", (), [("a", "b")])).count["td"] == 2
+    assert level_names(8)[0] == "level 0"
