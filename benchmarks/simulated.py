@@ -141,25 +141,33 @@ def labels(options: argparse.Namespace) -> dict[str, Any]:
     return {**found, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
 
 
-def equal_mass(drawn: ObjectParameters) -> ObjectParameters:
-    """Make what is drawn empty or full of balls, of .25 kg in all."""
-    if drawn.n_balls:
-        return replace(drawn, shell_mass=0.15, content_mass=0.1)
-    return replace(drawn, shell_mass=0.25, content="nothing", content_mass=0.0)
+def empty(drawn: ObjectParameters) -> ObjectParameters:
+    """Make it an empty box of .25 kg."""
+    return replace(drawn, shell_mass=0.25, content="nothing", content_mass=0.0, n_balls=0)
+
+
+def full(drawn: ObjectParameters) -> ObjectParameters:
+    """Make it a box of .25 kg with balls of .1 kg inside."""
+    many = drawn.half_width > drawn.half_depth
+    kind, balls = ("many small balls", 10) if many else ("few large balls", 3)
+    return replace(drawn, shell_mass=0.15, content=kind, content_mass=0.1, n_balls=balls)
 
 
 def content(options: argparse.Namespace) -> dict[str, Any]:
-    """Tell full objects from empty ones of equal mass, behavior by behavior."""
-    made = record_objects(
-        60, 2, options.seed, population="equal mass", alter=equal_mass, jobs=options.jobs
-    )
+    """Tell full boxes from empty ones, equal in mass and all else, behavior by behavior."""
+    made = []
+    for alter in (empty, full):
+        twins = record_objects(
+            30, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
+        )
+        made += [replace(one, name=f"{alter.__name__} {one.name}") for one in twins]
     data = to_dataset(load_domain(DOMAIN), made)
     table = build_percept_table(data, attributes=["full"])
-    full = data.domain.attribute_index("full")
-    truth = data.labels[:, full] == 1
+    column = data.domain.attribute_index("full")
+    truth = data.labels[:, column] == 1
     told = {}
     for name in ORDER:
-        said = table.log_odds[:, :, data.domain.behavior_index(name), full].astype(float)
+        said = table.log_odds[:, :, data.domain.behavior_index(name), column].astype(float)
         known, yes = ~np.isnan(said), said > 0.004  # noqa: PLR2004  the yes/no threshold
         counts = [
             [int((known & (truth[:, None] == t) & (yes == spoken)).sum()) for spoken in (0, 1)]
@@ -167,8 +175,7 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
         ]
         rates = [row[t] / max(sum(row), 1) for t, row in enumerate(counts)]
         told[name] = {"confusion": counts, "balanced_accuracy": float(np.mean(rates))}
-    masses = [one.parameters.mass for one in made]
-    return {"masses_kg": [min(masses), max(masses)], "behaviors": told}
+    return {"mass_kg": 0.25, "behaviors": told}
 
 
 def live(options: argparse.Namespace) -> dict[str, Any]:

@@ -63,7 +63,9 @@ LIBRARIES: dict[str, set[str]] = {
     "joblib": {"experiments.parallel"},
     "dask": {"experiments.parallel"},
     "pooch": {"datasets.download"},
-    "mujoco": {f"robots.simulated_arm.{module}" for module in ("camera", "frame", "model", "physics")},
+    "mujoco": {
+        f"robots.simulated_arm.{module}" for module in ("camera", "frame", "model", "physics")
+    },
     "gymnasium": {"gym"},
     "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made
     "click": {"cli"},

@@ -11,13 +11,15 @@ _UP = _LOW + 0.10
 BEHAVIORS: dict[str, tuple[Motion, ...]] = {
     "look": (Motion(0.5),),
     "press": (
-        Motion(0.8, y=0.0, z=_HIGH, width=0.0),
+        Motion(0.4, z=_HIGH),
+        Motion(0.4, y=0.0, width=0.0),
         Motion(1.2, z=0.03, press=8.0, recorded=True),
         Motion(0.5, z=_HIGH),
     ),
     "push": (
-        Motion(0.8, y=-0.10, z=_HIGH, width=0.0),
-        Motion(0.7, z=0.025),
+        Motion(0.5, z=_HIGH),
+        Motion(0.5, y=-0.10, width=0.0),
+        Motion(0.5, z=0.025),
         Motion(0.25, y=-0.01, recorded=True),
         Motion(0.75, recorded=True),
         Motion(0.5, y=-0.06, z=_HIGH),

@@ -22,11 +22,11 @@ class Noise(NamedTuple):
 
 NOISE: dict[str, Noise] = {
     "force": Noise(0.25, 0.10),  # N, wrist
-    "push": Noise(0.25, 0.10),  # N, wrist
+    "push": Noise(1.0, 0.10),  # N, wrist
     "fingers": Noise(0.002, 0.0005),  # m, opening
     "height": Noise(0.0005, 0.0005),  # m, of the hand
-    "object_y": Noise(0.003, 0.001),  # m, the camera's tracker
-    "object_z": Noise(0.003, 0.001),  # m, the camera's tracker
+    "object_y": Noise(0.04, 0.001),  # m, the camera's tracker: 6 mm in .1 s
+    "object_z": Noise(0.04, 0.001),  # m, the same
     "load": Noise(2.0, 0.15),  # N, load cell under the table
 }
 _CONTACT = 1.5  # N, at which the robot notes a contact
