@@ -30,10 +30,12 @@ class Replayer:
         self._states = dataset.domain.diagram
 
     def start(self) -> str:
+        """Return to the start."""
         self._state = self._states.start
         return self._state
 
     def execute(self, behavior: str) -> Outcome:
+        """Succeed, and hand the first recording out."""
         self._state = self._states.successes(self._state).get(behavior, self._state)
         modalities = self._dataset.domain.behaviors[
             self._dataset.domain.behavior_index(behavior)
@@ -44,12 +46,14 @@ class Replayer:
 
 
 def milliseconds(work: Callable[[], object]) -> float:
+    """Measure the CPU time of a call, ms."""
     begin = time.process_time()
     work()
     return 1000 * (time.process_time() - begin)
 
 
 def measure(name: str) -> dict[str, object]:
+    """Measure words about the objects of a data set."""
     dataset = load_dataset(name)
     domain = dataset.domain
     sequence = domain.default_sequence
@@ -66,7 +70,9 @@ def measure(name: str) -> dict[str, object]:
         known = np.flatnonzero(dataset.labels[o] >= 0)
         names = [domain.attributes[p] for p in known[: 1 + n % 3]]
         trials.append(learner.ask(names, Replayer(dataset, o)))
-        values.append({name: bool(dataset.labels[o, domain.attribute_index(name)]) for name in names})
+        values.append(
+            {name: bool(dataset.labels[o, domain.attribute_index(name)]) for name in names}
+        )
     pairs = list(zip(trials, values, strict=True))
     told = [milliseconds(lambda t=t, v=v: learner.tell(t, v)) for t, v in pairs]
     forgotten = [milliseconds(lambda t=t: learner.forget(t)) for t in trials]
@@ -88,6 +94,7 @@ def measure(name: str) -> dict[str, object]:
 
 
 def main() -> None:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     wanted = parser.parse_args()

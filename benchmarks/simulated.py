@@ -154,7 +154,7 @@ def full(drawn: ObjectParameters) -> ObjectParameters:
 
 
 def content(options: argparse.Namespace) -> dict[str, Any]:
-    """Tell full boxes from empty ones, equal in mass and all else, behavior by behavior."""
+    """Measure what tells full boxes from empty ones that are equal in mass and all else."""
     made = []
     for alter in (empty, full):
         twins = record_objects(

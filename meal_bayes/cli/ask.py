@@ -9,6 +9,7 @@ import click
 from meal_bayes.cli.answer import answer, trial_facts
 from meal_bayes.cli.options import (
     AGENTS,
+    OWN,
     agent_value,
     dataset_option,
     json_option,
@@ -33,7 +34,11 @@ if TYPE_CHECKING:
 @dataset_option
 @click.option("--object", "name", required=True, metavar="NAME", help="The object asked about.")
 @click.option(
-    "--agent", default="bayes", show_default=True, metavar="NAME", help=f"Who answers: {AGENTS}."
+    "--agent",
+    default="bayes",
+    show_default=True,
+    metavar="NAME",
+    help=f"Who answers: {AGENTS}; or {OWN}.",
 )
 @click.option(
     "--learn", is_flag=True,

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meal_bayes.cli.options import (
+    OWN,
     agent_value,
     cluster_option,
     dataset_option,
@@ -28,10 +29,7 @@ from meal_bayes.errors import SettingsError
 if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningRow, LearningSummary
 
-AGENTS = (
-    "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory; or "
-    "package.module:name of your own"
-)
+AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory"
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")
@@ -41,7 +39,7 @@ AGENTS = (
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; may be repeated, or a comma list. "
+    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option("--batches", type=int, default=10, show_default=True, metavar="B", help="Refits.")

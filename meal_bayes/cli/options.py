@@ -69,10 +69,8 @@ def agent_value(text: str) -> object:
     return named_value(text) if ":" in text else text
 
 
-AGENTS = (
-    "random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes; or "
-    "package.module:name of your own"
-)
+AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
+OWN = "package.module:name of your own"
 logs_option = click.option(
     "--logs",
     type=click.Path(file_okay=False, path_type=Path),

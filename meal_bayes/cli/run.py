@@ -11,6 +11,7 @@ from rich.text import Text
 
 from meal_bayes.cli.options import (
     AGENTS,
+    OWN,
     agent_value,
     cluster_option,
     dataset_option,
@@ -52,7 +53,7 @@ def run() -> None:
 )
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; may be repeated, or a comma list. All of them by default.",
+    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.",
 )  # fmt: skip
 @seed_option()
 @jobs_option

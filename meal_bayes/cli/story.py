@@ -27,7 +27,7 @@ _OPTIONS = 3  # behaviors that are compared
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 _SHORT_LEVELS = {2: ("no", "yes"), 4: ("no!", "no", "yes", "yes!")}
-_SILENT = "\N{MIDDLE DOT}"  # a percept that says nothing, where there is little room
+_SILENT = "~"  # a percept that says nothing, where there is little room
 _UNBOUNDED = 10_000  # characters
 
 

@@ -3,7 +3,7 @@
 import difflib
 import heapq
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from meal_bayes.display import short_repr
@@ -124,36 +124,50 @@ class Domain:
 
 
 def cheapest_first(domain: Domain) -> tuple[str, ...]:
-    """Build a sequence of behaviors through the diagram that executes each sensing one once."""
+    """Build a sequence of behaviors through the diagram that executes each sensing one.
+
+    The cheapest comes first, unless others could not be reached any more after it. One that was
+    executed comes again only on the way to another.
+    """
     cost = {behavior.name: behavior.cost for behavior in domain.behaviors}
     left = {behavior.name for behavior in domain.behaviors if behavior.senses}
     state, sequence = domain.diagram.start, list[str]()
-    while left:
-        way = _cheapest_way(domain.diagram, state, left, cost)
-        if way is None:
-            break
-        names, state = way
+    while ways := list(_ways(domain.diagram, state, left, cost)):
+        lost = [len(left - {names[-1]} - _reachable(domain.diagram, x)) for names, x in ways]
+        names, state = ways[lost.index(min(lost))]
         sequence += names
-        left -= set(names)
+        left.discard(names[-1])
     return tuple(sequence)
 
 
-def _cheapest_way(
+def _ways(
     diagram: TransitionDiagram, start: str, wanted: set[str], cost: Mapping[str, float]
-) -> tuple[tuple[str, ...], str] | None:
-    """Find the cheapest behaviors that end with a wanted one, and the likeliest state after."""
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield behaviors that end with a wanted one, and the likeliest state after; cheapest first."""
     waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
-    reached = set[str]()
+    reached, ended = set[str](), set[str]()
     while waiting:
         spent, names, state = heapq.heappop(waiting)
         if names and names[-1] in wanted:
-            return names, state
-        if state in reached:
-            continue
-        reached.add(state)
-        for name, target in diagram.successes(state).items():
-            heapq.heappush(waiting, (spent + cost[name], (*names, name), target))
-    return None
+            if names[-1] not in ended:
+                ended.add(names[-1])
+                yield names, state
+        elif state not in reached:
+            reached.add(state)
+            for name, target in diagram.successes(state).items():
+                heapq.heappush(waiting, (spent + cost[name], (*names, name), target))
+
+
+def _reachable(diagram: TransitionDiagram, start: str) -> set[str]:
+    """Return the behaviors that can still be executed from a state on."""
+    seen, frontier, found = {start}, [start], set[str]()
+    while frontier:
+        for name, target in diagram.successes(frontier.pop()).items():
+            found.add(name)
+            if target not in seen:
+                seen.add(target)
+                frontier.append(target)
+    return found
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:

@@ -1,4 +1,21 @@
-"""Domains from TOML: the shipped tables by name, or a file of one's own."""
+"""Domains from TOML: the shipped tables by name, or a file of one's own.
+
+Keys, with their defaults in brackets:
+
+name, attributes
+    Of the domain; what can be asked.
+behaviors
+    Rows of name, cost (s), modalities [none] and answer_accuracy [it asks nobody].
+diagram
+    states, start, illegal ["terminate", or "stay"], and effects: rows of from, do, to,
+    probability [1] and senses [true]; "*" is every state.
+report_reward, predefined, legal_budget, asked_minimum, groups, synonyms, data
+    As in `Domain`, with its defaults.
+extends
+    A shipped domain, or another TOML, whose keys this one replaces.
+note
+    For readers.
+"""
 
 import tomllib
 from importlib import resources

@@ -248,12 +248,11 @@ def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
     e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
     actions = [step.decision.action for step in trial.steps]
     with _axes(ax) as to:
-        ends = len(beliefs) - 0.88
         for i, attribute in enumerate(trial.task.query.attributes):
             color, marker = COLORS[i % len(COLORS)], _MARKERS[i % len(_MARKERS)]
             to.plot(positive[:, i], color=color, marker=marker, ms=4, lw=1.6, label=attribute)
-            if trial.truth[i] >= 0:
-                to.plot(ends, trial.truth[i], "o", mfc="none", mec=color, ms=9, clip_on=False)
+            at = (len(beliefs) - 0.88, trial.truth[i] if trial.truth[i] >= 0 else np.nan)
+            to.plot(*at, "o", mfc="none", mec=color, ms=9, clip_on=False)
         to.axhline(0.5, color=_GRAY, lw=0.8, ls=":")
         labels = ["prior", *(names[a] if a < e else "report" for a in actions)]
         to.set_xticks(range(len(labels)), labels, rotation=35, ha="right", rotation_mode="anchor")

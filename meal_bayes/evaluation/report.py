@@ -22,13 +22,13 @@ from meal_bayes.evaluation.page import (
     share_bar,
     table,
     tiles,
-    verdict,
 )
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
 from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
+from meal_bayes.evaluation.worst import worst_trials
 from meal_bayes.trial_log import Logs
-from meal_bayes.trial_log.words import percent, percept_words, truth_words, verdict_word
+from meal_bayes.trial_log.words import NOT_TOLD
 
 _HOUR = 3600.0  # s
 _POINTS = 200  # of a curve
@@ -85,7 +85,7 @@ def report_page(tally: Tally, logs: Logs) -> str:
         _calibration(rows, tally),
         _attributes(tally),
         _behaviors(tally),
-        _worst(tally),
+        worst_trials(tally),
         _run(logs),
     ]
     config = logs.header.get("config")
@@ -120,10 +120,10 @@ def _agents(rows: list[SummaryRow], tally: Tally) -> str:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "no answer"]
     cells = [
         [
-            row.agent, f"{row.trials:,}", _with_error(row.accuracy, row.accuracy_se, 3),
+            row.agent, _count(row), _with_error(row.accuracy, row.accuracy_se, 3),
             f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
-            _with_error(row.reward, row.reward_se, 1), f"{row.nll:.3f}", f"{row.ece:.3f}",
-            f"{100 * row.abstained:.1f} %",
+            _with_error(row.reward, row.reward_se, 1), _number(row.nll, 3), _number(row.ece, 3),
+            f"{_number(100 * row.abstained, 1)} %",
         ]
         for row in rows
     ]  # fmt: skip
@@ -283,47 +283,6 @@ def _behaviors(tally: Tally) -> str:
     return section("Behaviors", "", drawn)
 
 
-def _worst(tally: Tally) -> str:
-    folded = []
-    for rank, (place, trial) in enumerate(tally.worst):
-        drawn = figure(
-            plots.svg(plots.belief_trace(trial)),
-            "Belief after each step; the circles at the end are the truth.",
-        )
-        said = "no answer"
-        if trial.report is not None:
-            said = trial.task.query.report_name(trial.report)
-        judged = verdict(right=bool(trial.success), text=verdict_word(trial))
-        summary = (
-            f"{judged} <b>trial {place.number}</b>"
-            f"{escape(', '.join(trial.task.query.attributes))}? "
-            f"{escape(trial.task.object_name)}, {escape(trial.agent)}: {escape(said)}; "
-            f"{trial.cost:.1f} s, reward {trial.reward:.1f}"
-        )
-        truth = escape(f"truth: {truth_words(trial)}")
-        see = escape(f"meal-bayes view {place.file} --trial {place.number}")
-        note = f"<p class='note'>{truth}<br>see it: <code>{see}</code></p>"
-        body = figures(drawn, f"<div>{note}{_steps(trial)}</div>")
-        folded.append(fold(summary, body, opened=rank < 3))  # noqa: PLR2004
-    text = "Those with the lowest reward; among equals, where the robot was surest."
-    return section("The worst trials", text, *folded)
-
-
-def _steps(trial: Trial) -> str:
-    momdp = trial.momdp
-    cells = []
-    for number, step in enumerate(trial.steps, start=1):
-        action = step.decision.action
-        report = action >= momdp.n_behaviors
-        name = "report" if report else momdp.behavior_names[action]
-        seen = "-"
-        if step.observation is not None:
-            seen = ", ".join(percept_words(momdp, action, step.observation))
-        belief = ", ".join(percent(p) for p in step.belief.positive.tolist())
-        cells.append([str(number), name, f"{step.cost:g}", "" if report else seen, belief])
-    return table(["", "behavior", "s", "percept", "belief"], cells, texts=(1, 3, 4))
-
-
 def _run(logs: Logs) -> str:
     files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
     text = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
@@ -336,7 +295,14 @@ def _interval(estimate: float, se: float, low: float, high: float) -> Interval:
     return Interval(estimate, se, max(estimate - reach, low), min(estimate + reach, high))
 
 
+def _count(row: SummaryRow) -> str:
+    missing = row.trials - row.judged
+    return f"{row.trials:,}" + f", {missing:,} {NOT_TOLD}" * (missing > 0)
+
+
 def _with_error(value: float, se: float, digits: int) -> str:
+    if math.isnan(value):
+        return NOT_TOLD
     return f"{value:.{digits}f}" + ("" if math.isnan(se) else f" ± {se:.{digits}f}")
 
 

@@ -15,7 +15,12 @@ from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, T
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
-from meal_bayes.perception import Perception, PerceptionSettings, fit_and_validate
+from meal_bayes.perception import (
+    Perception,
+    PerceptionSettings,
+    fit_and_validate,
+    with_classifier,
+)
 from meal_bayes.robots import CheckedRobot, Robot
 from meal_bayes.seeds import stream
 
@@ -32,6 +37,8 @@ class Fitted:
         What it was fitted on first.
     agent : Agent
         Who answers: its levels and its view of objects decide what is learned.
+    classifier : scikit-learn classifier or None
+        Of one's own, or ours.
     seed : int
         Of planning.
     reward : float or None
@@ -40,6 +47,7 @@ class Fitted:
 
     dataset: Dataset
     agent: Agent
+    classifier: object
     seed: int
     reward: float | None
     perception: Perception = field(init=False)
@@ -50,10 +58,10 @@ class Fitted:
 
     def refit(self, lessons: Sequence[Lesson]) -> None:
         """Learn everything anew from the data set and from lessons that kept their features."""
-        data, settings = (
-            extended(self.dataset, lessons),
-            PerceptionSettings(levels=self.agent.levels),
-        )
+        data, levels = extended(self.dataset, lessons), self.agent.levels
+        settings = PerceptionSettings(levels=levels)
+        if self.classifier is not None:
+            settings = with_classifier(self.classifier, levels=levels)
         everything = TrainingSet.everything(data)
         self.perception, counts = fit_and_validate(data, everything, settings=settings)
         self.knowledge = knowledge_of(

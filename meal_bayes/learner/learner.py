@@ -34,6 +34,8 @@ class Learner:
         Who decides: see `meal_bayes.agents.as_agent`.
     seed : int
         Of planning, and of what is drawn in replays.
+    classifier : scikit-learn classifier, optional
+        Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
@@ -57,6 +59,7 @@ class Learner:
         domain: str | Path | Domain,
         *,
         agent: object = "bayes",
+        classifier: object = None,
         seed: int = 0,
         reward: float | None = None,
         percepts: str = "recorded",
@@ -69,6 +72,7 @@ class Learner:
             raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self.agent: Agent = as_agent(agent)
+        self.classifier = classifier
         self.seed, self.reward, self.percepts = seed, reward, percepts
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
@@ -81,8 +85,8 @@ class Learner:
     def __repr__(self) -> str:
         """Return a line that says what it has learned from."""
         fitted = type(self._source).__name__.lower() if self._source else "not fitted"
-        told = f"{len(self._lessons)} trials told of"
-        return f"Learner({self.domain.name}, agent {self.agent.name}, {fitted}, {told})"
+        name, told = self.domain.name, len(self._lessons)
+        return f"Learner({name}, agent {self.agent.name}, {fitted}, {told} trials told of)"
 
     @property
     def lessons(self) -> tuple[Lesson, ...]:
@@ -120,13 +124,14 @@ class Learner:
         found = data.domain
         if (found.attributes, found.behaviors) != (self.domain.attributes, self.domain.behaviors):
             raise SettingsError(
-                f"The data are of the domain {found.name!r}, whose attributes or behaviors differ "
-                f"from those of {self.domain.name!r}; load them for this domain."
+                f"Attributes or behaviors of the data's domain {found.name!r} differ from those of "
+                f"{self.domain.name!r}; load the data for this domain."
             )
-        if isinstance(data, PerceptTable):
-            self._source = Replayed(data, self.agent, self.seed, self.percepts, self.reward)
-        else:
-            self._source = Fitted(data, self.agent, self.seed, self.reward)
+        self._source = (
+            Replayed(data, self.agent, self.seed, self.percepts, self.reward)
+            if isinstance(data, PerceptTable)
+            else Fitted(data, self.agent, self.classifier, self.seed, self.reward)
+        )
         return self.refit()
 
     def resume(
@@ -140,11 +145,7 @@ class Learner:
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
         self.fit(data)
         self._lessons = {lesson.key: lesson for lesson in lessons}
-        if isinstance(self.source, Replayed):
-            return self.refit()
-        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
-            self._relearn(self.source, name)
-        return self
+        return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
 
     def refit(self) -> Self:
         """Learn everything anew from the data and from all that was told.
@@ -155,12 +156,10 @@ class Learner:
         if isinstance(source, Replayed):
             source.learn(self.lessons)
             return self
-        kept = [lesson for lesson in self.lessons if _has_features(lesson)]
+        kept = [lesson for lesson in self.lessons if lesson.refittable]
         source.refit(kept)
         self._refitted = {lesson.key for lesson in kept}
-        for name in dict.fromkeys(lesson.object_name for lesson in self._pending()):
-            self._relearn(source, name)
-        return self
+        return self._relearn(source)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what is known; of a percept table, what is known without one of its objects."""
@@ -198,7 +197,7 @@ class Learner:
 
         Raises
         ------
-        QueryError : a question that names no attribute, an unknown one, or one twice.
+        QueryError : a question that cannot be understood.
         SettingsError : no data were fitted, or not of the kind that the robot needs.
         RobotError : the robot came to a state that the domain does not know.
         """
@@ -262,10 +261,7 @@ class Learner:
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError(
-                f"The trial has percepts of {trial.momdp.levels} levels, this agent "
-                f"{self.agent.levels}; tell it of its own trials."
-            )
+            raise SettingsError("The trial is of an agent with other levels; tell of one's own.")
         percepts = self._met.pop(key, None)
         if key in self._lessons:
             percepts = self._lessons.pop(key).percepts
@@ -286,30 +282,35 @@ class Learner:
         self._changed(self.source, lesson.key, lesson.object_name)
 
     def save(self, path: str | Path) -> None:
-        """Write everything into one file, which `load` reads back; see `saved`."""
-        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415  it needs this class
+        """Write everything into one file, which `load` reads back."""
+        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
 
     @classmethod
     def load(
-        cls, path: str | Path, *, agent: object = None, logs: str | Path | None = "logs"
+        cls,
+        path: str | Path,
+        *,
+        agent: object = None,
+        classifier: object = None,
+        logs: str | Path | None = "logs",
     ) -> "Learner":
         """Read a learner from a file; classifiers are fitted again, with equal results.
 
         Parameters
         ----------
         path : written by `save`.
-        agent : an agent of one's own, of the name that was saved; shipped ones are found by name.
+        agent, classifier : one's own are given again; shipped agents are found by name.
         logs : as of a new learner.
 
         Raises
         ------
         DataError : a file that is not a learner, is torn, or of another version.
         """
-        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415  it needs this class
+        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
-        return load_learner(Path(path), agent=agent, logs=logs)
+        return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
 
     def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
         if isinstance(source, Replayed):
@@ -319,8 +320,12 @@ class Learner:
         else:
             self._relearn(source, object_name)
 
-    def _relearn(self, source: Fitted, name: str) -> None:
-        source.learn(name, [lesson for lesson in self._pending() if lesson.object_name == name])
+    def _relearn(self, source: Fitted, *names: str) -> Self:
+        """Take in the lessons of some objects, or of all, that came after the last refit."""
+        pending = self._pending()
+        for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
+            source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
+        return self
 
     def _pending(self) -> list[Lesson]:
         """Return the lessons that came after the last refit, or that it could not learn from."""
@@ -344,7 +349,3 @@ class Learner:
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
         return {"config": config, "seed": self.seed, "data": self.domain.data}
-
-
-def _has_features(lesson: Lesson) -> bool:
-    return bool(lesson.percepts) and all(p.features is not None for p in lesson.percepts)

@@ -55,6 +55,11 @@ class Lesson:
     values: Mapping[str, bool]
     percepts: tuple[Percept, ...]
 
+    @property
+    def refittable(self) -> bool:
+        """Whether classifiers can learn from it: it has percepts, and all kept their features."""
+        return bool(self.percepts) and all(p.features is not None for p in self.percepts)
+
 
 class Witness:
     """A perceiver that keeps what it was shown, and what it made of it for every attribute."""

@@ -48,6 +48,7 @@ def save_learner(learner: Learner, path: Path) -> None:
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
         "agent": learner.agent.name,
+        "classifier": None if learner.classifier is None else type(learner.classifier).__name__,
         "seed": learner.seed,
         "reward": learner.reward,
         "percepts": learner.percepts,
@@ -81,7 +82,9 @@ def save_learner(learner: Learner, path: Path) -> None:
             draft.unlink(missing_ok=True)
 
 
-def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learner:
+def load_learner(
+    path: Path, *, agent: object, classifier: object, logs: str | Path | None
+) -> Learner:
     """Read a learner; raises as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
@@ -91,7 +94,7 @@ def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learn
             if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
                 found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
                 raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
-            learner = _learner(meta, agent, logs)
+            learner = _learner(meta, agent, classifier, logs)
             if _TABLE in archive.namelist():
                 data: Any = _read_table(archive, learner.domain)
                 arrays = None
@@ -116,8 +119,15 @@ def load_learner(path: Path, *, agent: object, logs: str | Path | None) -> Learn
     return learner.resume(data, lessons, refitted)
 
 
-def _learner(meta: dict[str, Any], agent: object, logs: str | Path | None) -> Learner:
+def _learner(
+    meta: dict[str, Any], agent: object, classifier: object, logs: str | Path | None
+) -> Learner:
     name = meta["agent"]
+    if (classifier is None) != (meta["classifier"] is None):
+        raise SettingsError(
+            f"The learner perceives by {meta['classifier'] or 'our own classifiers'}; give the "
+            "same as load(path, classifier=...)."
+        )
     if agent is None and name not in AGENTS:
         raise SettingsError(
             f"The learner's agent {str(name)!r} is not one of the shipped ones; give it as "
@@ -126,6 +136,7 @@ def _learner(meta: dict[str, Any], agent: object, logs: str | Path | None) -> Le
     learner = Learner(
         domain_from_table(meta["domain"]),
         agent=name if agent is None else agent,
+        classifier=classifier,
         seed=int(meta["seed"]),
         reward=None if meta["reward"] is None else float(meta["reward"]),
         percepts=str(meta["percepts"]),

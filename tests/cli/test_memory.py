@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from meal_bayes.agents.trial import Trial
 from meal_bayes.cli import main
 from meal_bayes.trial_log import read_header, read_memory, read_trials
 
@@ -63,6 +65,29 @@ def test_no_to_several_attributes_asks_for_each(ask):
     assert "Is it full?" in result.stderr
     (told,) = read_memory("logs", "kitchen")
     assert dict(told.values) == {"red": True}
+
+
+def test_y_and_n_are_enough_and_what_is_known_is_not_asked_again(ask):
+    question = "Is it crimson, and is it full?"
+    ask("Is it red?", "y\n")
+    result = ask(question, "maybe\nn\nn\n")
+    assert "'maybe' is not understood; type y or n" in result.stderr
+    assert "Is it full?" in result.stderr
+    assert "Is it red?" not in result.stderr  # it was told
+    assert dict(read_memory("logs", "kitchen")[-1].values) == {"full": False}
+
+
+def test_where_there_is_no_answer_it_asks_what_it_does_not_know(ask, monkeypatch):
+    monkeypatch.setattr(Trial, "__post_init__", lambda trial: _without_report(trial))
+    result = ask("Is it crimson, and is it full?", "y\n\n")
+    assert "right?" not in result.stderr
+    (told,) = read_memory("logs", "kitchen")
+    assert dict(told.values) == {"red": True}
+
+
+def _without_report(trial):
+    object.__setattr__(trial, "report", None)
+    object.__setattr__(trial, "truth", np.array(trial.truth, np.int8))
 
 
 @pytest.mark.parametrize("reply", ["", "skip\n", "no\nskip\nskip\n"])

@@ -14,8 +14,8 @@ from meal_bayes.evaluation import compare
 from meal_bayes.trial_log import read_trials, salvage
 
 ROW = [
-    "agent", "trials", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward", "reward_se", "nll",
-    "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy", "seconds",
+    "agent", "trials", "judged", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward",
+    "reward_se", "nll", "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy", "seconds",
 ]  # fmt: skip
 OFFLINE = ("run", "offline", "--trials", "12", "--agent", "greedy,predefined_plus")
 

@@ -59,14 +59,28 @@ def test_every_outcome_has_its_words(momdp):
     assert happened(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
     assert happened(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
     assert happened(momdp, step(momdp, look, 1, 2)).startswith("not legal here, which ends")
-    assert percept(momdp, yes) == "red: yes, heavy: no"
+    assert percept(momdp, look, yes) == "red: yes, heavy: no"
 
 
 def test_levels_have_words(momdp):
-    four = replace(momdp, confusion=np.full((2, 3, 2, 4), 0.25), counts=None)
-    assert percept(four, np.array([0, 3])) == "red: surely no, heavy: surely yes"
-    six = replace(momdp, confusion=np.full((2, 3, 2, 6), 1 / 6), counts=None)
-    assert percept(six, np.array([0, 5])) == "red: level 0, heavy: level 5"
+    four, six = (
+        replace(momdp, confusion=np.tile(telling(k), (2, 3, 1, 1)), counts=None) for k in (4, 6)
+    )
+    assert percept(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
+    assert percept(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
+
+
+def telling(k):
+    rows = np.arange(1.0, k + 1) / np.arange(1.0, k + 1).sum()
+    return np.stack([rows[::-1], rows])
+
+
+def test_a_percept_without_information_says_nothing(momdp):
+    rows = np.array(momdp.confusion)
+    rows[1, 0] = 0.5  # of heavy, look tells nothing
+    silent = replace(momdp, confusion=rows)
+    assert percept(silent, 0, np.array([1, 0])) == "red: yes, heavy: says nothing"
+    assert percept(silent, 1, np.array([1, 0])) == "red: yes, heavy: no"
 
 
 def test_the_best_options_hold_the_chosen_one():

@@ -1,6 +1,9 @@
+import re
+from pathlib import Path
+
 import pytest
 
-from meal_bayes.domain import domain_names, load_domain
+from meal_bayes.domain import domain_names, load_domain, tables
 from meal_bayes.errors import DomainError, SettingsError
 
 TABLE = """
@@ -133,3 +136,16 @@ def test_unknown_names_suggest_the_nearest(tmp_path):
         load_domain(tmp_path / "none.toml")
     with pytest.raises(DomainError, match="did you mean 'grasp'"):
         load_domain("roc36").behavior_index("grsp")
+
+
+@pytest.mark.parametrize("place", ["README.md", "the module"])
+def test_every_key_is_documented(place):
+    page = Path(__file__).resolve().parents[2] / "README.md"
+    text = page.read_text(encoding="utf-8") if place == "README.md" else tables.__doc__
+    kinds = (
+        tables._DOMAIN_KEYS, tables._DIAGRAM_KEYS, tables._BEHAVIOR_KEYS, tables._EFFECT_KEYS,
+    )  # fmt: skip
+    keys = {key for group in kinds for key in group}
+    sign = "`" if place == "README.md" else ""
+    absent = {key for key in keys if not re.search(rf"{sign}\[?{key}\b\]?{sign}", text)}
+    assert absent == set()

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meal_bayes.domain import domain_from_table
 from meal_bayes.errors import RobotError
 from meal_bayes.evaluation import summarize
-from meal_bayes.robots import Outcome
+from meal_bayes.robots import CheckedRobot, Outcome
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
 
 HERE = Path(__file__).parent
@@ -94,7 +95,9 @@ def breaking(make, after, fault):
 
 
 @pytest.mark.parametrize("after", range(4))
-@pytest.mark.parametrize("fault", [Breaks("the gripper is hot"), KeyboardInterrupt(), SystemExit(3)])
+@pytest.mark.parametrize(
+    "fault", [Breaks("the gripper is hot"), KeyboardInterrupt(), SystemExit(3)]
+)
 def test_an_exception_is_raised_once_the_log_is_whole(dataset, make, tmp_path, after, fault):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours))
     path = tmp_path / "a.mcap"
@@ -208,9 +211,6 @@ def test_unknown_truth_is_left_out_and_clusters_are_names(dataset, make):
 
 
 def test_a_person_who_is_asked_answers_by_name(make):
-    from meal_bayes.domain import domain_from_table
-    from meal_bayes.robots import CheckedRobot
-
     table = {
         "name": "asking",
         "attributes": ["red", "full"],

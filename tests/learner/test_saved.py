@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from sklearn.linear_model import LogisticRegression
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
@@ -76,6 +77,22 @@ def test_a_percept_table_comes_back(tmp_path):
 def test_an_agent_of_one_s_own_is_given_again(saved):
     with pytest.raises(SettingsError, match=r"'script' is not one of the shipped"):
         Learner.load(saved, logs=None)
+
+
+def test_a_classifier_of_one_s_own_is_given_again(dataset, make, tmp_path):
+    ours = LogisticRegression()
+    learner = make.learner(dataset, make.agent("look", **make.ours), classifier=ours)
+    plain = make.learner(dataset, make.agent("look", **make.ours))
+    assert not np.array_equal(
+        learner.knowledge().posterior.counts, plain.knowledge().posterior.counts
+    )
+    learner.tell(learner.ask("red", make.arm()), {"red": False})
+    path = tmp_path / "a.mind"
+    learner.save(path)
+    again = Learner.load(path, agent=make.agent("look", **make.ours), classifier=ours, logs=None)
+    same(again.knowledge(), learner.knowledge())
+    with pytest.raises(SettingsError, match="LogisticRegression"):
+        Learner.load(path, agent=make.agent("look", **make.ours), logs=None)
 
 
 def test_saving_twice_replaces_and_leaves_nothing_else(taught, saved):

@@ -54,7 +54,7 @@ class SimulatedArm:
         return self._scene
 
     def start(self) -> str:
-        """Put the object at its place and return the state."""
+        """Begin a trial with the object at its place, and return the state."""
         placing = stream(self._seed, *self._path, "placing", self._starts)
         self._scene = Scene(self._parameters, placing, self._on_frame)
         self._starts += 1

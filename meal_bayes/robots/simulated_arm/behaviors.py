@@ -78,7 +78,7 @@ def observe_state(scene: Scene) -> str:
     place, home = scene.object_place, scene.home
     if scene.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
-    told, width = scene.data.ctrl[2], scene.data.qpos[2]
+    told, width = scene.opening
     if told - width > _JAMMED:
         raise RobotError(f"the gripper jams: told to open {told:.3f} m, it stands at {width:.3f} m")
     near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
 FRAMES_PER_SECOND = 30  # of simulated time
 OPEN = 0.05  # m, of each finger
+_Z, _LEFT = 1, 2  # places in qpos; the hand's joints come first in scene.xml
 _APART = 0.01  # m, of each finger
 _FALLEN = -0.1  # m, below the table
 _STRETCH = 0.3  # m, an object that came apart
@@ -90,6 +91,11 @@ class Scene:
         return float(self.data.time)
 
     @property
+    def opening(self) -> tuple[float, float]:
+        """How far each finger was told to open, and how far it is open, m."""
+        return float(self.data.ctrl[2]), float(self.data.qpos[_LEFT])
+
+    @property
     def object_place(self) -> Floats:
         """Where the object's middle is, (3,) m."""
         return np.array(self.data.xpos[self._object])
@@ -100,7 +106,7 @@ class Scene:
         return float(self.data.xmat[self._object, 8])
 
     def put_back(self) -> None:
-        """Let a person put the object at its place, and wait until it rests; takes no time."""
+        """Reset the object to its place, as a person would, and wait until it rests; it is free."""
         now = self.data.time
         mujoco.mj_resetData(self.model, self.data)
         turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
@@ -129,7 +135,7 @@ class Scene:
 
     def held(self) -> bool:
         """Whether the fingers are apart and both fingertips touch the object."""
-        if self.data.qpos[2] < _APART:
+        if self.data.qpos[_LEFT] < _APART:
             return False
         pairs = self.data.contact.geom
         return all(
@@ -173,7 +179,9 @@ class Scene:
         data = self.data
         _, y, z = data.xpos[self._object]
         push, force, _ = data.actuator_force
-        return np.array((force, push, 2 * data.qpos[2], data.qpos[1], y, z, data.sensordata[0]))
+        return np.array(
+            (force, push, 2 * data.qpos[_LEFT], data.qpos[_Z], y, z, data.sensordata[0])
+        )
 
     def _show(self) -> None:
         if self._on_frame is not None and self.data.time * FRAMES_PER_SECOND >= self._frames:

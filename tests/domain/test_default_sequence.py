@@ -1,0 +1,55 @@
+"""Where a table names no predefined sequence, every sensing behavior is executed, the cheapest first."""
+
+from dataclasses import replace
+
+import pytest
+
+from meal_bayes.domain import domain_from_table, domain_table, load_domain
+from meal_bayes.domain.domain import cheapest_first
+
+
+@pytest.mark.parametrize("name", ["toy", "roc36", "cy101", "ispy32"])
+def test_each_sensing_behavior_is_executed_where_it_is_legal(name):
+    domain = replace(load_domain(name), predefined=())
+    arrays = domain.transitions()
+    sequence = domain.default_sequence
+    x = domain.diagram.states.index(domain.diagram.start)
+    for behavior in sequence:
+        e = domain.behavior_index(behavior)
+        assert arrays.legal[x, e]
+        x = int(arrays.transition[e, x].argmax())
+    senses = [b.name for b in domain.behaviors if b.senses]
+    assert set(senses) <= set(sequence)
+
+
+def test_of_two_ways_the_cheaper_is_taken():
+    table = domain_table(load_domain("toy"))
+    table["predefined"] = []
+    assert domain_from_table(table).default_sequence == ("look", "lift")
+    table["behaviors"][0]["cost"] = 6.0  # dearer than lifting, which needs reinit afterwards
+    assert domain_from_table(table).default_sequence == ("lift", "reinit", "look")
+
+
+def test_what_leads_nowhere_comes_last():
+    table = {
+        "name": "one_way",
+        "attributes": ["red"],
+        "behaviors": [
+            {"name": "look", "cost": 5, "modalities": ["color"]},
+            {"name": "drop", "cost": 1, "modalities": ["sound"]},
+        ],
+        "diagram": {
+            "states": ["a", "b"],
+            "start": "a",
+            "effects": [
+                {"from": "a", "do": "look", "to": "a"},
+                {"from": "a", "do": "drop", "to": "b"},
+            ],
+        },
+    }
+    domain = domain_from_table(table)
+    assert cheapest_first(domain) == ("look", "drop")
+
+
+def test_a_named_sequence_is_taken_as_it_is():
+    assert load_domain("roc36").default_sequence == load_domain("roc36").predefined
