@@ -112,6 +112,7 @@ def ask(
         training_recordings,
         with_learned_success,
     )
+    from meal_bayes.trial_log import read_trials
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
@@ -127,9 +128,8 @@ def ask(
     watch = _watch(frames) if view or recording is not None else None
     try:
         trial = ask_new(learner, question, seed, on_frame=watch, log=log)
-    except RobotError as fault:
-        note(f"robot error: {fault}; as far as it went: meal-bayes log show {log}")
-        click.get_current_context().exit(_FAULT)
+    except RobotError:
+        (trial,) = read_trials(log)  # as far as it went
     if as_json:
         click.echo(json.dumps({**trial_facts(trial), "seed": seed, "log": str(log)}))
     else:
@@ -139,6 +139,9 @@ def ask(
         _write_view(trial, frames, recording)
     if view:
         _view(trial, frames)
+    if trial.ended:
+        note(trial.ended)
+        click.get_current_context().exit(_FAULT)
 
 
 @sim.command(short_help="Begin with one object, and learn while answering.")
@@ -166,15 +169,18 @@ def live(
 
     The robot has touched a single object before. At first it explores; then the agent decides.
     """
+    from meal_bayes.agents import as_agent
     from meal_bayes.experiments.simulated import learn_live, outcomes_in
 
-    folder = logs / f"sim-live-{agent}-seed{seed}"
-    prepare_planner()
+    recipe = as_agent(agent_value(agent))
+    folder = logs / f"sim-live-{recipe.name}-seed{seed}"
+    if recipe.searches:
+        prepare_planner()
     done: list[LiveTrial] = []
     happened: Counter[tuple[str, str, str]] = Counter()
     with progress("living", "trials") as advance:
         for one in learn_live(
-            trials, seed, agent=agent_value(agent), explore=explore, refit_every=refit_every,
+            trials, seed, agent=recipe, explore=explore, refit_every=refit_every,
             learn_success=learn_success, logs=folder,
         ):  # fmt: skip
             done.append(one)

@@ -199,11 +199,12 @@ def learn_live(
     data, happened = to_dataset(load_domain(DOMAIN), [first]), first.happened.copy()
     learner = Learner(DOMAIN, agent="random_legal", seed=seed, logs=None).fit(data)
     for number in range(1, trials + 1):
+        known = with_learned_success(data, happened) if learn_success else data
         if number == explore + 1:
             grown = Learner(DOMAIN, agent=agent, seed=seed, logs=None)
-            learner = grown.resume(data, learner.lessons, [True] * len(learner.lessons))
-        elif number % refit_every == 1 and number > 1:
-            learner.fit(with_learned_success(data, happened) if learn_success else data)
+            learner = grown.resume(known, learner.lessons, [True] * len(learner.lessons))
+        elif number > 1 and (number - 1) % refit_every == 0:
+            learner.fit(known)
         yield _live_trial(learner, seed, number, logs, happened)
 
 

@@ -67,12 +67,14 @@ def test_a_fault_of_the_body_is_told_and_logged(ask, sim, monkeypatch):
 
     ask("--seed", "7", "--json")  # training is recorded
     monkeypatch.setattr(sim.SimulatedArm, "execute", broken)
-    result = ask("--seed", "7")
+    result = ask("--seed", "7", "--json")
     assert result.exit_code == 1
-    assert "robot error: the gripper jams" in result.stderr
-    (log,) = Path("logs").glob("sim-seed7*.mcap")
-    (trial,) = read_trials(log)
-    assert trial.ended.startswith("robot error")
+    assert "robot error: RobotError: the gripper jams" in result.stderr
+    told = json.loads(result.stdout)
+    assert told["success"] is None
+    assert told["report"] is None
+    (trial,) = read_trials(told["log"])
+    assert trial.ended == told["ended"] == "robot error: RobotError: the gripper jams"
 
 
 def test_live_shows_a_curve(run, sim):
