@@ -37,7 +37,7 @@ success_option = click.option(
 )  # fmt: skip
 
 
-@click.group(cls=Section)
+@click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
 def sim() -> None:
     """Let an arm in physics (MuJoCo, extra `sim`) touch objects, and ask it about new ones."""
 
