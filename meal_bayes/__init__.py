@@ -17,7 +17,7 @@ logged.
 These names are the public API; each is loaded with its room when it is first used, so that the
 import itself costs nothing. The rooms (`meal_bayes.domain`, `.datasets`, `.perception`,
 `.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.learner`,
-`.experiments`, `.evaluation`) hold the rest.
+`.experiments`, `.evaluation`, `.gym`) hold the rest.
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 

@@ -11,7 +11,7 @@ from meal_bayes.agents.trial_display import trial_card, trial_frame, trial_html
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Query, unknown
-from meal_bayes.errors import QueryError
+from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.momdp import (
     MOMDP,
     Belief,
@@ -200,7 +200,13 @@ def run_trial(
     Raises
     ------
     RobotError : the robot came to a state that the domain does not know.
+    SettingsError : a robot that stands behind no boundary.
     """
+    if not isinstance(robot, CheckedRobot):
+        raise SettingsError(
+            f"The robot is {type(robot).__name__}; hand it over as CheckedRobot(robot, domain), or "
+            "ask by Learner.ask, which does."
+        )
     known = truth_of(task.query, truth)
     running = RunningTrial(task, momdp, policy, robot, perceiver, streams, known)
     trial = running.trial(agent)

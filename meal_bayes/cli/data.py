@@ -11,7 +11,6 @@ from meal_bayes.cli.options import json_option, named_value, perception_option, 
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import note, output, patience, progress
 from meal_bayes.cli.story import print_facts
-from meal_bayes.display import listed
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset, PerceptTable
@@ -110,6 +109,7 @@ def percepts(
     """
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percept_file import save_percepts
+    from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError
     from meal_bayes.perception import build_percept_table
 

@@ -116,12 +116,14 @@ def named_value(name: str) -> Any:
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:
-        found = importlib.import_module(module)
+        found: Any = importlib.import_module(module)
     except ImportError as fault:
         raise SettingsError(
             f"The module of {name!r} cannot be imported ({fault}); run where it lies, or put its "
             "folder on PYTHONPATH."
         ) from fault
-    if not hasattr(found, attribute):
-        raise SettingsError(unknown(f"name in {module}", attribute, vars(found)))
-    return getattr(found, attribute)
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise SettingsError(unknown(f"name in {module}", part, dir(found)))
+        found = getattr(found, part)
+    return found

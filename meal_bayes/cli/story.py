@@ -224,6 +224,8 @@ def happened(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
         return f"not legal here{', which ends the trial' * (next_x == momdp.terminal)}: {way}"
     if step.observation is not None:
         return f"succeeded, {way}"
+    if step.warning:
+        return f"{way}; what was felt is no percept"
     if momdp.informative[action].max() <= 0:
         return f"succeeded, {way}; it shows nothing" if x != next_x else f"failed, {way}"
     if step.belief.seen[0, action].sum() >= momdp.limit[action]:

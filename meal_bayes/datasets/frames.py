@@ -146,8 +146,8 @@ def _labels(
 
 
 def _label(value: Any, name: str, attribute: str) -> int:
-    if isinstance(value, float | np.floating) and np.isnan(value):
-        return _UNKNOWN
+    if type(value).__name__ == "NAType" or (isinstance(value, float) and np.isnan(value)):
+        return _UNKNOWN  # pandas' and NumPy's; NumPy's double is a float
     try:
         return _VALUES[value.item() if isinstance(value, np.generic) else value]
     except (KeyError, TypeError):

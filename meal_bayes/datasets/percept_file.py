@@ -175,7 +175,17 @@ def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArr
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > _LARGEST:
         raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-    buffer: BinaryIO = io.BytesIO(archive.read(info))
+    return read_array(archive.read(info), name, dtype, axes)
+
+
+def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]:
+    """Read an array in NumPy's format, of one kind and so many axes, and nothing else.
+
+    Raises
+    ------
+    ValueError : bytes of another format, kind or number of axes.
+    """
+    buffer: BinaryIO = io.BytesIO(content)
     if np.lib.format.read_magic(buffer) != (1, 0):
         raise ValueError(f"{name} is of another array format than 1.0")
     shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from meal_bayes.display import short_repr
+from meal_bayes.display import card, card_html, listed
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
 
@@ -51,7 +51,21 @@ class Domain:
     legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)  # s, Random Legal's, by len(query)
     asked_minimum: int = 0  # experiments ask attributes with more than this many objects each way
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        """Return the domain in five lines."""
+        return card(*self._told())
+
+    def _repr_html_(self) -> str:
+        return card_html(*self._told())
+
+    def _told(self) -> tuple[str, dict[str, str]]:
+        costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]
+        return f"Domain {self.name}", {
+            "attributes": f"{len(self.attributes)}: {listed(self.attributes)}",
+            "behaviors": f"{len(costs)}: {listed(costs)}",
+            "states": listed(self.diagram.states),
+            "a report": f"{self.report_reward:g} if right, {-self.report_reward:g} if wrong",
+        }
 
     def __post_init__(self) -> None:
         if not self.data:

@@ -56,6 +56,9 @@ class Fitted:
     _labels: dict[str, Labels] = field(init=False)  # (P,) of each object
     _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)  # at the last refit
 
+    def __post_init__(self) -> None:
+        self.agent.warm_up()  # now, not while a robot waits for its first decision
+
     def refit(self, lessons: Sequence[Lesson]) -> None:
         """Learn everything anew from the data set and from lessons that kept their features."""
         data, levels = extended(self.dataset, lessons), self.agent.levels
@@ -88,6 +91,10 @@ class Fitted:
         self._rows[object_name], self._labels[object_name] = row, labels
         rates = base_rates(np.array(list(self._labels.values())))
         self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
+
+    def known(self, object_name: str | None) -> Knowledge:
+        """Return what is known of any object."""
+        return self.knowledge
 
     def run(
         self,

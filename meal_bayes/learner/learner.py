@@ -19,12 +19,14 @@ from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
+_KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
+
 
 class Learner:
     """Answers questions about objects, and learns from what people say of its answers.
 
-    Fitted on recordings it works with any robot; fitted on a percept table it replays the table's
-    objects, each left out of what is known of it.
+    Fitted on recordings it works with any robot; on a percept table it replays the table's objects,
+    each left out of what is known.
 
     Parameters
     ----------
@@ -163,12 +165,7 @@ class Learner:
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what is known; of a percept table, what is known without one of its objects."""
-        source = self.source
-        if isinstance(source, Fitted):
-            return source.knowledge
-        if object_name is None:
-            raise SettingsError("A percept table knows nothing but what holds without an object.")
-        return source.knowledge(object_name)
+        return self.source.known(object_name)
 
     def ask(
         self,
@@ -223,6 +220,8 @@ class Learner:
             trial, self._met[task.key] = source.run(
                 task, robot, told=told, truth=truth, on_step=on_step, recorder=recorder
             )
+            if len(self._met) > _KEPT:
+                del self._met[next(iter(self._met))]
             return trial
 
         return logged(path, self._header(question), run)
@@ -302,7 +301,7 @@ class Learner:
         ----------
         path : written by `save`.
         agent, classifier : one's own are given again; shipped agents are found by name.
-        logs : as of a new learner.
+        logs : of a new learner.
 
         Raises
         ------

@@ -11,6 +11,7 @@ import numpy as np
 
 from meal_bayes.agents import Agent, Knowledge, Morc, Recorder, Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.errors import SettingsError
 from meal_bayes.learner.lesson import Lesson, labels_of
 from meal_bayes.momdp import MOMDP
 
@@ -35,8 +36,10 @@ class Replayed:
                 told[object_index(self.table.objects, name)] = labels
         self._morc = Morc(self.table, self.agent, self.seed, self.percepts, self.reward, told)
 
-    def knowledge(self, object_name: str) -> Knowledge:
+    def known(self, object_name: str | None) -> Knowledge:
         """Return what is known without an object."""
+        if object_name is None:
+            raise SettingsError("A percept table holds only what is known without an object of it.")
         return self._ready().knowledge(object_index(self.table.objects, object_name))
 
     def run(

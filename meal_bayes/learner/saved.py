@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.recipes import AGENTS
 from meal_bayes.datasets import Dataset, load_percepts
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percept_file import read_array, save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.learner.learner import Learner
@@ -182,13 +182,7 @@ class _Arrays:
         return {c: self.read(f"{part}/{i}", "<f4", 3) for i, c in enumerate(self._contexts)}
 
     def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        buffer = io.BytesIO(_unpacked(self._archive, f"{name}.npy"))
-        if np.lib.format.read_magic(buffer) != (1, 0):
-            raise ValueError(f"{name} is of another array format than 1.0")
-        shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
-        if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
-            raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-        return np.frombuffer(buffer.read(), dtype).reshape(shape)
+        return read_array(_unpacked(self._archive, f"{name}.npy"), name, dtype, axes)
 
 
 def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:

@@ -127,6 +127,8 @@ def _outcome(step: Step, momdp: MOMDP) -> str:
         momdp.informative[action].max() <= 0 and step.x != step.next_x
     ):
         return "succeeded"
+    if step.warning:
+        return "**no percept**"
     if step.belief.seen[0, action].sum() >= momdp.limit[action]:
         return "no recording left"
     return "**failed**, nothing perceived"

@@ -5,8 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Streams, Task, run_trial
+from meal_bayes.agents import Streams, Task, run_trial, truth_of
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import CheckedRobot, Outcome, RecordedRobot
@@ -221,6 +222,47 @@ def test_a_trial_without_steps_has_its_first_belief():
     trial = trial_of(momdp, Script(momdp))
     assert len(trial.steps) == 1
     np.testing.assert_array_equal(trial.last_belief.positive, trial.first_belief.positive)
+
+
+def test_a_robot_without_a_boundary_is_refused():
+    momdp = momdp_of()
+    task = Task("a task", momdp.query, 5, "object 5", ("test", 5))
+    with pytest.raises(SettingsError, match=r"CheckedRobot\(robot, domain\)"):
+        run_trial(
+            task, momdp, Script(momdp), ScriptedRobot(momdp.x_names), ScriptedPercepts(),
+            Streams.of(0, task, ""),
+        )  # fmt: skip
+
+
+class TestTruth:
+    @pytest.mark.parametrize(
+        ("given", "expected"),
+        [
+            (None, [-1, -1]),
+            ({}, [-1, -1]),
+            ({"heavy": True}, [-1, 1]),
+            ({"red": False, "heavy": None}, [0, -1]),
+            ([True, False], [1, 0]),
+            (np.array([0, -1]), [0, -1]),
+        ],
+    )
+    def test_it_may_be_known_in_part(self, given, expected):
+        found = truth_of(Query(("red", "heavy")), given)
+        assert found.tolist() == expected
+        assert found.dtype == np.int8
+
+    @pytest.mark.parametrize("wrong", [{"rde": True}, [True], [2, 0], "ab"])
+    def test_mistakes_are_told(self, wrong):
+        with pytest.raises(QueryError):
+            truth_of(Query(("red", "heavy")), wrong)
+
+    def test_what_is_not_known_is_neither_right_nor_wrong(self):
+        momdp = momdp_of()
+        trial = trial_of(momdp, Script(momdp, report=(1, 0)), truth={"red": False})
+        assert trial.success is None
+        assert not trial.judged
+        assert np.isnan(trial.reward)
+        np.testing.assert_array_equal(trial.truth, [0, -1])
 
 
 def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():

@@ -78,7 +78,7 @@ def test_y_and_n_are_enough_and_what_is_known_is_not_asked_again(ask):
 
 
 def test_where_there_is_no_answer_it_asks_what_it_does_not_know(ask, monkeypatch):
-    monkeypatch.setattr(Trial, "__post_init__", lambda trial: _without_report(trial))
+    monkeypatch.setattr(Trial, "__post_init__", _without_report)
     result = ask("Is it crimson, and is it full?", "y\n\n")
     assert "right?" not in result.stderr
     (told,) = read_memory("logs", "kitchen")

@@ -102,7 +102,7 @@ def test_usage_errors_point_to_the_help(fails, arguments, found):
         (("ask", "", "--object", "heavy_blue_beans"), "expected"),
         ((*ASK[:-1], "greedo"), "did you mean 'greedy'"),
         ((*ASK, "--dataset", "rock36"), "did you mean 'roc36'"),
-        ((*ASK, "--dataset", "toy"), "data percepts"),
+        ((*ASK, "--dataset", "toy"), "give the path of its TOML"),
         ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
         (("run", "offline", "--dataset", "rock36"), "did you mean 'roc36'"),
         (("run", "offline", "--agent", "greedo"), "did you mean 'greedy'"),

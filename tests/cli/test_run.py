@@ -15,7 +15,8 @@ from meal_bayes.trial_log import read_trials, salvage
 
 ROW = [
     "agent", "trials", "judged", "accuracy", "accuracy_se", "cost_s", "cost_sd", "reward",
-    "reward_se", "nll", "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy", "seconds",
+    "reward_se", "nll", "brier", "ece", "ece_calibrated", "abstained", "answered_accuracy",
+    "seconds",
 ]  # fmt: skip
 OFFLINE = ("run", "offline", "--trials", "12", "--agent", "greedy,predefined_plus")
 
@@ -129,7 +130,7 @@ def test_a_domain_of_any_name_stays_in_the_log_folder(run, table):
 
 def test_the_papers_classifiers_need_recordings(fails, table):
     own = fails("run", "offline", "--dataset", "kitchen.npz", "--perception", "paper")
-    assert "is a percept table already" in own
+    assert "is a percept table of another recipe" in own
     public = fails("run", "offline", "--perception", "paper", "--agent", "greedy")
     assert "MEAL_BAYES_OFFLINE forbids the network" in public
 

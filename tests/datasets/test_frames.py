@@ -52,8 +52,9 @@ def test_dictionaries_and_arrays_are_read_as_files_are(from_files: Dataset) -> N
         }
         for e, (context, values) in enumerate(from_files.features.items())
     }
-    labels = {"cup": {"red": True, "heavy": False}, "stone": {"heavy": 1, "red": None}}
-    same(Dataset.from_frames(from_files.domain, by_object, labels), from_files)
+    for nothing in (None, "", -1, np.nan, pd.NA):
+        labels = {"cup": {"red": True, "heavy": False}, "stone": {"heavy": 1, "red": nothing}}
+        same(Dataset.from_frames(from_files.domain, by_object, labels), from_files)
     found = Dataset.from_frames(
         from_files.domain, from_files.features, from_files.labels, objects=from_files.objects
     )

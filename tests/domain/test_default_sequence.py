@@ -1,4 +1,4 @@
-"""Where a table names no predefined sequence, every sensing behavior is executed, the cheapest first."""
+"""Without a predefined sequence every sensing behavior is executed, the cheapest first."""
 
 from dataclasses import replace
 

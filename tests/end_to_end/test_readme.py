@@ -77,7 +77,8 @@ def test_own_data_and_own_robot_are_answered(
         "labels.csv", "look_color.csv", "lift_force.csv"
     }  # fmt: skip
     assert play("Your own robot", folder, capsys) == 1
-    assert (folder / "logs" / "bottle.mcap").is_file()
+    assert (folder / "logs" / "kitchen" / "00000-my_bottle.mcap").is_file()
+    assert (folder / "kitchen.mind").is_file()
 
 
 def test_a_text_block_that_differs_is_seen(

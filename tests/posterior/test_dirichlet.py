@@ -74,6 +74,20 @@ def test_updating_is_counting(one, other):
 
 
 @given(posteriors(), st.data())
+def test_percepts_of_one_object_are_one_row_however_they_come(posterior, data):
+    """In parts they are worth what they are worth at once, and all of it can be taken back."""
+    one, other = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
+    nothing = np.zeros_like(one)
+    parts = posterior.update(one).replace_object(one, one + other)
+    at_once = posterior.update(one + other)
+    np.testing.assert_allclose(parts.concentration, at_once.concentration, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(parts.counts, at_once.counts)
+    back = parts.replace_object(one + other, nothing)
+    np.testing.assert_allclose(back.concentration, posterior.concentration, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(back.counts, posterior.counts)
+
+
+@given(posteriors(), st.data())
 def test_percepts_of_one_object_are_worth_less(posterior, data):
     new = data.draw(counts_of(posterior.counts.shape, top=5))
     gained = (posterior.update(new).concentration - posterior.concentration).sum(axis=-1)

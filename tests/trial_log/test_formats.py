@@ -59,9 +59,7 @@ def test_unknown_truth_warnings_and_the_end_come_back(make, tmp_path):
         warned = dataclasses.replace(trial.steps[1], warning="no percept of look: NaN")
         steps = (trial.steps[0], warned, *trial.steps[2:])
         ended = "robot error: hot" * (number == 2)
-        trials.append(
-            dataclasses.replace(trial, truth=np.array(truth), steps=steps, ended=ended)
-        )
+        trials.append(dataclasses.replace(trial, truth=np.array(truth), steps=steps, ended=ended))
     path = tmp_path / "a.mcap"
     write_trials(path, trials, header={})
     back = list(read_trials(path))
