@@ -2,4 +2,6 @@
 
 from importlib.util import find_spec
 
-collect_ignore_glob = [] if find_spec("mujoco") else ["meal_bayes/robots/simulated_arm/*"]
+NEEDS_MUJOCO = ["meal_bayes/robots/simulated_arm/*", "meal_bayes/experiments/simulated.py"]
+
+collect_ignore_glob = [] if find_spec("mujoco") else NEEDS_MUJOCO

@@ -1,9 +1,9 @@
 """Write docs/from_nothing_to_answers.md with its pictures.
 
-python benchmarks/simulated_page.py [--results FILE]
+python benchmarks/simulated_page.py [--results FILE ...]
 
-What the page tells is measured on the way (half an hour of one core); with --results FILE it is
-what `python benchmarks/simulated.py --json > FILE` found before.
+What the page tells is measured on the way (half an hour of one core); with --results it is what
+`python benchmarks/simulated.py --json > FILE` found before, each file some of its parts.
 """
 
 import argparse
@@ -32,10 +32,11 @@ TEMPLATE = Path(__file__).with_suffix(".md")
 def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--results", type=Path, help="What benchmarks/simulated.py --json printed.")
+    parser.add_argument("--results", type=Path, nargs="+", metavar="FILE")
     parser.add_argument("--out", type=Path, default=DOCS)
     options = parser.parse_args()
-    found = json.loads(options.results.read_text() if options.results else measure())
+    texts = [file.read_text() for file in options.results] if options.results else [measure()]
+    found = {part: result for text in texts for part, result in json.loads(text).items()}
     draw_moments(options.out / "simulated_arm.png")
     draw_curve(found["live"]["curve"], options.out / "simulated_live.png")
     (options.out / PAGE).write_text(page(found), encoding="utf-8")
