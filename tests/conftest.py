@@ -2,10 +2,11 @@
 
 import os
 from collections.abc import Callable
-from importlib import resources
+from importlib import import_module, resources
 from importlib.util import find_spec
 from pathlib import Path
 from time import sleep
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -73,6 +74,14 @@ def dask() -> None:
     """Ask for the extra that runs clusters."""
     if find_spec("distributed") is None:
         missing("no Dask; pip install 'meal-bayes[cluster]'")
+
+
+@pytest.fixture(scope="session")
+def sim() -> ModuleType:
+    """Return the room of the robot in physics."""
+    if find_spec("mujoco") is None:
+        missing("no MuJoCo; pip install 'meal-bayes[sim]'")
+    return import_module("meal_bayes.robots.simulated_arm")
 
 
 @pytest.fixture(scope="session")

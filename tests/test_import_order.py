@@ -40,7 +40,9 @@ ROOMS: dict[str, set[str]] = {
     "trial_log": {*BELOW_LOG, "agents.trial"},
     "learner": {*BELOW_LOG, "agents", "trial_log"},
     # perception and domain: a run under the paper's classifiers computes its own percept table
-    "experiments": {"learner", "trial_log", "agents", "perception", "datasets", "domain"},
+    "experiments": {
+        "learner", "trial_log", "agents", "perception", "robots.simulated_arm", "datasets", "domain"
+    },
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},
     "gym": {*BELOW_LOG, "agents", "experiments"},
@@ -66,6 +68,9 @@ LIBRARIES: dict[str, set[str]] = {
     "dask": {"experiments.parallel"},
     "platformdirs": {"cache", "cli.doctor"},
     "pooch": {"datasets.download"},
+    "mujoco": {
+        f"robots.simulated_arm.{module}" for module in ("camera", "frame", "model", "physics")
+    },
     "gymnasium": {"gym"},
     "pandas": {"agents.trial_display", "evaluation.summary"},  # imported where frames are made
     "click": {"cli"},

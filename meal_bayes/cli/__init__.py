@@ -19,6 +19,7 @@ from meal_bayes.cli.program import Program
 from meal_bayes.cli.report import report
 from meal_bayes.cli.reproduce import reproduce
 from meal_bayes.cli.run import run
+from meal_bayes.cli.sim import sim
 from meal_bayes.cli.view import view
 
 run.add_command(online)
@@ -46,6 +47,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
         data,
         log,
         export,
+        sim,
         doctor,
     ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

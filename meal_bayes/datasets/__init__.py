@@ -4,6 +4,7 @@ In: the public recordings (downloaded once, checked), a folder of CSV files, or 
 Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
 """
 
+from meal_bayes.datasets.csv_folder import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, object_index
 from meal_bayes.datasets.download import cache_folder, fetch, registry, verify
 from meal_bayes.datasets.load import load_dataset
@@ -30,6 +31,7 @@ __all__ = [
     "make_synthetic_model",
     "object_index",
     "registry",
+    "save_csv_folder",
     "save_percepts",
     "verify",
 ]

@@ -49,6 +49,26 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return Dataset(domain, objects, padded, labels)
 
 
+def save_csv_folder(dataset: Dataset, folder: Path) -> None:
+    """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
+
+    Numbers are written so that they read back equal.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for (behavior, modality), values in dataset.features.items():
+        lines = ["object,recording," + ",".join(f"f{i}" for i in range(values.shape[2]))]
+        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)].tolist()
+        for name, rows, count in zip(dataset.objects, values.tolist(), counts, strict=True):
+            for number, row in enumerate(rows[:count], start=1):
+                lines.append(",".join((name, str(number), *(f"{value:.9g}" for value in row))))
+        (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    lines = [",".join(("object", *dataset.domain.attributes))]
+    words = {value: cell for cell, value in _VALUES.items()}
+    for name, row in zip(dataset.objects, dataset.labels.tolist(), strict=True):
+        lines.append(",".join((name, *(words[value] for value in row))))
+    (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
+
+
 def _by_object(objects: tuple[str, ...], keys: list[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
     """Return each object's recordings, 2 before 10."""
     found: dict[str, set[str]] = {name: set() for name in objects}

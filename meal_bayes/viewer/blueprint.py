@@ -3,6 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
+from meal_bayes.viewer import body as body_view
 from meal_bayes.viewer import run_view, scene
 
 _AROUND = 8  # rows shown before and behind the cursor
@@ -17,6 +18,7 @@ def blueprint(
     evidence: bool = False,
     run_first: bool = False,
     live: bool = False,
+    body: bool = False,
 ) -> rrb.Blueprint:
     """Lay out a recording.
 
@@ -27,10 +29,11 @@ def blueprint(
     evidence : whether the log counts the percepts behind the confusion matrices.
     run_first : show the run's tab at the beginning.
     live : follow the newest row.
+    body : show the robot's body too, in its own time.
     """
     return rrb.Blueprint(
         rrb.Tabs(
-            _trial(single=single, crowded=len(attributes) > _CROWD),
+            _trial(single=single, crowded=len(attributes) > _CROWD, body=body),
             _run(evidence=evidence),
             active_tab=1 if run_first else 0,
         ),
@@ -38,14 +41,16 @@ def blueprint(
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
-            state="collapsed", timeline="step", play_state="following" if live else "paused"
+            state="collapsed",
+            timeline="sim_time" if body else "step",
+            play_state="following" if live else "paused",
         ),
         auto_layout=False,
         auto_views=False,
     )
 
 
-def _trial(*, single: bool, crowded: bool) -> rrb.Horizontal:
+def _trial(*, single: bool, crowded: bool, body: bool) -> rrb.Horizontal:
     over = None if single else _window()
     text = rrb.Vertical(
         rrb.TextDocumentView(origin=scene.STORY, name="question and answer"),
@@ -93,7 +98,29 @@ def _trial(*, single: bool, crowded: bool) -> rrb.Horizontal:
         rrb.Spatial2DView(origin=scene.CONFUSION, name="what a percept of this behavior tells"),
     )
     right = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
+    if body:
+        return rrb.Horizontal(text, _body(), right, column_shares=[2, 3, 5], name="the trial")
     return rrb.Horizontal(text, right, column_shares=[1, 4], name="the trial")
+
+
+def _body() -> rrb.Vertical:
+    return rrb.Vertical(
+        rrb.Spatial3DView(
+            origin=body_view.BODY,
+            name="the body (red: contact forces)",
+            line_grid=rrb.LineGrid3D(visible=False),
+            eye_controls=rrb.EyeControls3D(
+                position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10)
+            ),
+        ),
+        rrb.Horizontal(
+            rrb.Spatial2DView(origin=body_view.CAMERA, name="the robot's camera"),
+            rrb.TimeSeriesView(
+                origin=body_view.LOAD, name="contact force, N", plot_legend=_NO_LEGEND
+            ),
+        ),
+        row_shares=[3, 1],
+    )
 
 
 def _run(*, evidence: bool) -> rrb.Vertical:

@@ -84,8 +84,9 @@ def _columns(times: tuple[Time, ...]) -> list[rr.TimeColumn]:
 def _packed(name: str, values: list[Any]) -> Any:
     """Give values in the form that is quickest for rerun to take."""
     if name == "positions":
+        axes = len(values[0]) if values else 2
         flat = chain.from_iterable(values)
-        return np.fromiter(flat, np.float32, 2 * len(values)).reshape(-1, 2)
+        return np.fromiter(flat, np.float32, axes * len(values)).reshape(-1, axes)
     if name == "edges":
         return np.array(values, dtype=object).reshape(-1, 2)
     if name == "colors":

@@ -1,7 +1,7 @@
 """Trial logs -> a rerun recording: into a file, or to a viewer that is running."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +11,9 @@ import rerun_bindings
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.files import draft_of
+from meal_bayes.robots.frame import Frame
 from meal_bayes.viewer.blueprint import blueprint
+from meal_bayes.viewer.body import add_body
 from meal_bayes.viewer.feed import Feed
 from meal_bayes.viewer.moments import Clock
 from meal_bayes.viewer.recorder import Recorder, Time
@@ -43,10 +45,11 @@ class Replay:
         self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
         self._clock = Clock()
         self._last: Time | None = None
+        self._body = False
         self.trials = 0
 
-    def add(self, trial: Trial) -> None:
-        """Put the next trial into the recording."""
+    def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
+        """Put the next trial into the recording, with what its body did, if that was watched."""
         number, self.trials = self.trials, self.trials + 1
         time = Time(number, self._clock.row, self._clock.seconds)
         if self._only is None or self._only == number:
@@ -54,6 +57,9 @@ class Replay:
                 self._scene.add(moment)
                 time = Time.of(moment)
             self._scene.close(trial, Time(number, self._clock.row - 1, self._clock.seconds))
+            if frames:
+                add_body(self._recorder, trial, frames, number=number)
+                self._body = True
         self._run.add(number, trial, time)
         self._last = time
         if self.trials % _BATCH == 0:
@@ -78,6 +84,7 @@ class Replay:
             evidence=self._run.shows_evidence,
             run_first=run_first,
             live=live,
+            body=self._body,
         )
         send_layout(self._stream, layout)
 
@@ -136,15 +143,21 @@ def write_recording(
     name: str = "run",
     only: int | None = None,
     run_first: bool = False,
+    frames: Sequence[Frame] = (),
 ) -> int:
     """Write trials into an .rrd file and return their number.
+
+    Parameters
+    ----------
+    frames : what the body did in the first trial.
 
     Raises
     ------
     OutputError : the file cannot be written; one that was there stays.
     """
+    shown = {"name": name, "only": only, "run_first": run_first}
     with draft_of(path) as draft:
-        return send_recording(trials, draft, header, name=name, only=only, run_first=run_first)
+        return send_recording(trials, draft, header, **shown, frames=frames)  # type: ignore[arg-type]
 
 
 def send_recording(
@@ -155,10 +168,19 @@ def send_recording(
     name: str = "run",
     only: int | None = None,
     run_first: bool = False,
+    frames: Sequence[Frame] = (),
 ) -> int:
     """Send trials to a file, a viewer or a feed (see `recording`), and return their number."""
     try:
-        return _send(trials, to, header, name, only, run_first)
+        with recording(name, to) as (stream, bring):
+            replay = Replay(stream, header, only=only)
+            for number, trial in enumerate(trials):
+                replay.add(trial, () if number else frames)
+                if replay.trials % _BATCH == 0:
+                    bring()
+            replay.close()
+            replay.lay_out(run_first=run_first)
+            return replay.trials
     finally:
         clean_up()
 
@@ -166,22 +188,3 @@ def send_recording(
 def clean_up() -> None:
     """End the threads of recordings that nobody holds any more; rerun leaves them running."""
     rerun_bindings.flush_and_cleanup_orphaned_recordings()
-
-
-def _send(
-    trials: Iterable[Trial],
-    to: Target,
-    header: Mapping[str, object],
-    name: str,
-    only: int | None,
-    run_first: bool,
-) -> int:
-    with recording(name, to) as (stream, bring):
-        replay = Replay(stream, header, only=only)
-        for trial in trials:
-            replay.add(trial)
-            if replay.trials % _BATCH == 0:
-                bring()
-        replay.close()
-        replay.lay_out(run_first=run_first)
-        return replay.trials

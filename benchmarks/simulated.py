@@ -1,0 +1,238 @@
+"""The arm in physics: what is told by what, accuracy and calibration on new objects, learning live.
+
+python benchmarks/simulated.py [--part answers|labels|content|live ...] [--objects N] [--asked N]
+                               [--trials N] [--jobs N] [--seed S] [--json]
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meal_bayes.datasets import Dataset
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.errors import RobotError
+from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
+from meal_bayes.evaluation.statistics import clustered_se, paired_difference
+from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.simulated import (
+    DOMAIN,
+    ask_new,
+    learn_live,
+    record_objects,
+    training_recordings,
+)
+from meal_bayes.learner import Learner
+from meal_bayes.perception import build_percept_table
+from meal_bayes.robots.simulated_arm import ObjectParameters, to_dataset
+from meal_bayes.seeds import stream
+
+AGENTS = ("bayes", "morc")
+ORDER = ("look", "press", "push", "grasp", "lift", "hold", "shake", "lower", "drop")
+
+
+class Answer(NamedTuple):
+    """One answered question about a new object."""
+
+    number: int
+    attribute: str
+    success: bool
+    cost: float  # simulated s
+    reward: float
+    positive: float  # final belief
+    truth: bool
+    cpu: float  # s
+
+
+def shuffled(data: Dataset, seed: int) -> Dataset:
+    """Label every object at random, each attribute by a fair coin."""
+    labels = stream(seed, "random labels").integers(0, 2, data.labels.shape)
+    return replace(data, labels=labels.astype(np.int8))
+
+
+def fitted(agent: str, seed: int, random_labels: bool) -> Learner:
+    """Fit a learner on the training objects."""
+    data, _ = training_recordings()
+    if random_labels:
+        data = shuffled(data, seed)
+    return Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
+
+
+def answers_about(
+    numbers: Sequence[int], *, agent: str, seed: int, asked: int, random_labels: bool = False
+) -> list[Answer]:
+    """Ask about some attributes of each new object, each in a trial of its own."""
+    learner = fitted(agent, seed, random_labels)
+    found = []
+    for number in numbers:
+        rng = stream(seed, "asked attributes", number)
+        for attribute in rng.permutation(learner.domain.attributes)[:asked].tolist():
+            learner.asked = 0  # every agent meets the same streams
+            start = time.process_time()
+            trial = ask_new(learner, Query((attribute,)), seed, number)
+            cpu = time.process_time() - start
+            truth = rng.random() < 0.5 if random_labels else bool(trial.truth[0])  # noqa: PLR2004
+            right = trial.report is not None and bool(trial.report[0]) == truth
+            positive = float(trial.last_belief.positive[0])
+            answer = (number, attribute, right, trial.cost, trial.reward, positive, truth, cpu)
+            found.append(Answer(*answer))
+    return found
+
+
+def ask_all(objects: int, jobs: int, **how: Any) -> list[Answer]:
+    """Ask about all new objects, in processes, each with a learner of its own."""
+    pieces = [range(start, objects, jobs) for start in range(jobs)]
+    found = list(in_parallel(partial(answers_about, **how), pieces, jobs=jobs))
+    return sorted((one for each in found for one in each), key=lambda one: one[:2])
+
+
+def summary(answers: Sequence[Answer]) -> dict[str, float]:
+    """Sum up the answers of one agent."""
+    right = np.array([one.success for one in answers], float)
+    objects = np.array([one.number for one in answers])
+    belief = np.array([one.positive for one in answers])
+    truth = np.array([one.truth for one in answers])
+    return {
+        "trials": len(answers),
+        "accuracy": float(right.mean()),
+        "accuracy_se": clustered_se(right, objects),
+        "cost_s": float(np.mean([one.cost for one in answers])),
+        "reward": float(np.mean([one.reward for one in answers])),
+        "ece": calibration_error(belief, truth),
+        "ece_if_calibrated": expected_calibration_error(belief, stream(0, "ece")),
+        "cpu_s": float(np.mean([one.cpu for one in answers])),
+    }
+
+
+def answers(options: argparse.Namespace) -> dict[str, Any]:
+    """Compare agents on new objects, pair by pair."""
+    how = {"seed": options.seed, "asked": options.asked}
+    found = {agent: ask_all(options.objects, options.jobs, agent=agent, **how) for agent in AGENTS}
+    ours, theirs = (found[agent] for agent in AGENTS)
+    pairs = paired_difference(
+        [one.reward for one in ours], [one.reward for one in theirs], [one.number for one in ours]
+    )
+    kinds = load_domain(DOMAIN).behaviors
+    by_attribute = {
+        name: float(np.mean([one.success for one in ours if one.attribute == name]))
+        for name in load_domain(DOMAIN).attributes
+    }
+    return {
+        "every_behavior_once_s": sum(kind.cost for kind in kinds if kind.modalities),
+        **{agent: summary(rows) for agent, rows in found.items()},
+        "bayes_by_attribute": by_attribute,
+        "reward_bayes_minus_morc": pairs._asdict(),
+    }
+
+
+def labels(options: argparse.Namespace) -> dict[str, Any]:
+    """Ask a learner whose training labels were random about objects whose truth is random."""
+    rows = ask_all(
+        options.objects, options.jobs, agent="bayes", seed=options.seed, asked=options.asked,
+        random_labels=True,
+    )  # fmt: skip
+    found = summary(rows)
+    distance = abs(found["accuracy"] - 0.5) / found["accuracy_se"]
+    return {**found, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
+
+
+def empty(drawn: ObjectParameters) -> ObjectParameters:
+    """Make it an empty box of .25 kg."""
+    return replace(drawn, shell_mass=0.25, content="nothing", content_mass=0.0, n_balls=0)
+
+
+def full(drawn: ObjectParameters) -> ObjectParameters:
+    """Make it a box of .25 kg with balls of .1 kg inside."""
+    many = drawn.half_width > drawn.half_depth
+    kind, balls = ("many small balls", 10) if many else ("few large balls", 3)
+    return replace(drawn, shell_mass=0.15, content=kind, content_mass=0.1, n_balls=balls)
+
+
+def content(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure what tells full boxes from empty ones that are equal in mass and all else."""
+    made = []
+    for alter in (empty, full):
+        twins = record_objects(
+            30, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
+        )
+        made += [replace(one, name=f"{alter.__name__} {one.name}") for one in twins]
+    data = to_dataset(load_domain(DOMAIN), made)
+    table = build_percept_table(data, attributes=["full"])
+    column = data.domain.attribute_index("full")
+    truth = data.labels[:, column] == 1
+    told = {}
+    for name in ORDER:
+        said = table.log_odds[:, :, data.domain.behavior_index(name), column].astype(float)
+        known, yes = ~np.isnan(said), said > 0.004  # noqa: PLR2004  the yes/no threshold
+        counts = [
+            [int((known & (truth[:, None] == t) & (yes == spoken)).sum()) for spoken in (0, 1)]
+            for t in (0, 1)
+        ]
+        rates = [row[t] / max(sum(row), 1) for t, row in enumerate(counts)]
+        told[name] = {"confusion": counts, "balanced_accuracy": float(np.mean(rates))}
+    return {"mass_kg": 0.25, "behaviors": told}
+
+
+def live(options: argparse.Namespace) -> dict[str, Any]:
+    """Learn from nothing, then compare the last trials with a fit on recordings of the objects."""
+    begun = time.process_time()
+    done = list(learn_live(options.trials, options.seed))
+    last = [one for one in done[-50:] if one.trial is not None]
+    cpu = time.process_time() - begun
+    made = record_objects(
+        options.trials - 50, 1, options.seed, population="live", jobs=options.jobs
+    )
+    learner = Learner(DOMAIN, seed=options.seed, logs=None)
+    learner.fit(to_dataset(load_domain(DOMAIN), made))
+    offline = []
+    for one in last:
+        try:
+            trial = ask_new(
+                learner, Query((one.attribute,)), options.seed, one.number, population="live"
+            )
+        except RobotError:
+            continue
+        offline.append(bool(trial.success))
+    blocks = [done[at : at + 20] for at in range(0, len(done), 20)]
+    return {
+        "curve": [
+            {
+                "trials": block[-1].number,
+                "agent": block[-1].agent,
+                "accuracy": float(np.mean([bool(one.trial.success) for one in block if one.trial])),
+                "cost_s": float(np.mean([one.trial.cost for one in block if one.trial])),
+            }
+            for block in blocks
+        ],
+        "last_50": float(np.mean([bool(one.trial.success) for one in last])),
+        "offline_on_the_same_objects": float(np.mean(offline)),
+        "robot_errors": sum(one.trial is None for one in done),
+        "cpu_s_a_trial": cpu / len(done),
+    }
+
+
+PARTS = {"answers": answers, "labels": labels, "content": content, "live": live}
+
+
+def main() -> None:
+    """Measure the parts that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--part", action="append", choices=PARTS)
+    parser.add_argument("--objects", type=int, default=100)
+    parser.add_argument("--asked", type=int, default=9)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    found = {part: PARTS[part](options) for part in options.part or PARTS}
+    print(json.dumps(found) if options.json else json.dumps(found, indent=2))
+
+
+if __name__ == "__main__":
+    main()

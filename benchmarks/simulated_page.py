@@ -1,0 +1,118 @@
+"""Write docs/from_nothing_to_answers.md with its pictures.
+
+python benchmarks/simulated_page.py [--results FILE ...]
+
+What the page tells is measured on the way (half an hour of one core); with --results it is what
+`python benchmarks/simulated.py --json > FILE` found before, each file some of its parts.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+
+from meal_bayes.evaluation.plots import Series, lines, save
+from meal_bayes.robots.simulated_arm import SimulatedArm, draw_object
+from meal_bayes.robots.simulated_arm.camera import take_picture
+
+mpl.use("Agg")
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE = "from_nothing_to_answers.md"
+SHOWN = ("look", "grasp", "lift", "drop", "push")
+TEMPLATE = Path(__file__).with_suffix(".md")
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--results", type=Path, nargs="+", metavar="FILE")
+    parser.add_argument("--out", type=Path, default=DOCS)
+    options = parser.parse_args()
+    texts = [file.read_text() for file in options.results] if options.results else [measure()]
+    found = {part: result for text in texts for part, result in json.loads(text).items()}
+    draw_moments(options.out / "simulated_arm.png")
+    draw_curve(found["live"]["curve"], options.out / "simulated_live.png")
+    (options.out / PAGE).write_text(page(found), encoding="utf-8")
+    print(options.out / PAGE)
+
+
+def measure() -> str:
+    """Run the benchmark."""
+    script = Path(__file__).with_name("simulated.py")
+    command = [sys.executable, str(script), "--json"]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def page(found: dict[str, Any]) -> str:
+    """Fill the page in."""
+    told = found["content"]["behaviors"]
+    answers, difference = found["answers"], found["answers"]["reward_bayes_minus_morc"]
+    rows = [row(name, answers[name]) for name in ("bayes", "morc")]
+    return TEMPLATE.read_text(encoding="utf-8").format(
+        moments=", ".join(SHOWN),
+        picture="simulated_arm.png",
+        curve="simulated_live.png",
+        chance=found["labels"]["accuracy"],
+        distance=found["labels"]["standard_errors_from_base_rate"],
+        content_head=" | ".join(told),
+        content_rule=" | ".join("--:" for _ in told),
+        content_row=" | ".join(f"{one['balanced_accuracy']:.2f}" for one in told.values()),
+        trials=answers["bayes"]["trials"],
+        once=answers["every_behavior_once_s"],
+        agents="\n".join(rows),
+        difference=difference["estimate"],
+        low=difference["low"],
+        high=difference["high"],
+        live_trials=found["live"]["curve"][-1]["trials"],
+        last=found["live"]["last_50"],
+        offline=found["live"]["offline_on_the_same_objects"],
+    )
+
+
+def row(agent: str, summary: dict[str, float]) -> str:
+    """Write an agent's row."""
+    return (
+        f"| {agent} | {summary['accuracy']:.3f} ± {summary['accuracy_se']:.3f} "
+        f"| {summary['cost_s']:.1f} | {summary['reward']:.1f} "
+        f"| {summary['ece']:.3f} ({summary['ece_if_calibrated']:.3f}) | {summary['cpu_s']:.2f} |"
+    )
+
+
+def draw_moments(path: Path) -> None:
+    """Draw what the camera sees after some behaviors, at a finer resolution than the robot's."""
+    arm = SimulatedArm(draw_object(2, "new", 0), 2, "picture")
+    arm.start()
+    pictures = []
+    for behavior in SHOWN:
+        arm.execute(behavior)
+        pictures.append(take_picture(arm.scene, (240, 240)))
+    gap = np.ones((240, 6, 3))
+    joined = np.hstack([part for one in pictures for part in (one, gap)][:-1])
+    plt.imsave(path, joined, metadata={"Software": None})
+
+
+def draw_curve(curve: list[dict[str, Any]], path: Path) -> None:
+    """Draw accuracy and cost of one block of trials after another."""
+    ends = np.array([point["trials"] for point in curve], float)
+    figure, axes = plt.subplots(1, 2, figsize=(8.4, 2.9), layout="constrained")
+    for ax, key, label in zip(
+        axes, ("accuracy", "cost_s"), ("accuracy", "simulated s a trial"), strict=True
+    ):
+        series = Series("20 trials", ends, np.array([point[key] for point in curve], float))
+        lines([series], x_label="trials", y_label=label, share=key == "accuracy", ax=ax)
+        explored = sum(point["agent"] == "random_legal" for point in curve)
+        if explored:
+            ax.axvspan(0, ends[explored - 1], color="0.9", lw=0, label="exploring")
+    save(axes[0], path)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,300 @@
+"""`meal-bayes sim`: an arm in physics records objects, and is asked about new ones."""
+
+import json
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.table import Table
+
+from meal_bayes.cli.answer import trial_facts
+from meal_bayes.cli.options import agent_value, jobs_option, json_option, logs_option, seed_option
+from meal_bayes.cli.program import Section
+from meal_bayes.cli.screen import note, output, patience, prepare_planner, progress
+from meal_bayes.cli.story import tell_briefly
+
+if TYPE_CHECKING:
+    from meal_bayes.agents import Trial
+    from meal_bayes.datasets import Dataset
+    from meal_bayes.domain import Outcomes, TransitionDiagram
+    from meal_bayes.experiments.simulated import LiveTrial
+    from meal_bayes.learner import Learner
+    from meal_bayes.robots.frame import Frame
+    from meal_bayes.robots.simulated_arm import OnFrame
+
+_BLOCK = 20  # trials of one point of the curve
+_TEXTS = ("behavior", "from", "to", "trials", "agent")  # columns
+_FAULT = 1  # exit code of a trial that the body broke off
+
+agent_option = click.option(
+    "--agent", default="bayes", show_default=True, metavar="NAME", help="Who answers."
+)
+success_option = click.option(
+    "--learn-success", is_flag=True,
+    help="Learn how often behaviors succeed from what happened, and show it.",
+)  # fmt: skip
+
+
+@click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
+def sim() -> None:
+    """Let an arm in physics (MuJoCo, extra `sim`) touch objects, and ask it about new ones."""
+
+
+@sim.command(short_help="Record objects as a data set of your own.")
+@click.option("--objects", type=click.IntRange(min=2), default=30, show_default=True)
+@click.option("--recordings", type=click.IntRange(min=1), default=5, show_default=True)
+@click.option(
+    "--out", required=True, type=click.Path(file_okay=False, path_type=Path),
+    help="The folder for the CSV files and the table of the domain.",
+)  # fmt: skip
+@seed_option()
+@jobs_option
+def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
+    """Record every behavior on objects drawn from the seed, as CSV files and a TOML.
+
+    What fails is tried again; an object that slips again and again has fewer recordings.
+    """
+    from meal_bayes.experiments.simulated import outcomes_of, record_objects, save_recordings
+
+    with progress("recording", "objects") as advance:
+        made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
+    path = save_recordings(made, out)
+    click.echo(f"{out}: {objects} objects, up to {recordings} recordings of each behavior")
+    _print_outcomes(outcomes_of(made))
+    note(
+        "make percepts of them with: meal-bayes data percepts "
+        f"--dataset {path} --root {out} --out {out}/percepts.npz"
+    )
+
+
+@sim.command(short_help="Ask about a new object, which the arm then touches.")
+@click.argument("question")
+@agent_option
+@click.option("--objects", type=click.IntRange(min=2), default=30, show_default=True,
+              help="Training objects; recorded once, then kept.")  # fmt: skip
+@click.option("--recordings", type=click.IntRange(min=1), default=3, show_default=True,
+              help="Recordings of each.")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1,
+              show_default="one a core", help="Processes that record them.")  # fmt: skip
+@success_option
+@click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
+@click.option(
+    "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd",
+    help="Write what --view would show.",
+)  # fmt: skip
+@seed_option()
+@logs_option
+@json_option
+def ask(
+    question: str,
+    agent: str,
+    objects: int,
+    recordings: int,
+    jobs: int,
+    learn_success: bool,
+    view: bool,
+    save: Path | None,
+    seed: int,
+    logs: Path,
+    as_json: bool,
+) -> None:
+    """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
+
+    The learner knows recordings of training objects, made on the way the first time, and meets an
+    object that nobody recorded: it decides, the arm executes, until it can report. The trial is
+    logged step by step.
+    """
+    from meal_bayes.errors import RobotError
+    from meal_bayes.experiments.simulated import (
+        ask_new,
+        training_recordings,
+        with_learned_success,
+    )
+    from meal_bayes.trial_log import read_trials
+    from meal_bayes.viewer.window import check_recording_name
+
+    recording = None if save is None else check_recording_name(save)
+    with progress("recording training objects", "objects") as advance:
+        data, happened = training_recordings(objects, recordings, jobs=jobs, progress=advance)
+    if learn_success:
+        if not as_json:
+            _print_success(data.domain.diagram, happened)
+        data = with_learned_success(data, happened)
+    learner = _fitted(agent, seed, data)
+    log = logs / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}.mcap"
+    frames: list[Frame] = []
+    watch = _watch(frames) if view or recording is not None else None
+    try:
+        trial = ask_new(learner, question, seed, on_frame=watch, log=log)
+    except RobotError:
+        (trial,) = read_trials(log)  # as far as it went
+    if as_json:
+        click.echo(json.dumps({**trial_facts(trial), "seed": seed, "log": str(log)}))
+    else:
+        tell_briefly(output(), trial)
+        note(f"every decision and its reasons: meal-bayes log show {log}")
+    if recording is not None:
+        _write_view(trial, frames, recording)
+    if view:
+        _view(trial, frames)
+    if trial.ended:
+        note(trial.ended)
+        click.get_current_context().exit(_FAULT)
+
+
+@sim.command(short_help="Begin with one object, and learn while answering.")
+@click.option("--trials", type=click.IntRange(min=1), default=200, show_default=True)
+@click.option("--explore", type=click.IntRange(min=0), default=20, show_default=True,
+              help="Trials in which random legal behaviors are tried.")  # fmt: skip
+@click.option("--refit-every", type=click.IntRange(min=1), default=20, show_default=True,
+              help="Trials until all classifiers are fitted anew.")  # fmt: skip
+@agent_option
+@success_option
+@seed_option()
+@logs_option
+@json_option
+def live(
+    trials: int,
+    explore: int,
+    refit_every: int,
+    agent: str,
+    learn_success: bool,
+    seed: int,
+    logs: Path,
+    as_json: bool,
+) -> None:
+    """Learn from nothing: one random attribute of each new object is asked, then all is told.
+
+    The robot has touched a single object before. At first it explores; then the agent decides.
+    """
+    from meal_bayes.agents import as_agent
+    from meal_bayes.experiments.simulated import learn_live, outcomes_in
+
+    recipe = as_agent(agent_value(agent))
+    folder = logs / f"sim-live-{recipe.name}-seed{seed}"
+    if recipe.searches:
+        prepare_planner()
+    done: list[LiveTrial] = []
+    happened: Counter[tuple[str, str, str]] = Counter()
+    with progress("living", "trials") as advance:
+        for one in learn_live(
+            trials, seed, agent=recipe, explore=explore, refit_every=refit_every,
+            learn_success=learn_success, logs=folder,
+        ):  # fmt: skip
+            done.append(one)
+            if one.trial is not None:
+                happened += outcomes_in(one.trial)
+            advance(len(done), trials)
+    if as_json:
+        click.echo(json.dumps({"trials": [_live_row(one) for one in done], "log": str(folder)}))
+        return
+    _print_curve(done)
+    if learn_success:
+        from meal_bayes.domain import load_domain
+
+        _print_success(load_domain("simulated_arm").diagram, happened)
+    note(f"every trial: meal-bayes log show {folder}")
+
+
+def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
+    from meal_bayes.learner import Learner
+
+    learner = Learner(data.domain, agent=agent_value(agent), seed=seed, logs=None)
+    if learner.agent.searches:
+        prepare_planner()
+    with patience(f"learning from {len(data.objects)} objects ..."):
+        return learner.fit(data)
+
+
+def _watch(frames: "list[Frame]") -> "OnFrame":
+    from meal_bayes.robots.simulated_arm.frame import frame_of
+
+    return lambda scene: frames.append(frame_of(scene))
+
+
+def _write_view(trial: "Trial", frames: "list[Frame]", path: Path) -> None:
+    from meal_bayes.viewer import write_recording
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
+    note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
+
+
+def _view(trial: "Trial", frames: "list[Frame]") -> None:
+    import tempfile
+
+    from meal_bayes.viewer import Viewer
+
+    with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
+        recording = Path(folder) / "sim.rrd"
+        _write_view(trial, frames, recording)
+        with Viewer([recording]) as viewer:
+            viewer.wait()
+
+
+def _live_row(one: "LiveTrial") -> dict[str, object]:
+    row = {"number": one.number, "agent": one.agent, "asked": one.attribute, "fault": one.fault}
+    return row if one.trial is None else {**row, **trial_facts(one.trial)}
+
+
+def _print_curve(done: "list[LiveTrial]") -> None:
+    """Print accuracy and cost of one block of trials after another."""
+    table = _table("trials", "agent", "accuracy", "s a trial", "robot errors")
+    for start in range(0, len(done), _BLOCK):
+        block = done[start : start + _BLOCK]
+        trials = [one.trial for one in block if one.trial is not None]
+        right = sum(bool(trial.success) for trial in trials)
+        cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
+        agents = ", ".join(dict.fromkeys(one.agent for one in block))
+        table.add_row(
+            f"{block[0].number}-{block[-1].number}", agents,
+            f"{right / max(len(trials), 1):.2f}", f"{cost:.1f}", str(len(block) - len(trials)),
+        )  # fmt: skip
+    output().print(table)
+
+
+def _print_outcomes(happened: "Outcomes") -> None:
+    """Print what each behavior led to, and how often."""
+    table = _table("behavior", "from", "to", "times", "fraction")
+    tried = _tried(happened)
+    for (state, behavior, after), count in sorted(happened.items()):
+        fraction = f"{count / tried[state, behavior]:.3f}"
+        table.add_row(behavior, state, after, str(count), fraction)
+    output().print(table)
+
+
+def _print_success(diagram: "TransitionDiagram", happened: "Outcomes") -> None:
+    """Print the probability of every arrow: learned, and as 300 objects gave it."""
+    from meal_bayes.domain import learn_diagram
+
+    table = _table("behavior", "from", "to", "tried", "learned", "of 300 objects")
+    tried = _tried(happened)
+    true = {(e.source, e.behavior, e.target): e.probability for e in diagram.effects}
+    for effect in learn_diagram(diagram, happened).effects:
+        key = (effect.source, effect.behavior, effect.target)
+        count = tried[effect.source, effect.behavior]
+        table.add_row(
+            effect.behavior, effect.source, effect.target, str(count),
+            f"{effect.probability:.3f}", f"{true[key]:.3f}",
+        )  # fmt: skip
+    output().print(table)
+
+
+def _tried(happened: "Outcomes") -> Counter[tuple[str, str]]:
+    tried: Counter[tuple[str, str]] = Counter()
+    for (state, behavior, _), count in happened.items():
+        tried[state, behavior] += count
+    return tried
+
+
+def _table(*names: str) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in names:
+        table.add_column(name, justify="left" if name in _TEXTS else "right")
+    return table
+
+
+def _slug(text: str) -> str:
+    return "-".join("".join(c if c.isalnum() else " " for c in text.lower()).split())[:50]

@@ -1,0 +1,234 @@
+"""The arm in physics, from recordings to answers: through the public `Learner` alone.
+
+`training_recordings` gives what a learner is fitted on; `ask_new` lets it meet a new object;
+`learn_live` begins with a single object and learns while it answers.
+"""
+
+import hashlib
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import resources
+from pathlib import Path
+
+from meal_bayes.agents import Trial
+from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
+from meal_bayes.domain import Outcomes, Query, learn_diagram, load_domain, read_query
+from meal_bayes.errors import RobotError
+from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.learner import Learner
+from meal_bayes.robots.simulated_arm import (
+    ObjectParameters,
+    OnFrame,
+    Recorded,
+    SimulatedArm,
+    attributes_of,
+    draw_object,
+    record_object,
+    to_dataset,
+)
+from meal_bayes.seeds import stream
+
+DOMAIN = "simulated_arm"
+OUTCOMES = "outcomes.json"
+TRAINING_SEED = 0
+
+Progress = Callable[[int, int], None]
+Happened = Counter[tuple[str, str, str]]
+
+
+def record_objects(
+    objects: int,
+    recordings: int,
+    seed: int,
+    *,
+    population: str = "training",
+    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
+    jobs: int = 1,
+    progress: Progress = lambda *_: None,
+) -> list[Recorded]:
+    """Record objects drawn from a seed, in processes.
+
+    Parameters
+    ----------
+    alter : changes objects that were drawn; see `record_object`.
+    progress : called with (objects recorded, objects in all).
+    """
+    work = partial(
+        record_object, recordings=recordings, seed=seed, population=population, alter=alter
+    )
+    found = []
+    for recorded in in_parallel(work, range(objects), jobs=jobs):
+        found.append(recorded)
+        progress(len(found), objects)
+    return sorted(found, key=lambda one: one.name)
+
+
+def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
+    """Sum up what each behavior led to."""
+    return sum((one.happened for one in recorded), Happened())
+
+
+def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
+    """Write recordings, what happened, and the domain's table; return the table's path."""
+    save_csv_folder(to_dataset(load_domain(DOMAIN), recorded), folder)
+    rows = [[*key, count] for key, count in sorted(outcomes_of(recorded).items())]
+    (folder / OUTCOMES).write_text(json.dumps(rows) + "\n", encoding="utf-8")
+    table = resources.files("meal_bayes.domain") / "tables" / f"{DOMAIN}.toml"
+    path = folder / f"{DOMAIN}.toml"
+    path.write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
+    return path
+
+
+def training_recordings(
+    objects: int = 30,
+    recordings: int = 3,
+    *,
+    jobs: int = 1,
+    progress: Progress = lambda *_: None,
+) -> tuple[Dataset, Happened]:
+    """Return the recordings of training objects, and what happened while they were made.
+
+    They are recorded once and kept in the cache folder, under a name that tells with which physics.
+    """
+    name = f"{DOMAIN}-{objects}x{recordings}-{_physics_digest()}"
+    folder = cache_folder() / name
+    if not folder.is_dir():
+        made = record_objects(objects, recordings, TRAINING_SEED, jobs=jobs, progress=progress)
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache_folder(), prefix=f"{name}.") as unfinished:
+            save_recordings(made, Path(unfinished) / name)
+            if not folder.is_dir():  # another process may have been quicker
+                (Path(unfinished) / name).replace(folder)
+    rows = json.loads((folder / OUTCOMES).read_text(encoding="utf-8"))
+    happened = Happened({(state, behavior, after): n for state, behavior, after, n in rows})
+    return load_dataset(DOMAIN, root=folder), happened
+
+
+def _physics_digest() -> str:
+    """Digest what recordings come out of: the room's files and the version of MuJoCo."""
+    from importlib.metadata import version  # noqa: PLC0415  costs as much as the rest
+
+    digest = hashlib.sha256(version("mujoco").encode())
+    files = resources.files("meal_bayes.robots.simulated_arm").iterdir()
+    for file in sorted(files, key=lambda file: file.name):
+        if file.name.endswith((".py", ".xml")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:8]
+
+
+def with_learned_success(data: Dataset, happened: Outcomes) -> Dataset:
+    """Return the recordings under a diagram whose probabilities are learned from what happened."""
+    diagram = learn_diagram(load_domain(DOMAIN).diagram, happened)
+    return replace(data, domain=replace(data.domain, diagram=diagram))
+
+
+def ask_new(
+    learner: Learner,
+    question: str | Query,
+    seed: int,
+    number: int = 0,
+    *,
+    population: str = "new",
+    on_frame: OnFrame | None = None,
+    log: Path | None = None,
+) -> Trial:
+    """Let a learner meet an object that nobody recorded.
+
+    Raises
+    ------
+    RobotError : a fault of the body; the trial is logged as far as it went.
+    """
+    parameters = draw_object(seed, population, number)
+    arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
+    asked = question if isinstance(question, Query) else read_query(question, learner.domain)
+    truth = attributes_of(parameters)
+    known = {name: truth[name] for name in asked.attributes}
+    return learner.ask(
+        asked, arm, truth=known, object_name=f"{population} {seed}-{number}", log=log
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LiveTrial:
+    """One trial of a learner that learns while it works.
+
+    Attributes
+    ----------
+    number : of the object, from 1; object 0 is the one that it began with.
+    agent : who decided.
+    attribute : what was asked.
+    trial : None where the body failed.
+    fault : why it did.
+    """
+
+    number: int
+    agent: str
+    attribute: str
+    trial: Trial | None
+    fault: str = ""
+
+
+def learn_live(
+    trials: int,
+    seed: int,
+    *,
+    agent: object = "bayes",
+    explore: int = 20,
+    refit_every: int = 20,
+    learn_success: bool = False,
+    logs: Path | None = None,
+) -> Iterator[LiveTrial]:
+    """Answer questions about one new object after another, and learn from each.
+
+    The robot begins with a single object, on which it tries every behavior. Then it is asked one
+    random attribute of each new object; after its answer a person says all that is true of it, and
+    the posterior is updated at once. During the first trials `random_legal` explores.
+
+    Parameters
+    ----------
+    explore : trials that `random_legal` decides, as an agent that knows nothing tries nothing.
+    refit_every : trials until all classifiers are fitted anew.
+    learn_success : learn the diagram's probabilities too, at every refit.
+    logs : folder of the logs; None logs nothing.
+    """
+    first = record_object(0, recordings=1, seed=seed, population="live")
+    data, happened = to_dataset(load_domain(DOMAIN), [first]), first.happened.copy()
+    learner = Learner(DOMAIN, agent="random_legal", seed=seed, logs=None).fit(data)
+    for number in range(1, trials + 1):
+        known = with_learned_success(data, happened) if learn_success else data
+        if number == explore + 1:
+            grown = Learner(DOMAIN, agent=agent, seed=seed, logs=None)
+            learner = grown.resume(known, learner.lessons, [True] * len(learner.lessons))
+        elif number > 1 and (number - 1) % refit_every == 0:
+            learner.fit(known)
+        yield _live_trial(learner, seed, number, logs, happened)
+
+
+def _live_trial(
+    learner: Learner, seed: int, number: int, logs: Path | None, happened: Happened
+) -> LiveTrial:
+    """Ask, tell, and count what happened."""
+    rng = stream(seed, "simulated questions", number)
+    attribute = str(rng.choice(learner.domain.attributes))
+    log = None if logs is None else logs / f"{number:05d}.mcap"
+    try:
+        trial = ask_new(learner, Query((attribute,)), seed, number, population="live", log=log)
+    except RobotError as fault:
+        return LiveTrial(number, learner.agent.name, attribute, None, str(fault))
+    happened.update(outcomes_in(trial))
+    learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
+    return LiveTrial(number, learner.agent.name, attribute, trial)
+
+
+def outcomes_in(trial: Trial) -> Happened:
+    """Count what the behaviors of a trial led to."""
+    names = trial.momdp.x_names
+    return Happened(
+        (names[step.x], trial.momdp.behavior_names[step.decision.action], names[step.next_x])
+        for step in trial.steps
+        if step.decision.action < trial.momdp.n_behaviors
+    )

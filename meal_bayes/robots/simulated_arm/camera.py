@@ -1,0 +1,71 @@
+"""The camera: a picture by casting rays, so that it needs no display, no GPU and no GL library."""
+
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.robots.simulated_arm.model import SHELL_GROUP
+
+if TYPE_CHECKING:
+    from meal_bayes.robots.simulated_arm.physics import Scene
+
+Floats = NDArray[np.float64]
+
+SIZE = (48, 64)  # rows and columns of what the robot sees
+PIXEL_NOISE = 0.05  # standard deviation, of intensities in [0, 1]
+_LIGHT = np.array([0.4, -0.7, 0.6]) / np.linalg.norm([0.4, -0.7, 0.6])
+_BACKGROUND = (0.86, 0.88, 0.91)
+_DIFFERENT = 0.25  # by which a pixel with the object differs from one without
+_FAR = 5.0  # m
+
+
+def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = False) -> Floats:
+    """Return the picture of the front camera, (rows, columns, 3) in [0, 1], without noise.
+
+    Parameters
+    ----------
+    empty : leave the object out, as the robot remembers the table.
+    """
+    model, data = scene.model, scene.data
+    camera = model.camera("front").id
+    rows, columns = size
+    half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
+    up = half * (1 - 2 * (np.arange(rows) + 0.5) / rows)
+    right = half * columns / rows * (2 * (np.arange(columns) + 0.5) / columns - 1)
+    local = np.stack([*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1).reshape(
+        -1, 3
+    )
+    rays = local @ data.cam_xmat[camera].reshape(3, 3).T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    shown = np.ones(6, dtype=np.uint8)
+    shown[SHELL_GROUP] = not empty
+    geoms, far = np.empty(len(rays), dtype=np.int32), np.empty(len(rays))
+    normals = np.empty((len(rays), 3))
+    mujoco.mj_multiRay(
+        model, data, data.cam_xpos[camera], rays.ravel(), shown, 1, -1, geoms, far,
+        normals.ravel(), len(rays), _FAR,
+    )  # fmt: skip
+    brightness = 0.55 + 0.45 * np.abs(normals @ _LIGHT)
+    colors = model.geom_rgba[geoms, :3] * brightness[:, None]
+    colors[geoms < 0] = _BACKGROUND
+    picture: Floats = np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3)
+    return picture
+
+
+def picture_features(scene: "Scene", rng: np.random.Generator) -> dict[str, Floats]:
+    """Return what is seen of the object: its mean color, (3,), and height, width, area in pixels.
+
+    The object is where a noisy picture differs from the memory of the empty table.
+    """
+    picture = take_picture(scene)
+    picture += rng.normal(0.0, PIXEL_NOISE, picture.shape)
+    difference = np.abs(picture - take_picture(scene, empty=True)).max(axis=2)
+    mask = difference > _DIFFERENT
+    rows, columns = mask.sum(axis=1) > 1, mask.sum(axis=0) > 1
+    color = picture[mask].mean(axis=0) if mask.any() else np.zeros(3)
+    return {
+        "color": color,
+        "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float),
+    }

@@ -1,0 +1,201 @@
+"""Stepping the scene: command the gantry, record channels, notice faults."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.errors import RobotError
+from meal_bayes.robots.simulated_arm.model import build_model
+from meal_bayes.robots.simulated_arm.objects import ObjectParameters
+
+Floats = NDArray[np.float64]
+
+CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
+FRAMES_PER_SECOND = 30  # of simulated time
+OPEN = 0.05  # m, of each finger
+_Z, _LEFT = 1, 2  # places in qpos; the hand's joints come first in scene.xml
+_APART = 0.01  # m, of each finger
+_FALLEN = -0.1  # m, below the table
+_STRETCH = 0.3  # m, an object that came apart
+_BROKEN = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+_SETTLE = 0.4  # s, before a trial; costs nothing
+_HIGH = 0.25  # m, where the hand waits
+
+# MuJoCo would write what it warns of into a file in the working directory; `_check` reads it.
+mujoco.set_mju_user_warning(lambda _: None)
+
+OnFrame = Callable[["Scene"], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One piece of a behavior: go smoothly to a command, with a wave in z on top if there is one.
+
+    Attributes
+    ----------
+    seconds : duration, s.
+    y, z, width : m, the command at the end; None keeps it.
+    recorded : whether the channels are recorded.
+    press : N, limit of the downward force; None is the gantry's own.
+    wave : (m, Hz), amplitude and frequency.
+    """
+
+    seconds: float
+    y: float | None = None
+    z: float | None = None
+    width: float | None = None
+    recorded: bool = False
+    press: float | None = None
+    wave: tuple[float, float] | None = None
+
+
+class Scene:
+    """One object on the table, and the arm.
+
+    Parameters
+    ----------
+    parameters : the object; only the model's builder reads them.
+    rng : where the object lies, and how it is turned.
+    on_frame : called `FRAMES_PER_SECOND` times a simulated second.
+    """
+
+    def __init__(
+        self,
+        parameters: ObjectParameters,
+        rng: np.random.Generator,
+        on_frame: OnFrame | None = None,
+    ) -> None:
+        self.model = build_model(parameters)
+        self.data = mujoco.MjData(self.model)
+        self._rng, self._on_frame = rng, on_frame
+        self._object = self.model.body("object").id
+        parents = self.model.body_parentid
+        shell = [b for b in range(self.model.nbody) if self._object in (b, parents[b])]
+        self._is_shell = np.isin(self.model.geom_bodyid, shell)
+        self._pads = [self.model.geom(f"pad_{side}").id for side in ("left", "right")]
+        self._z_limit = self.model.actuator("z").forcerange.copy()
+        self._frames = 0
+        self.put_back()
+        self._show()
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time, s."""
+        return float(self.data.time)
+
+    @property
+    def opening(self) -> tuple[float, float]:
+        """How far each finger was told to open, and how far it is open, m."""
+        return float(self.data.ctrl[2]), float(self.data.qpos[_LEFT])
+
+    @property
+    def object_place(self) -> Floats:
+        """Where the object's middle is, (3,) m."""
+        return np.array(self.data.xpos[self._object])
+
+    @property
+    def upright(self) -> float:
+        """Cosine of the object's tilt."""
+        return float(self.data.xmat[self._object, 8])
+
+    def put_back(self) -> None:
+        """Reset the object to its place, as a person would, and wait until it rests; it is free."""
+        now = self.data.time
+        mujoco.mj_resetData(self.model, self.data)
+        turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
+        self._move_object(float(np.clip(turn, -0.1, 0.1)), np.clip((x, y), -0.004, 0.004))
+        self.data.qpos[self.model.joint("z").qposadr] = _HIGH
+        for side in ("left", "right"):
+            self.data.qpos[self.model.joint(side).qposadr] = OPEN
+        self.data.ctrl[:] = (0.0, _HIGH, OPEN)
+        on_frame, self._on_frame = self._on_frame, None
+        self.move(Motion(_SETTLE))
+        self._on_frame = on_frame
+        self.data.time = now
+        self.home = self.object_place
+
+    def _move_object(self, turn: float, shift: Floats) -> None:
+        """Turn the object and its content about the vertical, rad, and shift them, m."""
+        cos, sin = np.cos(turn), np.sin(turn)
+        spin = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
+        for joint in range(self.model.njnt):
+            if self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+                at = self.model.jnt_qposadr[joint]
+                x, y = self.data.qpos[at : at + 2]
+                self.data.qpos[at : at + 2] = cos * x - sin * y, sin * x + cos * y
+                self.data.qpos[at : at + 2] += shift
+                self.data.qpos[at + 3 : at + 7] = spin
+
+    def held(self) -> bool:
+        """Whether the fingers are apart and both fingertips touch the object."""
+        if self.data.qpos[_LEFT] < _APART:
+            return False
+        pairs = self.data.contact.geom
+        return all(
+            bool(self._is_shell[pairs[(pairs == pad).any(axis=1)]].any()) for pad in self._pads
+        )
+
+    def move(self, motion: Motion) -> Floats:
+        """Execute a motion and return the channels of its time steps, (T, channels).
+
+        Raises
+        ------
+        RobotError : the object fell off the table or came apart, or the state is not finite.
+        """
+        steps = round(motion.seconds / self.model.opt.timestep)
+        begin = self.data.ctrl.copy()
+        goals = (motion.y, motion.z, motion.width)
+        end = np.array([b if goal is None else goal for b, goal in zip(begin, goals, strict=True)])
+        limit = self._z_limit.copy()
+        if motion.press is not None:
+            limit[0] = -motion.press
+        self.model.actuator("z").forcerange = limit
+        channels = np.empty((steps, len(CHANNELS)))
+        for step in range(steps):
+            part = (step + 1) / steps
+            smooth = part**3 * (10 - 15 * part + 6 * part**2)  # minimum jerk
+            self.data.ctrl[:] = begin + smooth * (end - begin)
+            if motion.wave is not None:
+                height, hertz = motion.wave
+                turn = 2 * np.pi * hertz * (step + 1) * self.model.opt.timestep
+                self.data.ctrl[1] += height * np.sin(turn)
+            mujoco.mj_step(self.model, self.data)
+            channels[step] = self._sense()
+            self._show()
+        self.data.ctrl[:] = end
+        if motion.press is not None:  # go on from where the press ended
+            self.data.ctrl[1] = self.data.joint("z").qpos[0]
+        self._check()
+        return channels
+
+    def _sense(self) -> Floats:
+        data = self.data
+        _, y, z = data.xpos[self._object]
+        push, force, _ = data.actuator_force
+        return np.array(
+            (force, push, 2 * data.qpos[_LEFT], data.qpos[_Z], y, z, data.sensordata[0])
+        )
+
+    def _show(self) -> None:
+        if self._on_frame is not None and self.data.time * FRAMES_PER_SECOND >= self._frames:
+            self._frames = int(self.data.time * FRAMES_PER_SECOND) + 1
+            self._on_frame(self)
+
+    def _check(self) -> None:
+        data = self.data
+        if any(data.warning[kind].number for kind in _BROKEN) or not (
+            np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
+        ):
+            raise RobotError("the physics broke down: a position or speed is not finite")
+        if self.object_place[2] < _FALLEN:
+            raise RobotError("the object fell off the table")
+        content = data.xpos[self._object + 1 :]
+        if (np.abs(content - self.object_place) > _STRETCH).any():
+            raise RobotError("the object came apart: its content is outside")

@@ -1,0 +1,117 @@
+"""Through the public `Learner`: recorded once, asked about new objects, learning live."""
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from meal_bayes.errors import RobotError
+from meal_bayes.learner import Learner
+from meal_bayes.seeds import stream
+from meal_bayes.trial_log import read_trials
+
+ATTRIBUTES = ("heavy", "tall", "soft", "red", "rattles")
+
+
+@pytest.fixture(scope="module")
+def room(sim):
+    return import_module("meal_bayes.experiments.simulated")
+
+
+@pytest.fixture(scope="module")
+def training(room, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield room.training_recordings(16, 1)
+
+
+def accuracy(room, data, truths=None):
+    """Ask one attribute of each of 30 new objects."""
+    learner = Learner("simulated_arm", agent="greedy", logs=None).fit(data)
+    right = []
+    for number in range(30):
+        attribute = ATTRIBUTES[number % len(ATTRIBUTES)]
+        trial = room.ask_new(learner, attribute, 5, number)
+        truth = trial.truth[0] if truths is None else truths[number]
+        right.append(trial.report[0] == truth)
+    return np.mean(right)
+
+
+def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
+    data, happened = training
+    assert len(data.objects) == 16
+    assert happened["ready", "look", "ready"] == 16
+    monkeypatch.setattr(room, "record_object", None)  # it is not called again
+    again, counted = room.training_recordings(16, 1)
+    assert counted == happened
+    for context, values in data.features.items():
+        np.testing.assert_array_equal(again.features[context], values)
+
+
+def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
+    data, _ = training
+    rng = stream(0, "labels by a coin")
+    labels = rng.integers(0, 2, data.labels.shape).astype(np.int8)
+    truths = rng.integers(0, 2, 30)
+    by_chance = accuracy(room, replace(data, labels=labels), truths)
+    assert abs(by_chance - 0.5) < 2 * np.sqrt(0.25 / 30)
+    assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
+
+
+def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
+    learner = Learner("simulated_arm", agent="greedy", logs=None).fit(training[0])
+    trials = []
+    for name in ("a", "b"):
+        learner.asked = 0
+        log = tmp_path / f"{name}.mcap"
+        trials.append(room.ask_new(learner, "Is it heavy, and does it rattle?", 7, log=log))
+    assert trials[0].task.query.attributes == ("heavy", "rattles")
+    assert (trials[0].truth >= 0).all()
+    actions = [[step.decision.action for step in trial.steps] for trial in trials]
+    assert actions[0] == actions[1]
+    np.testing.assert_array_equal(*(trial.last_belief.positive for trial in trials))
+    (logged,) = read_trials(tmp_path / "a.mcap")
+    assert logged.cost == trials[0].cost
+
+
+def test_success_is_learned_from_what_happened(room, training):
+    data, happened = training
+    tried = happened["lifted", "shake", "lifted"]
+    learned = room.with_learned_success(data, happened | {("lifted", "shake", "ready"): 7 * tried})
+    shake = {
+        e.target: e.probability for e in learned.domain.diagram.effects if e.behavior == "shake"
+    }
+    assert shake["ready"] == pytest.approx(7 / 8, abs=0.05)
+    Learner(learned.domain, agent="greedy", logs=None).fit(learned)
+
+
+def test_it_learns_live_from_a_single_object(room, tmp_path):
+    done = list(room.learn_live(
+        14, 3, agent="greedy", explore=8, refit_every=5, learn_success=True, logs=tmp_path
+    ))  # fmt: skip
+    assert [one.number for one in done] == list(range(1, 15))
+    assert [one.agent for one in done] == ["random_legal"] * 8 + ["greedy"] * 6
+    assert all(one.trial is not None for one in done)
+    assert len(list(tmp_path.glob("*.mcap"))) == 14
+    explored = [len(one.trial.steps) for one in done[:8]]
+    assert min(explored) > 3
+
+
+def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, monkeypatch):
+    execute = sim.SimulatedArm.execute
+
+    def failing(arm, behavior):
+        if "00002" in {path.stem for path in tmp_path.glob("*.active")} | {
+            path.name[:5] for path in tmp_path.glob("00002*")
+        } and not list(tmp_path.glob("00003*")):
+            raise RobotError("the object fell off the table")
+        return execute(arm, behavior)
+
+    monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
+    done = list(room.learn_live(3, 3, agent="greedy", explore=3, logs=tmp_path))
+    assert [one.fault for one in done] == ["", "the object fell off the table", ""]
+    assert done[1].trial is None
+    (broken,) = read_trials(tmp_path / "00002.mcap")
+    assert broken.ended == "robot error: RobotError: the object fell off the table"
+    assert broken.report is None

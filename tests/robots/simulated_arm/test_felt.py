@@ -1,0 +1,102 @@
+"""What a behavior feels comes out of the physics: it follows the parameter that causes it."""
+
+import numpy as np
+import pytest
+
+from meal_bayes.domain import load_domain
+
+GRAVITY = 9.81  # m/s²
+
+
+@pytest.fixture(scope="module")
+def noiseless(sim):
+    """Silence the sensors, so that the physics alone is seen."""
+    with pytest.MonkeyPatch.context() as patch:
+        silent = dict.fromkeys(sim.sensors.NOISE, sim.sensors.Noise(0.0, 0.0))
+        patch.setattr(sim.sensors, "NOISE", silent)
+        patch.setattr(sim.camera, "PIXEL_NOISE", 0.0)
+        yield
+
+
+@pytest.mark.usefixtures("noiseless")
+@pytest.mark.parametrize("mass", [0.10, 0.25, 0.40])
+def test_holding_feels_the_weight(feel, make_object, mass):
+    felt = feel(make_object(shell_mass=mass), "grasp", "lift", "hold")["force"]
+    assert felt == pytest.approx(np.full(10, mass * GRAVITY), abs=0.02)
+
+
+@pytest.mark.usefixtures("noiseless")
+def test_the_load_cell_weighs_what_was_dropped(feel, make_object):
+    felt = feel(make_object(shell_mass=0.2), "grasp", "lift", "drop")["load"]
+    assert felt[-1] == pytest.approx(0.2 * GRAVITY, abs=0.05)
+    assert felt.max() > 2 * felt[-1]  # the impact
+
+
+@pytest.mark.usefixtures("noiseless")
+def test_walls_and_lid_give_as_their_springs_say(feel, make_object):
+    stiff, soft = make_object(stiffness=12000.0), make_object(stiffness=2000.0)
+    depths = [feel(one, "press")["depth"][-1] for one in (stiff, soft)]
+    assert depths[1] - depths[0] == pytest.approx(8 / 2000 - 8 / 12000, rel=0.3)  # 8 N
+    widths = [feel(one, "grasp")["fingers"][-1] for one in (stiff, soft)]
+    assert widths[0] - widths[1] > 2 * (12 / 2400 - 12 / 12000) * 0.8  # 12 N, both sides
+
+
+@pytest.mark.usefixtures("noiseless")
+def test_a_slippery_object_slides_farther_whatever_its_mass(feel, make_object):
+    slid = {
+        (friction, mass): feel(make_object(friction=friction, shell_mass=mass), "push")["flow"][-1]
+        for friction in (0.3, 0.9)
+        for mass in (0.12, 0.26)
+    }
+    assert min(slid[0.3, 0.12], slid[0.3, 0.26]) > 1.5 * max(slid[0.9, 0.12], slid[0.9, 0.26])
+
+
+@pytest.mark.usefixtures("noiseless")
+def test_the_camera_sees_color_and_height(feel, make_object):
+    low = feel(make_object(height=0.08, rgb=(0.8, 0.1, 0.1)), "look")
+    tall = feel(make_object(height=0.13, rgb=(0.1, 0.1, 0.8)), "look")
+    assert low["color"].argmax() == 0
+    assert tall["color"].argmax() == 2
+    assert tall["shape"][0] > low["shape"][0] + 5
+
+
+@pytest.mark.usefixtures("noiseless")
+@pytest.mark.parametrize(
+    "content", [{"content": "few large balls", "n_balls": 2},
+                {"content": "many small balls", "n_balls": 10}],
+)  # fmt: skip
+def test_shaking_alone_tells_what_rattles_from_a_slab_of_equal_mass(feel, make_object, content):
+    loose = make_object(shell_mass=0.15, content_mass=0.1, **content)
+    fixed = make_object(shell_mass=0.15, content_mass=0.1, content="slab")
+    way = ("grasp", "lift", "hold")
+    holds = [feel(one, *way)["force"] for one in (loose, fixed)]
+    assert holds[0] == pytest.approx(holds[1], abs=0.02)
+    shakes = [feel(one, *way, "shake")["vibro"] for one in (loose, fixed)]
+    assert shakes[0].mean() > 1.5 * shakes[1].mean()
+
+
+def test_sensors_err_by_their_stated_noise(sim):
+    rng = np.random.default_rng(4)
+    silence = np.zeros((400, len(sim.physics.CHANNELS)))
+    errors = [sim.sensors.sense(silence, rng) for _ in range(400)]
+    for name, noise in sim.sensors.NOISE.items():
+        values = np.array([error[name] for error in errors])
+        assert values.std(axis=1).mean() == pytest.approx(noise.white, rel=0.05)
+        bias = np.hypot(noise.bias, noise.white / 20)
+        assert values.mean(axis=1).std() == pytest.approx(bias, rel=0.12)
+
+
+def test_features_are_those_that_the_domain_promises(sim, make_object):
+    arm = sim.SimulatedArm(make_object(), 0)
+    arm.start()
+    felt = {}
+    for behavior in ("look", "press", "grasp", "lift", "hold", "shake", "lower", "lift", "drop"):
+        felt[behavior] = arm.execute(behavior).features
+    felt["push"] = arm.execute("push").features
+    for kind in load_domain("simulated_arm").behaviors:
+        if not kind.modalities:
+            continue
+        assert set(felt[kind.name]) == set(kind.modalities)
+        sizes = {len(values) for values in felt[kind.name].values()}
+        assert sizes == ({3} if kind.name == "look" else {10})
+        assert all(np.isfinite(values).all() for values in felt[kind.name].values())
