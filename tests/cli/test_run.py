@@ -160,7 +160,7 @@ def wait_for_second_unit(folder, process):
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         assert process.poll() is None
-        for path in folder.rglob("unit-0001.mcap.active"):
+        for path in folder.rglob("unit-0001.w*.mcap.active"):
             if path.stat().st_size > 20_000:
                 return path
         time.sleep(0.005)
