@@ -44,8 +44,8 @@ def answer(
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
 
-    check_folder(logs)
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
+    check_folder(logs)  # once the agent is known to be one
     start = time.perf_counter()
     learner.resume(table, lessons, [False] * len(lessons))
     story = None if console is None else Story(console, task, learner.problem(task))
