@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 DATASETS = ("roc36", "cy101", "ispy32")
@@ -43,7 +44,7 @@ def measure_costs() -> dict[str, Any]:
 def _rows() -> Iterator[dict[str, Any]]:
     for dataset, n, agent in product(DATASETS, (1, 2, 3), AGENTS):
         code = _COSTS.format(dataset, n, agent)
-        folder = os.path.dirname(__file__)
+        folder = Path(__file__).parent
         done = subprocess.run(
             [sys.executable, "-c", code], cwd=folder, check=True, capture_output=True, text=True
         )

@@ -41,7 +41,13 @@ ROOMS: dict[str, set[str]] = {
     "learner": {*BELOW_LOG, "agents", "trial_log"},
     # perception and domain: a run under the paper's classifiers computes its own percept table
     "experiments": {
-        "learner", "trial_log", "agents", "perception", "robots.simulated_arm", "datasets", "domain"
+        "learner",
+        "trial_log",
+        "agents",
+        "perception",
+        "robots.simulated_arm",
+        "datasets",
+        "domain",
     },
     "evaluation": {*BELOW_LOG, "agents", "trial_log"},
     "viewer": {*BELOW_LOG, "agents", "trial_log"},

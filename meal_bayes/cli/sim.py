@@ -12,7 +12,7 @@ from rich.table import Table
 from meal_bayes.cli.answer import trial_facts
 from meal_bayes.cli.options import agent_value, jobs_option, json_option, logs_option, seed_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, patience, prepare_planner, progress
+from meal_bayes.cli.screen import note, output, patience, progress, showing_compilation
 from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
@@ -170,12 +170,14 @@ def live(
     The robot has touched a single object before. At first it explores; then the agent decides.
     """
     from meal_bayes.agents import as_agent
+    from meal_bayes.domain import Query, load_domain
     from meal_bayes.experiments.simulated import learn_live, outcomes_in
+    from meal_bayes.planners import warm_up
 
     recipe = as_agent(agent_value(agent))
     folder = logs / f"sim-live-{recipe.name}-seed{seed}"
-    if recipe.searches:
-        prepare_planner()
+    with showing_compilation():
+        warm_up(recipe.solver(load_domain("simulated_arm"), Query(("heavy",))))
     done: list[LiveTrial] = []
     happened: Counter[tuple[str, str, str]] = Counter()
     with progress("living", "trials") as advance:
@@ -192,8 +194,6 @@ def live(
         return
     _print_curve(done)
     if learn_success:
-        from meal_bayes.domain import load_domain
-
         _print_success(load_domain("simulated_arm").diagram, happened)
     note(f"every trial: meal-bayes log show {folder}")
 
@@ -202,9 +202,7 @@ def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
     from meal_bayes.learner import Learner
 
     learner = Learner(data.domain, agent=agent_value(agent), seed=seed, logs=None)
-    if learner.agent.searches:
-        prepare_planner()
-    with patience(f"learning from {len(data.objects)} objects ..."):
+    with showing_compilation(), patience(f"learning from {len(data.objects)} objects ..."):
         return learner.fit(data)
 
 

@@ -26,8 +26,8 @@ from meal_bayes.evaluation.page import (
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
 from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
-from meal_bayes.files import check_output, write_whole
 from meal_bayes.evaluation.worst import worst_trials
+from meal_bayes.files import check_output, write_whole
 from meal_bayes.trial_log import Logs
 from meal_bayes.trial_log.words import NOT_TOLD
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, Trial, run_trial
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.domain import Query
 from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
 from meal_bayes.perception import (
     Perception,
@@ -57,7 +58,8 @@ class Fitted:
     _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)  # at the last refit
 
     def __post_init__(self) -> None:
-        self.agent.warm_up()  # now, not while a robot waits for its first decision
+        domain = self.dataset.domain  # now, not while a robot waits for its first decision
+        self.agent.warm_up(domain, Query(domain.attributes[:1]))
 
     def refit(self, lessons: Sequence[Lesson]) -> None:
         """Learn everything anew from the data set and from lessons that kept their features."""

@@ -125,7 +125,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     Raises
     ------
     ImpossibleObservation : the percept has probability zero under every value still believed in.
-    SettingsError : an action, x or level that the MOMDP does not have, or not a level each attribute.
+    SettingsError : an action, x or levels that the MOMDP does not have.
     """
     _check(momdp, transition)
     if transition.observation is None or transition.action >= momdp.n_behaviors:
