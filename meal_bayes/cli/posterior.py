@@ -85,8 +85,8 @@ def posterior(
         "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
         "tune": tune, "chains": chains, "seed": seed,
     }  # fmt: skip
-    folder = check_folder(out or Path("posteriors") / _folder(config))
     table, columns, counts = _counts(dataset, attributes, held_out, levels)
+    folder = check_folder(out or Path("posteriors") / _folder(config))
     drawn = _fit(table, columns, counts, config)
     facts = _write(drawn, counts, table.objects, seed, folder)
     if as_json:

@@ -161,7 +161,7 @@ def wait_for_second_unit(folder, process, eventually):
 
     def begun():
         assert process.poll() is None
-        drafts = folder.rglob("unit-0001.mcap.active")
+        drafts = folder.rglob("unit-0001.w*.mcap.active")
         found.extend(path for path in drafts if path.stat().st_size > 20_000)
         return found
 
