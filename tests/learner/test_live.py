@@ -168,7 +168,7 @@ def test_a_kill_at_every_step_loses_no_earlier_step(dataset, make, tmp_path, ste
     )
     assert done.returncode == -signal.SIGKILL
     assert not path.exists()
-    active = path.with_name("a.mcap.active")
+    (active,) = tmp_path.glob("a.w*.mcap.active")
     expected = make.learner(dataset, make.agent(*PLAN, **make.ours)).ask("red", make.arm())
     (trial,) = salvage(active)
     assert trial.ended
