@@ -180,7 +180,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _assets() -> dict[str, Asset]:
-    """Fetch the page from rerun's program, which serves it here for a moment."""
+    """Fetch the page from rerun's program, which serves it on this machine for a moment."""
     (port,) = free_ports(1)
     # given a recording's address it serves the page alone, and no data
     words = [f"http://{HERE}:{port}/{_RECORDING}", "--serve-web", "--web-viewer-port", str(port)]

@@ -149,7 +149,7 @@ def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path, eventu
     assert json.loads(told)["rows"][0]["trials"] == 300
     assert "100 of 300 trials are there already" in noted
     assert whole.stat().st_mtime_ns == stamp
-    finished = list(read_trials(torn.with_suffix("")))
+    finished = list(read_trials(torn.with_name("unit-0001.mcap")))
     assert len(finished) == 100
     assert [facts(trial) for trial in saved] == [facts(trial) for trial in finished[: len(saved)]]
     assert not list(tmp_path.rglob("*.active"))

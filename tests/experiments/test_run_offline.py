@@ -231,7 +231,7 @@ def test_configs_are_checked(wrong, message):
     ("wrong", "message"),
     [
         ({"dataset": "rok36"}, "'roc36'"),
-        ({"dataset": "toy"}, "No percept table ships for 'toy'"),
+        ({"dataset": "toy"}, "toy has no public recordings"),
         ({"attributes": 11}, "give a number from 1 to 10"),
         ({"trials": 0}, "0 trials asked"),
         ({"perception": "papr"}, "did you mean 'paper'"),
