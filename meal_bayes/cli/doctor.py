@@ -28,7 +28,7 @@ _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vu
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
-@click.command()
+@click.command(short_help="Tell what there is to run on, for a bug report.")
 @json_option
 def doctor(as_json: bool) -> None:
     """Tell versions, folders, compiled kernels, viewer, data and cores, for a bug report.

@@ -81,7 +81,13 @@ BAD = {
         "set MEAL_BAYES_DATA_URL",
     ),
     "logs in /proc": ({}, (*ASK, "--logs", "/proc/logs"), "", None, "cannot be written"),
-    "report into /proc": ({}, ("report", str(SAMPLE), "-o", "/proc/a.html"), "", 1, "/proc/a.html"),
+    "report into /proc": (
+        {},
+        ("report", str(SAMPLE), "-o", "/proc/a.html"),
+        "",
+        1,
+        "/proc cannot be written",
+    ),
     "no such mode": ({}, ("fly",), "", 2, "No such command"),
 }
 

@@ -144,7 +144,7 @@ def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path, eventuall
     process = start("run", "offline", "--trials", "20000", "--agent", "random_legal", "--jobs", "1")
     eventually(lambda: list(tmp_path.rglob("unit-0000.mcap")), "no first unit")
     os.killpg(process.pid, signal.SIGINT)
-    out, told = process.communicate(timeout=60)
+    out, told = process.communicate(timeout=600)
     assert process.returncode == 130
     assert out == ""
     assert "trials are kept; the same command goes on from there" in told
@@ -153,5 +153,5 @@ def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path, eventuall
 
 def test_the_module_is_the_command(start):
     process = start("--version")
-    assert process.communicate(timeout=60)[0].startswith("meal-bayes ")
+    assert process.communicate(timeout=600)[0].startswith("meal-bayes ")
     assert process.returncode == 0
