@@ -27,7 +27,7 @@ _MANY = 5
 _ROUNDS = 6  # of moving them apart
 _LENGTH = 24  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
-_SCREENED = 6  # times N: candidates an x and a belief that are looked at closely
+_SCREENED = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 _DIAGRAMS = 16  # whose ways are remembered
@@ -193,7 +193,8 @@ def _promising(
     An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best
     few from each x at each belief stay, and the best two of each first behavior.
     """
-    uses = np.minimum(candidates.uses, _COUNTED - 1)
+    within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
+    uses = np.minimum(candidates.uses, within)
     every = np.arange(uses.shape[1])
     affine = np.exp(affinity[:, every, uses].sum(axis=2))  # (N,J)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
