@@ -10,7 +10,6 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.factored.grid import (
-    informative_pairs,
     make_axis,
     make_scratch,
     make_table,
