@@ -10,7 +10,7 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History
-from meal_bayes.planners.factored.bound import restrict, upper_bound
+from meal_bayes.planners.factored.bound import upper_bound
 from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import simulate
@@ -64,7 +64,6 @@ def any_momdp(seed):
         limit=np.full(e, np.inf),
         discount=discount,
         abstain=bool(rng.random() < 0.5),
-        additive=bool(rng.random() < 0.4),
     )
 
 
@@ -122,12 +121,11 @@ class TestTheBound:
             value = attainable(momdp, x, b, depth)
             assert policy.value_at(x, b) >= value - room
 
-    @pytest.mark.parametrize("additive", [False, True])
     @pytest.mark.parametrize("seed", range(3))
-    def test_it_is_tight(self, small, seed, additive):
+    def test_it_is_tight(self, small, seed):
         """With half of everything lost at each step, nine steps ahead are the optimum."""
         n = 1 + seed % 2
-        momdp = small.toy(seed, n, 2, finite=False, discount=0.5, additive=additive, abstain=True)
+        momdp = small.toy(seed, n, 2, finite=False, discount=0.5, abstain=True)
         momdp = replace(momdp, transition=without_failures(momdp), cost=[0.3, 0.7, 0.1])
         best = attainable(momdp, momdp.start, momdp.prior, 9 if n == 1 else 4)
         lost = 0.5 ** (9 if n == 1 else 4) * (momdp.correct - best)
@@ -142,8 +140,7 @@ class TestTheBound:
         bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
         assert best - 1e-6 <= bound <= best + 0.5**8 * (momdp.correct - best) + 0.02
 
-    @pytest.mark.parametrize("additive", [False, True])
-    def test_what_pays_is_done_for_ever(self, additive):
+    def test_what_pays_is_done_for_ever(self):
         """Failures cost and pay as well; percepts tell nothing, so that the pay is expected."""
         momdp = to_and_fro(2)
         transition = momdp.transition.copy()
@@ -153,7 +150,6 @@ class TestTheBound:
             transition=transition,
             confusion=np.full((2, 1, 2, 2), 0.5),
             bonus=[[[3.0, -1.0]], [[-2.0, 5.0]]],
-            additive=additive,
         )
         pay = 0.8 * 3 - 0.2 - 0.1 * 2 + 0.9 * 5 - momdp.cost[0]
         worth = pay / (1 - momdp.discount)
@@ -252,14 +248,6 @@ class TestPartsOfAQuery:
         assert bounds[1] >= bounds[2] > 238
         assert bounds[1] < 243
 
-    def test_of_an_additive_query(self, small):
-        """Two attributes by one behavior each: blocks of one bound both, both at once are less."""
-        momdp = small.momdp("toy", small.rates, additive=True, correct=40.0, incorrect=-40.0)
-        parts, whole = upper_bound(momdp, size=1), upper_bound(momdp, size=2)
-        alone = [solve(restrict(momdp, [i]), 50_000).upper_bound for i in range(2)]
-        assert parts == pytest.approx(np.mean(alone), abs=1e-3)
-        assert parts >= whole >= attainable(momdp, momdp.start, momdp.prior, 3)
-
     def test_attributes_that_nothing_tells_of_need_no_axis(self, small):
         """All they do is to be guessed: r+ shrinks by the chance of that."""
         rates = {"red": {"look": (0.8, 0.25)}, "heavy": {}}
@@ -278,8 +266,6 @@ class TestPartsOfAQuery:
             momdp, confusion=np.where(np.arange(20)[:, None, None, None] < 5, 0.5, momdp.confusion)
         )
         assert upper_bound(hopeless, size=2) < upper_bound(momdp, size=2) <= momdp.correct
-        additive = upper_bound(replace(momdp, additive=True), size=2, points=3_000)
-        assert momdp.incorrect < additive <= momdp.correct
 
     @pytest.mark.parametrize("seed", range(4))
     def test_of_finite_precision(self, small, seed):
@@ -295,11 +281,10 @@ class TestPartsOfAQuery:
     def test_shaping_of_the_other_attributes_counts(self, small):
         momdp = small.toy(3, 2, 2, finite=False, discount=0.8)
         bonus = np.random.default_rng(3).uniform(-2, 2, (2, 3, 2))
-        for additive in (False, True):
-            shaped = replace(momdp, bonus=bonus, additive=additive)
-            best = attainable(shaped, shaped.start, shaped.prior, 3)
-            assert best <= upper_bound(shaped, size=1) + 1e-6
-            assert best <= upper_bound(shaped, size=2) + 1e-6
+        shaped = replace(momdp, bonus=bonus)
+        best = attainable(shaped, shaped.start, shaped.prior, 3)
+        assert best <= upper_bound(shaped, size=1) + 1e-6
+        assert best <= upper_bound(shaped, size=2) + 1e-6
 
     def test_of_an_empty_part(self, toy):
         with pytest.raises(SettingsError, match="one attribute or more"):

@@ -161,7 +161,6 @@ def optimum(momdp: MOMDP) -> float:
         (1, 2, {}),
         (2, 2, {"discount": 1.0}),
         (1, 4, {"discount": 0.8}),
-        (2, 2, {"additive": True}),
         (2, 2, {"incorrect": -2000.0, "correct": 10.0, "abstain": True}),
     ],
 )
