@@ -323,7 +323,7 @@ def search(
     policy = POMCP(simulations=simulations, capacity=capacity, **options).solve(momdp, rng)
     history = history or History(initial_belief(momdp))
     if always:
-        return policy._search(0.0, history.belief, *policy._prepare(history.belief), rng)
+        return policy._search(None, history.belief, *policy._prepare(history.belief), rng)
     return policy.decide(history, rng)
 
 

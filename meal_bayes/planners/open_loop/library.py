@@ -232,7 +232,8 @@ def _distinct(rows: Integers) -> NDArray[np.intp]:
 def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers) -> Candidates:
     """Sum up paths (R,L) from start (R,), cut behind the steps `ends` (R or 1,T) that they have."""
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
-    plan, reached = np.zeros((rows, length), PLAN), np.zeros((rows, length), np.int64)
+    plan = np.zeros((rows, length), PLAN).view(np.recarray)
+    reached = np.zeros((rows, length), np.int64)
     uses, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
     follow(diagram.dynamics.step, diagram.ways, start, path, plan, uses, executions, reached)
     r, t = np.nonzero(

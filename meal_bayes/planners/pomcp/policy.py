@@ -62,7 +62,7 @@ class POMCP:
 
     simulations: int = 100
     milliseconds: float | None = None
-    exploration: float = 0.03
+    exploration: float = 0.06
     capacity: int = 4_000
     points: int = 50_000
     backup: str = "expected"

@@ -49,8 +49,8 @@ def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int
     """Make an empty tree for so many nodes."""
     return Tree(
         size=np.zeros(1, np.int64),
-        node=np.empty(capacity, NODE),
-        edge=np.empty((capacity, n_behaviors), EDGE),
+        node=np.empty(capacity, NODE).view(np.recarray),
+        edge=np.empty((capacity, n_behaviors), EDGE).view(np.recarray),
         prob=np.empty((capacity, n_attributes, n_classes)),
         level=np.empty((capacity, n_attributes), np.int64),
     )
