@@ -5,6 +5,7 @@ import re
 import sys
 import tomllib
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 
 from meal_bayes.posterior import idata
@@ -30,8 +31,8 @@ def imported():
 
 
 def test_what_is_imported_is_declared():
-    extras = PROJECT["optional-dependencies"]["cluster"]
-    declared = names([*PROJECT["dependencies"], *extras]) | {"distributed"}
+    extras = [PROJECT["optional-dependencies"][name] for name in ("cluster", "gym", "sim")]
+    declared = names([*PROJECT["dependencies"], *chain(*extras)]) | {"distributed"}
     homes = metadata.packages_distributions()
     libraries = {name.partition(".")[0] for name in imported()} - {"meal_bayes"}
     missing = {

@@ -199,12 +199,9 @@ class Learner:
         RobotError : the robot came to a state that the domain does not know.
         """
         query = question if isinstance(question, Query) else read_query(question, self.domain)
-        source = self.source
+        source, header = self.source, self._header(question)
         if isinstance(robot, str):
             task = replay_task(query, self._replayed().table, robot)
-            if log is None:
-                return self.replay(task, on_step=on_step)
-            header = self._header(question)
             return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
         if isinstance(source, Replayed):
             raise SettingsError(
@@ -213,7 +210,6 @@ class Learner:
             )
         task = live_task(query, self.domain, self.asked, object_name)
         self.asked += 1
-        path = log if log is not None else next_log(self.logs, self.domain.name, task.object_name)
         told = self._told_of(task.object_name)
 
         def run(recorder: Recorder | None) -> Trial:
@@ -224,7 +220,10 @@ class Learner:
                 del self._met[next(iter(self._met))]
             return trial
 
-        return logged(path, self._header(question), run)
+        if log is not None:
+            return logged(log, header, run)
+        with next_log(self.logs, self.domain.name, task.object_name) as path:
+            return logged(path, header, run)
 
     def replay(
         self,

@@ -1,20 +1,54 @@
 """The log of one trial with a robot: every step is on disk before the next behavior."""
 
+import contextlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from meal_bayes.agents import Recorder, Trial
+from meal_bayes.errors import LogError
 from meal_bayes.trial_log import TrialWriter
 
+_NUMBERED = re.compile(r"(\d{5,})-.*\.mcap")  # a log, or a draft of one
+_RESERVED = re.compile(r"\.(\d{5,})\.reserved")
 
-def next_log(folder: Path | None, domain: str, object_name: str) -> Path | None:
-    """Return a path that no log has, such as logs/kitchen/00012-blue_cup.mcap."""
+
+@contextlib.contextmanager
+def next_log(folder: Path | None, domain: str, object_name: str) -> Iterator[Path | None]:
+    """Reserve a path such as logs/kitchen/00012-blue_cup.mcap for one trial.
+
+    While the block runs, no other process or thread is given the number. A reservation that a
+    killed process left is passed over.
+    """
     if folder is None:
-        return None
+        yield None
+        return
     own = folder / _file_name(domain)
-    taken = [int(p.name[:5]) for p in own.glob("[0-9][0-9][0-9][0-9][0-9]-*.mcap*")]
-    return own / f"{max(taken, default=-1) + 1:05d}-{_file_name(object_name)}.mcap"
+    number, reserved = _reserve(own)
+    try:
+        yield own / f"{number:05d}-{_file_name(object_name)}.mcap"
+    finally:
+        reserved.unlink(missing_ok=True)
+
+
+def _reserve(folder: Path) -> tuple[int, Path]:
+    """Create the file that reserves the next number; only one process can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        while True:
+            number = max(_numbers(folder, _NUMBERED) | _numbers(folder, _RESERVED), default=-1) + 1
+            reserved = folder / f".{number:05d}.reserved"
+            with contextlib.suppress(FileExistsError):
+                reserved.touch(exist_ok=False)
+                if number not in _numbers(folder, _NUMBERED):  # since we looked
+                    return number, reserved
+                reserved.unlink()
+    except OSError as fault:
+        raise LogError(f"{folder} cannot be written: {fault.strerror or fault}.") from fault
+
+
+def _numbers(folder: Path, pattern: re.Pattern[str]) -> set[int]:
+    return {int(found[1]) for path in folder.iterdir() if (found := pattern.match(path.name))}
 
 
 def logged(

@@ -33,6 +33,7 @@ def fuzz(monkeypatch):
     monkeypatch.syspath_prepend(os.fspath(BENCHMARKS))
     import fuzz  # noqa: PLC0415  of that folder
 
+    monkeypatch.setattr(fuzz, "MEMORY", float("inf"))  # of this process: other tests' too
     return fuzz, fuzz.Tally()
 
 
@@ -58,3 +59,11 @@ def test_an_unforeseen_error_and_a_changed_file_are_counted(fuzz, tmp_path):
         (tmp_path / "a").write_text("2")
     assert tally.counts == {"tracebacks": 1, "changed": 1}
     assert "KeyError" in tally.told[0]
+
+
+def test_memory_is_counted(fuzz, monkeypatch):
+    module, tally = fuzz
+    monkeypatch.setattr(module, "MEMORY", 1.0)
+    tally.run("takes", lambda: None)
+    assert tally.counts == {"memory": 1}
+    assert "MB" in tally.told[0]

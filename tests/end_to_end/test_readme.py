@@ -148,7 +148,7 @@ def check_command(arguments: list[str]) -> None:
 
 
 def test_every_reference_is_listed() -> None:
-    key = re.compile(r"\[([A-Z][a-z]+(?:19|20)\d\d[a-z]?)\]")
+    key = re.compile(r"[\[ ]([A-Z][a-z]+(?:19|20)\d\d[a-z]?)(?=[,\]])")
     readme = README.read_text(encoding="utf-8")
     listed = set(re.findall(r"^- \[(\w+)\]", readme, re.MULTILINE))
     sources = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
