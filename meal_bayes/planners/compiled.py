@@ -14,7 +14,7 @@ from meal_bayes.momdp import MOMDP
 
 _INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's class are not planned with
 _ROUNDING = 1e-12
-_PRICE = 1e-5  # of r+ - r-: behaviors that cost less are planned with as if they cost this
+_PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics are remembered
 
 Floats = NDArray[np.float64]
