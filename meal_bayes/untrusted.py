@@ -8,6 +8,7 @@ import json
 import math
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 TEXT_LIMIT = 1 << 28  # bytes of a file of numbers: 256 MB
@@ -64,23 +65,34 @@ def read_json(text: str | bytes) -> object:
     """
     if len(text) > JSON_LIMIT:
         raise ValueError(f"JSON of {len(text):,} characters, more than {JSON_LIMIT:,}")
-    deep = f"JSON is nested more than {DEPTH_LIMIT} deep"
     try:
         found: object = json.loads(text)
+        for level in levels(found):
+            for value in level:
+                _check_leaf(value)
     except RecursionError:
-        raise ValueError(deep) from None
+        raise ValueError(f"JSON is nested more than {DEPTH_LIMIT} deep") from None
+    return found
+
+
+def levels(found: object) -> Iterator[list[object]]:
+    """Yield the values of every depth of lists and tables.
+
+    Raises
+    ------
+    RecursionError : they are nested more than `DEPTH_LIMIT` deep. Parsers raise it too, but at a
+        depth that any library may change (`sys.setrecursionlimit`).
+    """
     level, depth = [found], 0
     while level:
-        for value in level:
-            _check_leaf(value)
+        yield level
         tables = [value for value in level if isinstance(value, dict)]
         lists = [value for value in level if isinstance(value, list)]
         if depth == DEPTH_LIMIT and (tables or lists):
-            raise ValueError(deep)
+            raise RecursionError
         level = [entry for value in lists for entry in value]
         level += [entry for table in tables for pair in table.items() for entry in pair]
         depth += 1
-    return found
 
 
 def _check_leaf(value: object) -> None:

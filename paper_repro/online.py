@@ -78,7 +78,7 @@ def chosen_weights(run: OnlineRun) -> tuple[float, float]:
     batch: two numbers from some twenty entries.
     """
     found = []
-    for log in sorted(run.folder.glob(f"{run.config.agents[0]}/repeat-*/01-train.mcap")):
+    for log in sorted(run.folder.glob(f"{run.config.agents[0].name}/repeat-*/01-train.mcap")):
         momdp = next(read_trials(log)).momdp
         entropy, counts = observation_entropy(momdp), momdp.counts.sum(axis=(2, 3))
         explores = momdp.bonus.any(axis=2)

@@ -11,14 +11,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.momdp import (
-    MOMDP,
-    Belief,
-    Transition,
-    build_momdp,
-    initial_belief,
-    update_belief,
-)
+from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import entry_kernel
