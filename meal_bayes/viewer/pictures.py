@@ -74,12 +74,16 @@ class Matrices:
         Parameters
         ----------
         sampled : (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; shown
-            as a band of M lanes beside the mean, what the robot thinks possible.
+            as a band of M lanes beside the mean, what the robot thinks possible; the numbers are
+            the least and the largest of a level.
         """
         if action not in self._known:
             self._known[action] = self._draw(action)
         known = self._known[action]
-        return known if sampled is None else _with_band(known, sampled[:, :_SHOWN])
+        if sampled is None:  # as wide as the others, so that the view stays where it is
+            room = ((0, 0), (0, _GAP + self._momdp.levels * _CELL_WIDE), (0, 0))
+            return Picture(np.pad(known.pixels, room), known.labels)
+        return _with_band(known, sampled[:, :_SHOWN])
 
     def _draw(self, action: int) -> Picture:
         momdp = self._momdp
@@ -119,8 +123,12 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
     left = matrices.pixels.shape[1] + _GAP
     labels = [Label(f"{m} sampled MOMDPs", left + k * _CELL_WIDE / 2, -1.3 * _CELL_HIGH, TEXT)]
     for i, z in np.ndindex(n, k):
-        text = f"{sampled[:, i, z].min():.2f}-{sampled[:, i, z].max():.2f}"
-        labels.append(Label(text, left + (z + 0.5) * _CELL_WIDE, (i + _MIDDLE) * tall, WHITE))
+        at = left + (z + 0.5) * _CELL_WIDE
+        for most, row in ((sampled[:, i, z].min(), 2 * i), (sampled[:, i, z].max(), 2 * i + 1)):
+            labels.append(Label(f"{most:.2f}", at, (row + _MIDDLE) * _CELL_HIGH, WHITE))
+    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
+        at = left + (z + 0.5) * _CELL_WIDE
+        labels.append(Label(word, at, (2 * n + _MIDDLE) * _CELL_HIGH, TEXT))
     return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
 
 

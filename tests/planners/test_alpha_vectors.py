@@ -1,6 +1,5 @@
 """Alpha vectors decide as they say, and never what the MOMDP forbids."""
 
-
 import numpy as np
 import pytest
 
