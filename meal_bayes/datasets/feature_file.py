@@ -91,8 +91,6 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             values.append(_numbers(cells[count:]))
         except ValueError:
             raise _not_a_number(path, number, cells, count) from None
-        if "_" in line and not all(map(_is_number, cells[count:])):
-            raise _not_a_number(path, number, cells, count)
         lines.append(number)
         keys.append(tuple(cell.strip() for cell in cells[:count]))
     if not values:
@@ -197,12 +195,11 @@ def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataEr
 
 
 def _is_number(cell: str) -> bool:
-    """Return whether a cell is a number; 3_4 is 34 to Python, and a slip of the hand to us."""
     try:
         _numbers([cell])
     except ValueError:
         return False
-    return "_" not in cell
+    return True
 
 
 def _not_finite(path: Path, line: int, values: list[float], count: int) -> DataError:

@@ -15,7 +15,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numba import config
 from numba.core import event
+from numpy.typing import NDArray
 
 from meal_bayes.cache import compile_kernel
 
@@ -52,6 +55,15 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     if held is not None:  # it is None where compilation is switched off
         held._version = f"{held._version} {_DIGEST}"
     return compiled
+
+
+def records(shape: tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray[np.void]:
+    """Make an array of records, all 0, whose fields kernels read by name.
+
+    Where compilation is switched off, Python needs a recarray for that, which is slow elsewhere.
+    """
+    made = np.zeros(shape, dtype)
+    return made.view(np.recarray) if config.DISABLE_JIT else made
 
 
 class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types

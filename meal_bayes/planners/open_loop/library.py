@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior
+from meal_bayes.planners.kernels import records
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
@@ -232,7 +233,7 @@ def _distinct(rows: Integers) -> NDArray[np.intp]:
 def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers) -> Candidates:
     """Sum up paths (R,L) from start (R,), cut behind the steps `ends` (R or 1,T) that they have."""
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
-    plan = np.zeros((rows, length), PLAN).view(np.recarray)
+    plan = records((rows, length), PLAN)
     reached = np.zeros((rows, length), np.int64)
     uses, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
     follow(diagram.dynamics.step, diagram.ways, start, path, plan, uses, executions, reached)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.planners.kernels import records
 from meal_bayes.planners.solver import TreeEdge
 
 _LOGGED = 40  # edges of the second level that a decision keeps
@@ -49,8 +50,8 @@ def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int
     """Make an empty tree for so many nodes."""
     return Tree(
         size=np.zeros(1, np.int64),
-        node=np.empty(capacity, NODE).view(np.recarray),
-        edge=np.empty((capacity, n_behaviors), EDGE).view(np.recarray),
+        node=records((capacity,), NODE),
+        edge=records((capacity, n_behaviors), EDGE),
         prob=np.empty((capacity, n_attributes, n_classes)),
         level=np.empty((capacity, n_attributes), np.int64),
     )
@@ -70,21 +71,18 @@ def standard_errors(tree: Tree) -> NDArray[np.float64]:
 
 def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     """Read off the first two levels of the tree, of the second the most visited edges."""
-    root = tree.edge[0]
-    edges = [
-        TreeEdge(1, -1, int(a), (), int(root[a]["visits"]), float(root[a]["value"]))
-        for a in np.flatnonzero(root["visits"])
-    ]
+    visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
+    taken = [a for a, n in enumerate(visits) if n]
+    edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
     below = []
-    for parent, edge in enumerate(edges):
-        first, count = int(root[edge.action]["first"]), int(root[edge.action]["count"])
-        for child in range(first, first + count):
-            if not tree.node[child]["visits"]:  # never opened, so without edges
-                continue
-            levels = tuple(int(z) for z in tree.level[child] if z >= 0)
-            for a in np.flatnonzero(tree.edge[child]["visits"]):
-                taken = tree.edge[child, a]
-                value = float(taken["value"])
-                below.append(TreeEdge(2, parent, int(a), levels, int(taken["visits"]), value))
+    for parent, a in enumerate(taken):
+        children = slice(first[a], first[a] + count[a])
+        opened = tree.node["visits"][children] > 0  # else without edges
+        often = tree.edge["visits"][children] * opened[:, None]
+        worth, levels = tree.edge["value"][children], tree.level[children].tolist()
+        for child, b in np.argwhere(often).tolist():
+            told = tuple(z for z in levels[child] if z >= 0)
+            value = float(worth[child, b])
+            below.append(TreeEdge(2, parent, b, told, int(often[child, b]), value))
     below.sort(key=lambda edge: -edge.visits)
     return (*edges, *below[:_LOGGED])
