@@ -1,5 +1,6 @@
 """Children end with their parent, whether it ends by SIGTERM, SIGKILL or a closed terminal."""
 
+import contextlib
 import os
 import pty
 import signal
@@ -25,7 +26,7 @@ PYTHON = """
 import os, time
 from meal_bayes.experiments.parallel import in_parallel
 def work(piece):
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())  # at once, whoever else writes
     time.sleep(1000)
 list(in_parallel(work, range(2), jobs=2))
 """
@@ -33,7 +34,7 @@ CONTEXT = """
 import os, time
 from meal_bayes.processes import EndingContext
 def work(*piece):
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())  # at once, whoever else writes
     time.sleep(1000)
 context = EndingContext()
 for k in range(2):
@@ -42,11 +43,16 @@ time.sleep(1000)
 """
 
 
+@contextlib.contextmanager
 def run(code, **options):
+    """Run a program, and let a failure in the block not wait for its end."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        [sys.executable, "-c", code], env=environment, text=True, **options
-    )  # fmt: skip
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, env=environment, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def gone(pid):
