@@ -1,12 +1,17 @@
 """Processes of our own: as many as there is work, and none left behind."""
 
 import os
+import sys
 import threading
 from pathlib import Path
 
 import pytest
+from joblib.externals import cloudpickle
 
 from meal_bayes.experiments.parallel import in_parallel
+
+
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
 
 
 def children() -> set[int]:

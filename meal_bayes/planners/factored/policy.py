@@ -121,7 +121,7 @@ class FactoredPolicy:
 
     def value_at(self, x: int, prob: Floats) -> float:
         """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
-        confusion = self.iteration.momdp.confusion
+        confusion = self.iteration.problem.percepts.rows
         scratch = make_scratch(self.bound, confusion.shape[3])
         return float(value_after(self.bound, confusion, x, -1, np.array(prob), scratch))
 
@@ -177,6 +177,6 @@ def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: F
         for k in range(problem.branches[x, e]):
             behavior = e if problem.branch_sense[x, e, k] and momdp.limit[e] > 0 else -1
             to = problem.branch_x[x, e, k]
-            mean = value_after(table, momdp.confusion, to, behavior, prob, scratch)
+            mean = value_after(table, problem.percepts.rows, to, behavior, prob, scratch)
             out[e] += problem.discount[x, e] * problem.branch_p[x, e, k] * mean
     return np.where(problem.legal[x], out, -np.inf)

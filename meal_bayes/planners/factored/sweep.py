@@ -152,7 +152,7 @@ def sweep(
         for x in range(value.shape[0] - 1, -1, -1):
             for b in range(points):
                 work[0, b] = backups.floor[x, b]
-            fallen, keeps, loops = 0.0, 0, False
+            fallen, keeps, loops = 0.0, min(0, x), False
             while True:  # once those that leave x, then those that may keep it
                 for m in range(edge.shape[0]):
                     if edge[m, 0] == x and edge[m, 2] == keeps:
@@ -168,7 +168,7 @@ def sweep(
                 fallen = max(fallen, fall)
                 if keeps == 1 and (smooth or not loops or fall <= max(settled, _LOOPED * fallen)):
                     break
-                keeps = 1
+                keeps = min(1, points)
             largest = max(largest, fallen)
         if largest <= settled:
             return
@@ -177,7 +177,8 @@ def sweep(
 @kernel
 def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) -> None:
     """Raise work[row] to the value of edge m, one step ahead of the values."""
-    outcome, reward, source, points = backups.outcome, backups.reward, 2, value.shape[1]
+    outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
+    source = min(2, work.shape[0])  # not a literal, for which there would be a second kernel
     for b in range(points):
         work[2, b] = 0.0
     for percept in range(1, -1, -1):
@@ -189,7 +190,7 @@ def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) ->
                 for b in range(points):
                     work[source, b] += p * value[x, b]
         if percept == 1 and comes:
-            left = 1
+            left = min(1, points)  # no literal either
             for i in range(backups.size.shape[0]):
                 if backups.point[i, backups.edge[m, 1], 0, 0] >= 0:
                     _expect(backups, i, backups.edge[m, 1], left, work, source)
