@@ -10,6 +10,7 @@ import pytest
 from meal_bayes import cache
 
 ROOT = Path(cache.__file__).resolve().parents[1]
+SAMPLE = Path(__file__).resolve().parents[1] / "logs" / "sample.mcap"
 
 
 @pytest.fixture
@@ -136,7 +137,7 @@ def test_a_log_is_told_of_without_any_cache(tmp_path):
     for name in ("MEAL_BAYES_CACHE_TOLD", "NUMBA_CACHE_DIR"):
         environment.pop(name, None)
     done = subprocess.run(
-        [sys.executable, "-m", "meal_bayes", "log", "info", str(ROOT / "logs" / "sample.mcap")],
+        [sys.executable, "-m", "meal_bayes", "log", "info", str(SAMPLE)],
         env=environment, cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
