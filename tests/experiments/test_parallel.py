@@ -5,11 +5,10 @@ import sys
 import threading
 from pathlib import Path
 
+import cloudpickle
 import pytest
-from joblib.externals import cloudpickle
 
 from meal_bayes.experiments.parallel import in_parallel
-
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
 

@@ -145,7 +145,8 @@ def viewing(tmp_path_factory):
         **os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder),
         "http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9", "no_proxy": "",
     }  # fmt: skip
-    command = [sys.executable, "-m", "meal_bayes", "view", "logs/sample.mcap", "--web"]
+    sample = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
+    command = [sys.executable, "-m", "meal_bayes", "view", str(sample), "--web"]
     with subprocess.Popen(
         command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
     ) as process:
