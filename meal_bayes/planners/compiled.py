@@ -60,6 +60,7 @@ class Percepts(NamedTuple):
     truth : (N,2,C) Pr(truth | latent class) under the prior.
     informative : (N,E) does a percept tell of the latent class?
     limit : (E,) percepts that a trial can have.
+    known : (E,) are all rows of a behavior known exactly?
     class_is_truth : are classes the two truths (Eq. 8)?
     """
 
@@ -69,6 +70,7 @@ class Percepts(NamedTuple):
     truth: Floats
     informative: NDArray[np.bool_]
     limit: Floats
+    known: NDArray[np.bool_]
     class_is_truth: bool
 
 
@@ -159,6 +161,7 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
             truth=np.exp(momdp.log_share),
             informative=_information(momdp) > _INFORMATIVE,
             limit=momdp.limit.copy(),
+            known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
             class_is_truth=momdp.kind_is_truth,
         ),
         bonus=momdp.bonus.copy(),

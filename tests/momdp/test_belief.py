@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.errors import ImpossibleObservation
+from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp import (
     Belief,
     Transition,
@@ -193,3 +193,15 @@ def test_very_long_histories_stay_finite(follow):
     assert belief.positive[0] == 1.0
     assert np.isfinite(belief.log_odds).all()
     assert follow(momdp, [("look", [0])] * 500)[-1].positive[0] < 1e-300
+
+
+@pytest.mark.parametrize(
+    ("action", "x", "percept"),
+    [(-1, 1, None), (99, 1, None), (0, -1, None), (0, 99, None), (0, 1, [-1]), (0, 1, [2]),
+     (0, 1, [0, 1]), (0, 1, [0.5])],
+)  # fmt: skip
+def test_what_is_no_index_of_the_momdp_is_refused(action, x, percept):
+    momdp = momdp_of("toy", {"red": {"look": (0.8, 0.3)}})
+    observation = None if percept is None else np.array(percept)
+    with pytest.raises(SettingsError):
+        update_belief(initial_belief(momdp), momdp, Transition(action, x, observation))

@@ -138,7 +138,7 @@ def _is_tabled(percepts, plans, j, scratch):
     """Whether the tables hold a plan: what it perceives is new, or known to come as it does."""
     for e in range(plans.uses.shape[1]):
         uses = plans.uses[j, e]
-        if uses > 0 and not np.isinf(percepts.precision[0, e, 0]) and scratch.total[e] > 0.0:
+        if uses > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
             return False
         if uses > percepts.limit[e] - scratch.total[e]:
             return False
