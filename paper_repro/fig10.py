@@ -4,7 +4,7 @@ from frame import Claim, Result, Setting, asked, main
 from online import OURS, PAPERS, compared, curve, panel
 
 from meal_bayes.evaluation import plots, summarize_learning
-from meal_bayes.trial_log import BatchMarks
+from meal_bayes.trial_log import BatchOutcomes
 
 BEST, BASE = "morc_itrs", "iterative_morc"
 NOTE = """The paper has MORC-ITRS on top along the whole curve. Here that stands where the 90 %
@@ -20,8 +20,8 @@ def run(setting: Setting) -> Result:
     for name in setting.of("fig10", "panels"):
         dataset, n = name.split("_")
         title = f"{dataset.upper()}, {asked(int(n))}"
-        own: list[BatchMarks] | None = None
-        code: list[BatchMarks] | None = None
+        own: list[BatchOutcomes] | None = None
+        code: list[BatchOutcomes] | None = None
         again = setting.of("fig10", "published").get(name, 0)
         if again:
             run = panel(setting, dataset, int(n), PAPERS[1:], again, published=True)
@@ -48,16 +48,16 @@ def run(setting: Setting) -> Result:
     )
 
 
-def _ratio(results: list[BatchMarks]) -> tuple[float, float]:
+def _ratio(results: list[BatchOutcomes]) -> tuple[float, float]:
     (one,) = (s for s in summarize_learning(results, reference=BASE) if s.agent == BEST)
     return one.hours_ratio, one.hours_ratio_low
 
 
-def _above(results: list[BatchMarks] | None) -> bool | None:
+def _above(results: list[BatchOutcomes] | None) -> bool | None:
     return None if results is None else _ratio(results)[1] > 1
 
 
-def _figure(results: list[BatchMarks], agents: tuple[str, ...]) -> plots.Axes:
+def _figure(results: list[BatchOutcomes], agents: tuple[str, ...]) -> plots.Axes:
     return plots.learning_curve([curve(results, agent) for agent in agents])
 
 

@@ -10,7 +10,7 @@ from meal_bayes.agents import PUBLISHED
 from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
 from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
 from meal_bayes.momdp import observation_entropy
-from meal_bayes.trial_log import BatchMarks, read_trials
+from meal_bayes.trial_log import BatchOutcomes, read_trials
 
 PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
@@ -29,7 +29,7 @@ def panel(
     alpha: float | None = None,
     beta: float | None = None,
 ) -> OnlineRun:
-    """Run what the logs do not hold yet; training trials are logged whole, of tests the marks."""
+    """Run what the logs do not hold yet; training trials are logged whole, of tests the outcomes."""
     config = OnlineConfig(
         dataset,
         attributes=n,
@@ -42,17 +42,19 @@ def panel(
         alpha=alpha,
         beta=beta,
         published=PUBLISHED if published else (),
-        log="train",
+        log="compact",
     )
     return run_online(config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress)
 
 
-def compared(title: str, results: list[BatchMarks]) -> Table:
+def compared(title: str, results: list[BatchOutcomes]) -> Table:
     """Compare the agents of a panel with Iterative MORC."""
     last = max(result.batch for result in results)
     rows: list[tuple[Cell, ...]] = []
     for one in summarize_learning(results):
-        own = [r.marks.claimed.mean() for r in results if (r.agent, r.batch) == (one.agent, last)]
+        own = [
+            r.outcomes.certainty.mean() for r in results if (r.agent, r.batch) == (one.agent, last)
+        ]
         rows.append(
             (
                 one.agent,
@@ -91,7 +93,7 @@ def chosen_weights(run: OnlineRun) -> tuple[float, float]:
     return float(alpha), float(beta)
 
 
-def curve(results: list[BatchMarks], agent: str, name: str = "") -> plots.Series:
+def curve(results: list[BatchOutcomes], agent: str, name: str = "") -> plots.Series:
     """Mean accuracy over mean hours, with the band of one standard error over repeats."""
     found = curves_of(results, agent)
     mean, root = found.accuracy.mean(axis=0), max(len(found.repeats), 2) ** 0.5

@@ -88,8 +88,8 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 @jobs_option
 @cluster_option
 @click.option(
-    "--log", type=click.Choice(["all", "train"]), default="all", show_default=True,
-    help="Trials that are logged whole; of the others only what measures need is kept.",
+    "--log", type=click.Choice(["full", "compact"]), default="full", show_default=True,
+    help="Form of the logs of test trials; a compact one keeps outcomes, no steps.",
 )  # fmt: skip
 @logs_option
 @fresh_option
@@ -173,8 +173,7 @@ def online(
         return
     _print(output(), rows, summary)
     note(f"trials in {finished.folder}")
-    if log == "all":
-        note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
+    note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
 
 def _variants(text: str | None) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from meal_bayes.evaluation.statistics import (
     paired_difference,
     wilson_interval,
 )
-from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, summarize
+from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, mean, summarize
 
 __all__ = [
     "Interval",
@@ -43,6 +43,7 @@ __all__ = [
     "expected_calibration_error",
     "hours_to",
     "learning_rows",
+    "mean",
     "negative_log_likelihood",
     "paired_difference",
     "pooled_ece",

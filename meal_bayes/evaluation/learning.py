@@ -27,7 +27,7 @@ from meal_bayes.evaluation.statistics import (
     plain,
 )
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import BatchMarks
+from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
 Array = NDArray[np.float64]
 
@@ -91,12 +91,12 @@ class Curves(NamedTuple):
     reward: Array  # (S,B)
 
 
-def learning_rows(results: Iterable[BatchMarks]) -> list[LearningRow]:
+def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     """Measure every batch of test trials."""
     return [_row(result) for result in results]
 
 
-def curves_of(results: Iterable[BatchMarks], agent: str) -> Curves:
+def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
     """Collect the curves of an agent.
 
     Raises
@@ -109,13 +109,13 @@ def curves_of(results: Iterable[BatchMarks], agent: str) -> Curves:
         raise SettingsError(f"No whole learning curve of {agent!r}; run it, or wait for its end.")
     shape = (len(repeats), -1)
     hours = np.array([result.hours for result in mine]).reshape(shape)
-    accuracy = np.array([result.marks.success.mean() for result in mine]).reshape(shape)
-    reward = np.array([result.marks.reward.mean() for result in mine]).reshape(shape)
+    accuracy = np.array([_accuracy(result.outcomes) for result in mine]).reshape(shape)
+    reward = np.array([result.outcomes.reward.mean() for result in mine]).reshape(shape)
     return Curves(repeats, hours, accuracy, reward)
 
 
 def summarize_learning(
-    results: Sequence[BatchMarks], *, reference: str = REFERENCE
+    results: Sequence[BatchOutcomes], *, reference: str = REFERENCE
 ) -> list[LearningSummary]:
     """Compare every agent with the reference; without it, differences and ratios are nan."""
     agents = dict.fromkeys(result.agent for result in results)
@@ -140,7 +140,7 @@ def hours_to(hours: Array, accuracy: Array, level: float) -> float:
     return float(hours[i - 1] + share * (hours[i] - hours[i - 1]))
 
 
-def pooled_ece(results: Iterable[BatchMarks], *, last: int = _LAST) -> tuple[float, float]:
+def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
     """Give the expected calibration error over all repeats of one agent's last batches.
 
     Returns
@@ -149,32 +149,38 @@ def pooled_ece(results: Iterable[BatchMarks], *, last: int = _LAST) -> tuple[flo
     """
     every = list(results)
     end = max(result.batch for result in every)
-    chosen = [result.marks for result in every if result.batch > end - last]
-    positive = np.concatenate([marks.positive.ravel() for marks in chosen])
-    truth = np.concatenate([marks.truth.ravel() for marks in chosen])
+    chosen = [result.outcomes.beliefs() for result in every if result.batch > end - last]
+    positive, truth = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
     rng = stream(0, "calibrated belief")
     return calibration_error(positive, truth), expected_calibration_error(positive, rng, draws=20)
 
 
-def _row(result: BatchMarks) -> LearningRow:
-    marks = result.marks
-    positive, truth = marks.positive.ravel(), marks.truth.ravel()
+def _row(result: BatchOutcomes) -> LearningRow:
+    outcomes = result.outcomes
+    positive, truth = outcomes.beliefs()
+    judged = outcomes.judged
     return LearningRow(
         agent=result.agent,
         batch=result.batch,
         repeat=result.repeat,
         exploration_hours=result.hours,
-        accuracy=float(marks.success.mean()),
-        accuracy_se=clustered_se(marks.success.astype(float), marks.object_index),
-        test_cost_s=float(marks.cost.mean()),
-        reward=float(marks.reward.mean()),
+        accuracy=_accuracy(outcomes),
+        accuracy_se=clustered_se(
+            outcomes.success[judged].astype(float), outcomes.object_name[judged]
+        ),
+        test_cost_s=float(outcomes.cost.mean()),
+        reward=float(outcomes.reward.mean()),
         nll=float(negative_log_likelihood(positive, truth).mean()),
         ece=calibration_error(positive, truth),
-        claimed_accuracy=float(marks.claimed.mean()),
+        claimed_accuracy=float(outcomes.certainty.mean()),
     )
 
 
-def _summary(results: Sequence[BatchMarks], agent: str, base: Curves | None) -> LearningSummary:
+def _accuracy(outcomes: TrialOutcomes) -> float:
+    return float(outcomes.success[outcomes.judged].mean())
+
+
+def _summary(results: Sequence[BatchOutcomes], agent: str, base: Curves | None) -> LearningSummary:
     own = curves_of(results, agent)
     ece, calibrated = pooled_ece(result for result in results if result.agent == agent)
     ratio = low = high = math.nan

@@ -9,7 +9,7 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.untrusted import LARGEST
 
-_LOGS = ("all", "train")
+_LOGS = ("full", "compact")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class OnlineConfig:
     learn_success: bool = False  # does the robot learn success probabilities?
     published: tuple[str, ...] = ()  # what the authors' code does otherwise
     horizon: int = 1000  # queries to be answered, for which curiosity explores
-    log: str = "all"  # or "train": test trials leave their marks only
+    log: str = "full"  # or "compact": of test trials the outcomes only
 
     def __post_init__(self) -> None:
         found = distinct(as_online_agent(value) for value in self.agents)
