@@ -29,7 +29,7 @@ def panel(
     alpha: float | None = None,
     beta: float | None = None,
 ) -> OnlineRun:
-    """Run what the logs do not hold yet; training trials are logged whole, of tests the outcomes."""
+    """Run what the logs do not hold yet; of tests, log the outcomes only."""
     config = OnlineConfig(
         dataset,
         attributes=n,

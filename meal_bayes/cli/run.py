@@ -32,6 +32,7 @@ from meal_bayes.untrusted import NAME_LIMIT
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.experiments import OfflineConfig, OfflineRun
+    from meal_bayes.trial_log import TrialOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"

@@ -160,6 +160,7 @@ def chunk_messages(
 
 
 def next_record(file: BinaryIO, size: int) -> Record:
+    """Read the record that begins here; `size` is the file's, which bounds its length."""
     offset = file.tell()
     head = file.read(HEAD.size)
     if len(head) < HEAD.size:
@@ -176,6 +177,7 @@ def next_record(file: BinaryIO, size: int) -> Record:
 
 
 def stream(content: bytes) -> ReadDataStream:
+    """Return what the library reads a record from."""
     return ReadDataStream(BytesIO(content))
 
 

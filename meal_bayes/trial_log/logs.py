@@ -166,11 +166,10 @@ class Logs:
                     )
                 if held[1] is file:
                     new.append(row)
-            if len(new) < len(outcomes):
-                outcomes = outcomes.rows(new)
-                trials = tuple(trials[row] for row in new if trials)
             if new:
-                yield Group(header, file, tuple(place + row for row in new), outcomes, trials)
+                own = outcomes.rows(new) if len(new) < len(outcomes) else outcomes
+                kept = tuple(trials[row] for row in new if trials)
+                yield Group(header, file, tuple(place + row for row in new), own, kept)
         if file.name.endswith(ACTIVE):
             why = f" ({scan.problems[0]})" if scan.problems else ""
             self.problems.append(f"{file} was not finished by its writer{why}")

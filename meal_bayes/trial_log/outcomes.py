@@ -103,7 +103,7 @@ class TrialOutcomes:
         return cls(
             behaviors=behaviors,
             **dict(zip(names, single, strict=True)),  # type: ignore[arg-type]
-            **wide,  # type: ignore[arg-type]
+            **wide,
             steps=np.array([row.steps for row in found], np.int64),
             executed=executed,
             failed=failed,
