@@ -14,7 +14,7 @@ from meal_bayes.evaluation import (
     pooled_ece,
     summarize_learning,
 )
-from meal_bayes.trial_log import BatchMarks, Marks
+from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
 TRIALS = 200
 ROW = {
@@ -23,21 +23,29 @@ ROW = {
 }  # fmt: skip
 
 
-def marks_of(accuracy, *, cost=10.0, belief=0.8, objects=20):
-    """Trials of which exactly this share is right; the belief in yes is the same in all."""
-    k = np.arange(TRIALS)
-    success = k < round(accuracy * TRIALS)
-    return Marks(
-        k % objects, success, np.full(TRIALS, cost), np.where(success, 300.0, -300.0) - cost,
-        np.full(TRIALS, belief), np.full((TRIALS, 1), belief), success[:, None],
-        np.zeros((TRIALS, 1), int),
+def outcomes_of(success, belief, *, cost=10.0, objects=20):
+    """Trials that all report "true"; it is right in those of `success`, (n,)."""
+    k = np.arange(len(success))
+    none = np.zeros((len(k), 0), int)
+    return TrialOutcomes(
+        behaviors=(), agent=["bayes"] * len(k), key=k.astype(str), object_index=k % objects,
+        object_name=(k % objects).astype(str), attribute=[["red"]] * len(k),
+        truth=np.reshape(success, (-1, 1)), report=np.ones((len(k), 1)),
+        positive=np.broadcast_to(np.reshape(belief, (-1, 1)), (len(k), 1)),
+        cost=np.full(len(k), cost), reward=np.where(success, 300.0, -300.0) - cost,
+        ended=[""] * len(k), steps=np.ones(len(k)), executed=none, failed=none,
     )  # fmt: skip
+
+
+def trials_of(accuracy, *, belief=0.8, **options):
+    """Trials of which exactly this fraction is right; the belief in yes is the same in all."""
+    return outcomes_of(np.arange(TRIALS) < round(accuracy * TRIALS), belief, **options)
 
 
 def curve(agent, accuracies, *, hours=1.0, repeats=3, **options):
     """A curve of one point every so many hours, the same in every repeat."""
     return [
-        BatchMarks(agent, repeat, batch, batch * hours, marks_of(accuracy, **options))
+        BatchOutcomes(agent, repeat, batch, batch * hours, trials_of(accuracy, **options))
         for repeat in range(repeats)
         for batch, accuracy in enumerate(accuracies)
     ]
@@ -91,7 +99,7 @@ class TestSummary:
 
     def test_differences_are_paired_by_repeat(self):
         results = [
-            BatchMarks(agent, repeat, batch, batch, marks_of(0.5 + 0.1 * repeat + more))
+            BatchOutcomes(agent, repeat, batch, batch, trials_of(0.5 + 0.1 * repeat + more))
             for agent, more in (("iterative_morc", 0.0), ("bayes", 0.05))
             for repeat in range(4)
             for batch in range(4)
@@ -157,15 +165,11 @@ def test_pooled_ece_shows_miscalibration_only(wrong_by, excess):
     rng = np.random.default_rng(0)
     results = []
     for repeat in range(10):
-        belief = rng.uniform(0.25, 0.75, (TRIALS, 1))
-        truth = rng.random((TRIALS, 1)) < belief + wrong_by
-        marks = Marks(
-            np.arange(TRIALS), truth[:, 0], np.ones(TRIALS), np.ones(TRIALS), belief[:, 0],
-            belief, truth, np.zeros((TRIALS, 1), int),
-        )  # fmt: skip
-        results += [BatchMarks("bayes", repeat, batch, batch, marks) for batch in (8, 9, 10)]
-        worst = marks_of(0.0, belief=1.0)
-        results.append(BatchMarks("bayes", repeat, 7, 7, worst))  # too early to count
+        belief = rng.uniform(0.25, 0.75, TRIALS)
+        found = outcomes_of(rng.random(TRIALS) < belief + wrong_by, belief)
+        results += [BatchOutcomes("bayes", repeat, batch, batch, found) for batch in (8, 9, 10)]
+        worst = trials_of(0.0, belief=1.0)
+        results.append(BatchOutcomes("bayes", repeat, 7, 7, worst))  # too early to count
     error, calibrated = pooled_ece(results)
     assert 0 < calibrated < 0.05
     assert error - calibrated == pytest.approx(excess, abs=0.05)
