@@ -104,18 +104,20 @@ def test_options_reach_the_run(run, words):
     options = (
         "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--feedback",
         "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--published",
-        "sample_wise, joint_label", "--seed", "9", "--log", "train", "--agent", "morc_itrs",
+        "sample_wise, joint_label", "--seed", "9", "--log", "compact", "--agent", "morc_itrs",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)
     config = told["config"]
     expected = {
         "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
         "error": 0.1, "success": [["lift", 0.5]], "learn_success": True,
-        "published": ["sample_wise", "joint_label"], "seed": 9, "log": "train",
+        "published": ["sample_wise", "joint_label"], "seed": 9, "log": "compact",
         "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
-    assert {p.name for p in Path(told["log"]).rglob("*.mcap")} == {"01-train.mcap", "02-train.mcap"}
+    logs = Path(told["log"]).rglob("*.mcap")
+    forms = {path.name.partition("-")[2]: log_info(path).form for path in logs}
+    assert forms == {"train.mcap": "full", "test.mcap": "compact"}
 
 
 def test_all_published_variants_at_once(run, words):
