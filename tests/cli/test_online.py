@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from meal_bayes.trial_log import log_info
+
 ROW = [
     "agent", "batch", "repeat", "exploration_hours", "accuracy", "accuracy_se", "test_cost_s",
     "reward", "nll", "ece", "claimed_accuracy",
