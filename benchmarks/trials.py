@@ -2,9 +2,9 @@
 
     python benchmarks/trials.py [--trials 1000000] [--json]
 
-Outcomes are synthetic but valid: six agents of an online run, tests after each batch of each
-repeat, a log a batch. Another log holds all of them in one file. Every part runs in a process of its
-own, so that its memory is its own.
+Outcomes are synthetic but valid: five agents of an online run, tests after each batch of each
+repeat, a log a batch. Another log holds all of them in one file. Every part runs in a process of
+its own, so that its memory is its own.
 """
 
 import argparse
