@@ -60,4 +60,6 @@ class Examples(griffe.Extension):
         """Put the heading of the section before the first doctest of a docstring."""
         if obj.docstring is not None and "Examples\n---" not in obj.docstring.value:
             text = obj.docstring.value
-            obj.docstring.value = re.sub(r"^>>>", "Examples\n--------\n>>>", text, 1, re.MULTILINE)
+            obj.docstring.value = re.sub(
+                r"^>>>", "Examples\n--------\n>>>", text, count=1, flags=re.MULTILINE
+            )
