@@ -1,4 +1,7 @@
-"""Where the public data sets live: repository, commit, folder."""
+"""Where the public data sets live: repository, commit, folder.
+
+The module of the same name reads each: `load_NAME(domain, folder)` in `datasets/NAME.py`.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
