@@ -1,14 +1,12 @@
 """`load_dataset`: the recordings of a domain, public or one's own, by name."""
 
-from importlib import import_module
 from pathlib import Path
-from typing import cast
 
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.download import fetch
 from meal_bayes.datasets.sources import SOURCES, find_folder
-from meal_bayes.domain import Domain, load_domain
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 
 
@@ -42,8 +40,4 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
         return load_csv_folder(domain, Path(root))
     if root is None:
         root = fetch(domain.data)
-    module = import_module(f"meal_bayes.datasets.{domain.data}")
-    return cast(
-        Dataset,
-        getattr(module, f"load_{domain.data}")(domain, find_folder(domain.data, Path(root))),
-    )
+    return SOURCES[domain.data].load(domain, find_folder(domain.data, Path(root)))
