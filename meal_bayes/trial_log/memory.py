@@ -36,12 +36,12 @@ def write_labels(labels: ObjectLabels) -> None:
 def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
     """Read the labels of a data set's objects, in the order they were given.
 
+    A log that is empty, torn or of another format is left out with a warning.
+
     Parameters
     ----------
     folder : of the logs; one that is not there remembers nothing.
     data : the data set's name.
-
-    A log that is empty, torn or of another format is left out with a warning.
     """
     found = []
     for path in sorted(Path(folder).glob(_NAMES)):
