@@ -25,6 +25,8 @@ from meal_bayes.planners.point_based.pbvi import PBVI
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 
 def solvers(domain: Domain) -> list[Solver]:
     sequence = domain.predefined or domain.behavior_names

@@ -49,6 +49,7 @@ def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
         np.testing.assert_array_equal(again.features[context], values)
 
 
+@pytest.mark.long
 def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     data, _ = training
     rng = stream(0, "labels by a coin")
@@ -86,6 +87,7 @@ def test_success_is_learned_from_what_happened(room, training):
     Learner(learned.domain, agent="greedy", logs=None).fit(learned)
 
 
+@pytest.mark.long
 def test_it_learns_live_from_a_single_object(room, tmp_path):
     done = list(room.learn_live(
         14, 3, agent="greedy", explore=8, refit_every=5, learn_success=True, logs=tmp_path

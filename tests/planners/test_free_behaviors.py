@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.planners import POMCP, Factored, Greedy, OpenLoop
 from meal_bayes.planners.rollout import simulate
 
-EPISODES = 60
+EPISODES = 20
 PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
     "recordings run out": {"precision": 8.0, "limit": 5, "discount": 1.0, "abstain": True},
     "rows are known, recordings run out": {"limit": 5, "discount": 1.0},
@@ -21,7 +21,7 @@ PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
 def solvers(momdp):
     # Undiscounted, `Factored` goes round where recordings run out: its module says so.
     known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-    return [POMCP(100), POMCP(100, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
+    return [POMCP(30), POMCP(30, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
 
 
 @pytest.mark.statistical

@@ -206,6 +206,7 @@ for levels in (2, 10):  # every percept vector gets a child; or a sample of them
 """
 
 
+@pytest.mark.long
 def test_compiled_and_plain_python_agree():
     """The kernels draw from NumPy's generator the same numbers either way."""
     outputs = []

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
@@ -49,7 +49,6 @@ def beliefs(posterior, degree, rates, levels):
     return prior + truth_evidence(seen, np.log(np.maximum(degree.kinds, 1e-300)))
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.sampled_from([2, 4, 8]))
 def test_rows_mix_to_the_confusion_matrix(seed, spread, levels):
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.errors import LogError, OutputError
@@ -41,7 +41,6 @@ def one():
 
 
 @given(marks=some_marks())
-@settings(max_examples=60, deadline=None)
 def test_what_is_loaded_equals_what_was_saved(tmp_path_factory, marks):
     path = tmp_path_factory.mktemp("marks") / "some.marks.csv"
     marks.save(path)
