@@ -139,10 +139,11 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
     """List domains, attributes and levels; of at most so many percept vectors."""
     out = []
     for name in DOMAINS:
+        marks = [pytest.mark.long] * (name in ("roc36_published", "cy101"))
         for n in (1, 2, 3):
             if n <= len(load_domain(name).attributes):
                 out += [
-                    pytest.param(name, n, k, id=f"{name}-N{n}-K{k}")
+                    pytest.param(name, n, k, id=f"{name}-N{n}-K{k}", marks=marks)
                     for k in (2, 4)
                     if k**n <= largest
                 ]

@@ -127,6 +127,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     assert len(list(run.results())) == 2 * 2 * 3
 
 
+@pytest.mark.long
 def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatch):
     """Its module lies in a folder that the workers have never heard of."""
     address, _ = cluster

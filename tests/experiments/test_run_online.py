@@ -187,6 +187,7 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
     assert not list(run.folder.rglob("*.active"))
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
     words = [config.dataset, config.root, str(tmp_path), "13"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

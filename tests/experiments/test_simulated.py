@@ -38,6 +38,7 @@ def accuracy(room, data, truths=None):
     return np.mean(right)
 
 
+@pytest.mark.long
 def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
     data, happened = training
     assert len(data.objects) == 16
@@ -60,6 +61,7 @@ def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
 
 
+@pytest.mark.long
 def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
     learner = Learner("simulated_arm", agent="greedy", logs=None).fit(training[0])
     trials = []
@@ -76,6 +78,7 @@ def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
     assert logged.cost == trials[0].cost
 
 
+@pytest.mark.long
 def test_success_is_learned_from_what_happened(room, training):
     data, happened = training
     tried = happened["lifted", "shake", "lifted"]

@@ -24,8 +24,13 @@ def solvers(momdp):
     return [POMCP(30), POMCP(30, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
 
 
+ENDLESS = {"percepts tell less and less", "independent percepts"}  # trials are as long as may be
+
+
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(k, marks=[pytest.mark.long] * (k in ENDLESS)) for k in PROBLEMS]
+)
 @pytest.mark.parametrize("free", [(0,), (0, 1, 2)])
 def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
     """The same objects and luck, so that the values are compared pair by pair."""

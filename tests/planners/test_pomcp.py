@@ -204,7 +204,9 @@ class TestWithoutThese:
         assert small.best_value(unseeing) == pytest.approx(-1.0)
 
     @pytest.mark.statistical
-    @pytest.mark.parametrize(("n", "floor"), [(1, 425), (2, 360), (3, 185)])
+    @pytest.mark.parametrize(
+        ("n", "floor"), [(1, 425), (2, 360), pytest.param(3, 185, marks=pytest.mark.long)]
+    )
     def test_worth_on_the_noisy_robot(self, small, n, floor):
         """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""
         momdp = small.noisy_roc36(n)
