@@ -107,9 +107,10 @@ def test_no_number_of_percepts_outweighs_the_degree():
 @pytest.mark.statistical
 @pytest.mark.parametrize("spread", [0.3, 0.6, 1.0])
 def test_the_spread_of_simulated_objects_is_recovered(spread):
-    truth, levels = simulate(np.random.default_rng(3), spread)
-    _, degree, _ = learned(truth, levels)
-    assert degree.spread == pytest.approx(spread, rel=0.35)
+    """On average over made-up data sets, but for what the rows, learned from the same, take."""
+    rngs = [np.random.default_rng(seed) for seed in range(3, 6)]
+    found = [learned(*simulate(rng, spread, objects=400))[1].spread for rng in rngs]
+    assert 0.84 * spread < np.mean(found) < spread
 
 
 @pytest.mark.statistical
