@@ -1,5 +1,6 @@
 """What all tests share: recordings and reference models, where they are at hand."""
 
+import fcntl
 import os
 from collections.abc import Callable
 from importlib import import_module, resources
@@ -10,12 +11,22 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from meal_bayes.datasets.synthetic import make_synthetic_model
 from meal_bayes.domain import load_domain
+from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 
 OBJECTS, RECORDINGS = 24, 3
 LOOKS, PAUSE = 12_000, 0.01  # s between looks: two minutes of patience on a quiet machine
+
+# The same examples each time; no limit on their time, which a busy machine would exceed.
+STEADY = settings(
+    derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("quick", STEADY, max_examples=20)
+settings.register_profile("thorough", STEADY, max_examples=100)
+settings.load_profile("quick")
 
 
 def wait_until(condition: Callable[[], object], what: str = "it did not come about") -> None:
@@ -27,6 +38,15 @@ def wait_until(condition: Callable[[], object], what: str = "it did not come abo
     pytest.fail(what)
 
 
+def is_running(pid: int) -> bool:
+    """Whether a process runs; one that ended and that nobody waited for does not."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2]
+    except OSError:
+        return False
+    return state.split()[0] != "Z"
+
+
 def missing(reason: str) -> None:
     """Skip loudly, or fail where everything is required (CI)."""
     if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
@@ -34,19 +54,25 @@ def missing(reason: str) -> None:
     pytest.skip(reason)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what takes minutes, and say so, unless everything is required (CI)."""
-    if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
-        return
-    for item in items:
-        if item.get_closest_marker("long"):
-            item.add_marker(pytest.mark.skip(reason="long; set MEAL_BAYES_REQUIRE_ALL=1"))
-
-
 @pytest.fixture(scope="session")
 def eventually() -> Callable[..., None]:
     """Return `wait_until`."""
     return wait_until
+
+
+@pytest.fixture(scope="session")
+def running() -> Callable[[int], bool]:
+    """Return `is_running`."""
+    return is_running
+
+
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compile the planners' kernels, or load what the test process that came first compiled."""
+    with (tmp_path_factory.getbasetemp().parent / "compiling").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for solver in (Factored(500), OpenLoop(), POMCP(5)):
+            warm_up(solver)
 
 
 @pytest.fixture(scope="session")

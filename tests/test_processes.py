@@ -6,7 +6,6 @@ import pty
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ import pytest
 from meal_bayes import processes
 
 ROOT = Path(processes.__file__).resolve().parents[1]
-PATIENCE = 100  # looks, a tenth of a second apart
 
 FOREIGN = """
 import time
@@ -55,36 +53,19 @@ def run(code, **options):
             process.kill()
 
 
-def gone(pid):
-    """Whether a process ends soon."""
-    for _ in range(PATIENCE):
-        if not running(pid):
-            return True
-        time.sleep(0.1)
-    return False
-
-
-def running(pid):
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"  # what nobody waits for here, as in a container without init
-
-
 @pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2), (CONTEXT, 2)])
-def test_children_end_with_a_killed_parent(code, count, kind):
+def test_children_end_with_a_killed_parent(code, count, kind, running, eventually):
     with run(code, stdout=subprocess.PIPE) as parent:
         children = [int(parent.stdout.readline()) for _ in range(count)]
         assert all(map(running, children))
         parent.send_signal(kind)
         parent.wait()
-        assert all(map(gone, children))
+        eventually(lambda: not any(map(running, children)))
 
 
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2)])
-def test_children_end_with_the_terminal(code, count):
+def test_children_end_with_the_terminal(code, count, running, eventually):
     inside, outside = pty.openpty()[::-1]
     with run(
         code, stdout=subprocess.PIPE, stdin=inside, stderr=inside, start_new_session=True,
@@ -95,7 +76,7 @@ def test_children_end_with_the_terminal(code, count):
         os.close(outside)
         parent.wait()
         assert parent.returncode == -signal.SIGHUP
-        assert all(map(gone, children))
+        eventually(lambda: not any(map(running, children)))
 
 
 def test_a_foreign_program_keeps_its_number_and_its_exit_code():
@@ -112,7 +93,7 @@ def test_a_child_whose_parent_is_gone_already_does_not_begin():
         assert child.returncode == 1
 
 
-def test_elsewhere_a_guard_ends_the_program():
+def test_elsewhere_a_guard_ends_the_program(running, eventually):
     """As on systems whose kernel cannot be asked."""
     code = (
         "import os, subprocess, sys, time\n"
@@ -125,7 +106,7 @@ def test_elsewhere_a_guard_ends_the_program():
         child = int(parent.stdout.readline())
         parent.kill()
         parent.wait()
-        assert gone(child)
+        eventually(lambda: not running(child))
 
 
 def test_alive():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.agents import Experience, Feedback, Streams, Task, run_trial
@@ -67,7 +67,6 @@ trials = st.lists(
 
 
 @given(trials=trials, memory=st.booleans())
-@settings(max_examples=40, deadline=None)
 def test_d_holds_what_was_shown_with_what_was_told(trials, memory):
     experience, ledger, told = empty(memory=memory), {}, {}
     for o, attributes, seed, right in trials:
@@ -100,7 +99,6 @@ def test_d_holds_what_was_shown_with_what_was_told(trials, memory):
 @given(
     seeds=st.lists(st.integers(0, 99), min_size=1, max_size=3), memory=st.booleans(), data=st.data()
 )
-@settings(max_examples=25, deadline=None)
 def test_the_order_of_objects_does_not_matter(seeds, memory, data):
     own = {o: [] for o in range(OBJECTS)}  # an object's trials depend on its own past only
     for o, trials_of in own.items():

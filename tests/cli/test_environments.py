@@ -16,6 +16,11 @@ ASK = ("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "greedy")
 SHOW = ("log", "show", str(SAMPLE))
 DOCTOR = ("doctor",)
 
+# Those tried by default, one of each sort; the others are `long`.
+QUICK = {
+    "no HOME", "HOME without rights", "LANG C", "ascii", "COLUMNS 0", "data folder is a file",
+    "stdin closed", "stderr full", "stdout closed", "stdout full", "logs in /proc", "no such mode",
+}  # fmt: skip
 # Variables, command, redirections, exit code, what is told. A None takes a variable away.
 GOOD = {
     "no HOME": ({"HOME": None}, LIST, ""),
@@ -113,11 +118,13 @@ def shell(folder, variables, arguments, redirections, before=""):
     )
 
 
-def test_there_are_some_40():
-    assert len(GOOD) + len(BAD) >= 40
+def cases(table):
+    """List the names of a table."""
+    assert set(table) & QUICK
+    return [pytest.param(name, marks=[pytest.mark.long] * (name not in QUICK)) for name in table]
 
 
-@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("name", cases(GOOD))
 def test_it_works_all_the_same(name, tmp_path):
     done = shell(tmp_path, *GOOD[name])
     assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr
@@ -125,7 +132,7 @@ def test_it_works_all_the_same(name, tmp_path):
     assert b"error" not in done.stderr.lower()
 
 
-@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("name", cases(BAD))
 def test_it_ends_with_one_line(name, tmp_path):
     *given, code, told = BAD[name]
     done = shell(tmp_path, *given)
@@ -155,7 +162,12 @@ def test_a_folder_that_is_gone_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("target", "before"), [("/proc/a.rrd", ""), ("/proc/no/a.rrd", ""), ("a.rrd", "ulimit -f 8;")]
+    ("target", "before"),
+    [
+        ("a.rrd", "ulimit -f 8;"),
+        pytest.param("/proc/a.rrd", "", marks=pytest.mark.long),
+        pytest.param("/proc/no/a.rrd", "", marks=pytest.mark.long),
+    ],
 )
 def test_a_recording_that_cannot_be_written_is_told(target, before, tmp_path):
     done = shell(tmp_path, {}, ("view", str(SAMPLE), "--save", target), "", before)

@@ -50,6 +50,7 @@ def test_the_grid_writes_everything(run, tmp_path):
     assert all(0 < p < 1 for p in told["predictive_p"])
 
 
+@pytest.mark.long
 def test_equal_commands_give_equal_draws_in_one_folder(run, tmp_path):
     first, again, other = (
         json.loads(run(*GRID[:2], "heavy", "--draws", "20", "--json", "--seed", seed).stdout)

@@ -134,6 +134,7 @@ def test_the_papers_classifiers_need_recordings(fails, table):
     assert "MEAL_BAYES_OFFLINE forbids the network" in public
 
 
+@pytest.mark.long
 def test_killed_in_the_middle_then_read_back_and_resumed(start, tmp_path, eventually):
     words = ("run", "offline", "--trials", "300", "--agent", "predefined_plus", "--json")
     with start(*words) as process:

@@ -77,6 +77,7 @@ def test_a_fault_of_the_body_is_told_and_logged(ask, sim, monkeypatch):
     assert trial.ended == told["ended"] == "robot error: RobotError: the gripper jams"
 
 
+@pytest.mark.long
 def test_live_shows_a_curve(run, sim):
     result = run("sim", "live", "--trials", "6", "--explore", "4", "--agent", "greedy",
                  "--learn-success")  # fmt: skip

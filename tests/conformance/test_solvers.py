@@ -25,6 +25,8 @@ from meal_bayes.planners.point_based.pbvi import PBVI
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 
 def solvers(domain: Domain) -> list[Solver]:
     sequence = domain.predefined or domain.behavior_names
@@ -137,10 +139,11 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
     """List domains, attributes and levels; of at most so many percept vectors."""
     out = []
     for name in DOMAINS:
+        marks = [pytest.mark.long] * (name in ("roc36_published", "cy101"))
         for n in (1, 2, 3):
             if n <= len(load_domain(name).attributes):
                 out += [
-                    pytest.param(name, n, k, id=f"{name}-N{n}-K{k}")
+                    pytest.param(name, n, k, id=f"{name}-N{n}-K{k}", marks=marks)
                     for k in (2, 4)
                     if k**n <= largest
                 ]

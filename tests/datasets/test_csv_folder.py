@@ -180,7 +180,7 @@ def test_broken_labels(own: Path, change: Change, old: str, new: str, expected: 
     assert "\n" not in str(caught.value)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from(["labels.csv", "look_color.csv"]),
     st.integers(0, 80),

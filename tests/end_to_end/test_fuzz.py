@@ -12,6 +12,7 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 FOUND = {"inputs", "silent", "hangs", "tracebacks", "changed", "peak_mb"}
 
 
+@pytest.mark.long
 def test_it_finds_nothing():
     done = subprocess.run(
         [sys.executable, os.fspath(BENCHMARKS / "fuzz.py"), "--json", "--inputs", "24",

@@ -41,6 +41,7 @@ def logs_of(folder):
     return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a kill that cannot be caught")
 def test_a_killed_run_is_taken_up_where_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr("meal_bayes.experiments.store.code_digest", lambda: "pinned")
@@ -101,6 +102,7 @@ def test_made_up_recordings_from_features_to_measures(synthetic):
     assert all(check_log(path).whole for path in run.paths)
 
 
+@pytest.mark.long
 def test_two_processes_plan_alike(synthetic):
     """Plans and searches do not depend on the process either."""
     config = OfflineConfig(str(synthetic / "toy.npz"), 2, 12, ("morc", "bayes"), seed=2)
@@ -109,6 +111,7 @@ def test_two_processes_plan_alike(synthetic):
     assert logs_of(one.folder) == logs_of(two.folder)
 
 
+@pytest.mark.long
 def test_real_recordings_of_objects_never_learned_from(tmp_path):
     """A short run on the shipped ROC36; over 400 trials the paper has .860 at 29.85 s."""
     config = OfflineConfig("roc36", 2, 40, ("random_legal", "bayes"), seed=4)

@@ -39,6 +39,7 @@ def rows() -> list[dict[str, object]]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_rows_hold_what_they_promise(rows: list[dict[str, object]]) -> None:
     for row in rows:
         assert set(row) == {"model", "policy", "budget"} | NUMBERS | PERHAPS
@@ -65,6 +66,7 @@ def test_rows_hold_what_they_promise(rows: list[dict[str, object]]) -> None:
     assert search["value"] >= random["value"]
 
 
+@pytest.mark.long
 def test_processes_change_nothing(rows: list[dict[str, object]]) -> None:
     again = run(
         "--models", "clean1", "--policies", "olfc,pomcp:1500 simulations",

@@ -161,6 +161,7 @@ def test_an_unfinished_log_is_told_of(trials, tmp_path):
         write_report(Logs(tmp_path / "none"), tmp_path / "r.html")
 
 
+@pytest.mark.long
 def test_it_reads_well_in_a_real_browser(page, tmp_path):
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     try:

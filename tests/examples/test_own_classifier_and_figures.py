@@ -20,6 +20,7 @@ def test_examples_are_short(name):
     assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) < 60
 
 
+@pytest.mark.long
 def test_own_classifier(capsys):
     load("own_classifier").main()
     lines = capsys.readouterr().out.splitlines()

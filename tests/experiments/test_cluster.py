@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -64,23 +63,15 @@ def process(folder, module, *words):
             started.wait()
 
 
-def wait_for(condition, what):
-    for _ in range(12_000):  # looks; no test asks a clock
-        if condition():
-            return
-        time.sleep(0.01)
-    raise AssertionError(what)
-
-
 @pytest.fixture
-def cluster(tmp_path):
+def cluster(tmp_path, eventually):
     """Start a scheduler and two workers; give its address with their processes."""
     card = tmp_path / "scheduler.json"
     with ExitStack() as stack:
         words = ("--host", LOCAL, "--port", "0", "--no-dashboard", "--no-show")
         words = (*words, "--scheduler-file", str(card))
         stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *words))
-        wait_for(card.is_file, "no scheduler")
+        eventually(card.is_file, "no scheduler")
         address = json.loads(card.read_text())["address"]
         workers = [
             stack.enter_context(
@@ -94,7 +85,7 @@ def cluster(tmp_path):
         ]  # fmt: skip
         for k in (1, 2):
             log = tmp_path / f"worker{k}" / "output"
-            wait_for(lambda log=log: "Registered to" in log.read_text(), "no worker")
+            eventually(lambda log=log: "Registered to" in log.read_text(), "no worker")
         yield address, workers
 
 
@@ -111,7 +102,8 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
-def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkeypatch):
+@pytest.mark.long
+def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkeypatch, eventually):
     address, workers = cluster
     expected = contents(run_online(config, logs=tmp_path / "here").folder)
     monkeypatch.chdir(tmp_path)
@@ -120,7 +112,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     def kill_one():
         """Kill a worker when both have begun and neither has ended."""
         logs = tmp_path / "there"
-        wait_for(lambda: len({*logs.rglob("repeat-*")}) >= 2, "nothing begun")
+        eventually(lambda: len({*logs.rglob("repeat-*")}) >= 2, "nothing begun")
         os.kill(workers[0].pid, signal.SIGKILL)
         seen.append(len([*logs.rglob("02-test.mcap")]))
 
@@ -135,6 +127,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     assert len(list(run.results())) == 2 * 2 * 3
 
 
+@pytest.mark.long
 def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatch):
     """Its module lies in a folder that the workers have never heard of."""
     address, _ = cluster
@@ -149,6 +142,7 @@ def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatc
     assert len(contents(here.folder)) == 2
 
 
+@pytest.mark.long
 def test_faults_of_the_work_are_told(cluster, config, tmp_path):
     address, _ = cluster
     wrong = replace(config, success=(("lift", 1.5),), repeats=1)

@@ -73,6 +73,7 @@ def steps_of(run):
     return [len(trial.steps) for trial in run.trials()]
 
 
+@pytest.mark.long
 def test_one_process_and_two_write_equal_logs(module, tmp_path):
     config = OfflineConfig("cy101", 1, 8, (module(1).Looker(2), "predefined"), seed=1)
     runs = [run_offline(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]

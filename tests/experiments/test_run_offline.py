@@ -136,6 +136,7 @@ class TestRunningAgain:
         assert again.seconds["predefined_plus"] > 0
 
 
+@pytest.mark.long
 def test_two_processes_write_the_same_files(finished, tmp_path):
     run = run_offline(CONFIG, logs=tmp_path, jobs=2)
     assert run.folder.name == finished.folder.name

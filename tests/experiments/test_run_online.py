@@ -195,6 +195,7 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
     assert not list(run.folder.rglob("*.active"))
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
     words = [config.dataset, config.root, str(tmp_path), "13"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -208,6 +209,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
     assert contents(run.folder) == whole
 
 
+@pytest.mark.long
 def test_two_processes_write_the_same_files(config, whole, tmp_path):
     run = run_online(config, logs=tmp_path, jobs=2)
     assert contents(run.folder) == whole

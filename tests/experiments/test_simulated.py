@@ -38,6 +38,7 @@ def accuracy(room, data, truths=None):
     return np.mean(right)
 
 
+@pytest.mark.long
 def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
     data, happened = training
     assert len(data.objects) == 16
@@ -49,6 +50,7 @@ def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
         np.testing.assert_array_equal(again.features[context], values)
 
 
+@pytest.mark.long
 def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     data, _ = training
     rng = stream(0, "labels by a coin")
@@ -59,6 +61,7 @@ def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
 
 
+@pytest.mark.long
 def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
     learner = Learner("simulated_arm", agent="greedy", logs=None).fit(training[0])
     trials = []
@@ -75,6 +78,7 @@ def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
     assert logged.cost == trials[0].cost
 
 
+@pytest.mark.long
 def test_success_is_learned_from_what_happened(room, training):
     data, happened = training
     tried = happened["lifted", "shake", "lifted"]
@@ -86,6 +90,7 @@ def test_success_is_learned_from_what_happened(room, training):
     Learner(learned.domain, agent="greedy", logs=None).fit(learned)
 
 
+@pytest.mark.long
 def test_it_learns_live_from_a_single_object(room, tmp_path):
     done = list(room.learn_live(
         14, 3, agent="greedy", explore=8, refit_every=5, learn_success=True, logs=tmp_path

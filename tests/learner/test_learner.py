@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.agents import knowledge_without
@@ -37,7 +37,6 @@ WORDS = st.lists(st.tuples(st.integers(0, 4), st.none() | VALUES), max_size=10)
 
 
 @given(words=WORDS)
-@settings(max_examples=60, deadline=None)
 def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
     """`evidence == delta * IE` (Eq. 10) after every word; forgetting restores the posterior."""
     learner, trials = met
@@ -73,7 +72,6 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
 
 
 @given(order=st.permutations(range(5)))
-@settings(max_examples=20, deadline=None)
 def test_the_order_of_words_does_not_matter(met, order):
     learner, trials = met
     truth = [{"red": bool(n != 1), "full": n % 2 == 0} for n in range(5)]

@@ -35,6 +35,7 @@ def test_two_trials_about_one_object_at_once_have_two_logs(tmp_path):
     assert names(tmp_path) == ["00000-mug.mcap", "00001-mug.mcap"]
 
 
+@pytest.mark.long
 def test_processes_overwrite_nothing(tmp_path):
     command = [sys.executable, "-c", ASKS, str(ROOT), str(tmp_path)]
     with ThreadPoolExecutor(3) as pool:

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.stats import entropy
@@ -26,7 +26,6 @@ tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
 )
 
 
-@settings(max_examples=25)
 @given(tables)
 def test_entropies_add_up_to_equation_9(confusion):
     momdp = build_momdp(ISPY32, QUERY, confusion)
@@ -37,7 +36,6 @@ def test_entropies_add_up_to_equation_9(confusion):
             assert each[[0, 1], e, values].sum() == pytest.approx(direct)
 
 
-@settings(max_examples=25)
 @given(tables, hnp.arrays(float, (2, E), elements=st.floats(0.0, 1.0)))
 def test_shaped_reward_is_equation_11(confusion, experience):
     momdp = build_momdp(ISPY32, QUERY, confusion)

@@ -72,6 +72,7 @@ def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     )
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 @pytest.mark.parametrize("estimator", [BY_HEART, GaussianNB()], ids=["by heart", "Bayes"])
 def test_permuted_labels_cannot_be_told(estimator):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -87,7 +87,6 @@ def by_hand(grams, truth, objects, left_out):
     sizes=st.lists(st.integers(1, 3), min_size=4, max_size=7),
     n_out=st.integers(0, 2),
 )
-@settings(max_examples=30, deadline=None)
 def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
     grams, truth, objects = some_problem(seed, sizes)
     problem = kernel_problem(grams, truth, objects, NOISE)
@@ -120,7 +119,6 @@ def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
 
 
 @given(seed=st.integers(0, 999), n=st.integers(4, 40), nonnegative=st.booleans())
-@settings(max_examples=40, deadline=None)
 def test_the_stacker_is_the_optimum(seed, n, nonnegative):
     rng = np.random.default_rng(seed)
     features = rng.normal(size=(3, n)) * rng.choice([0.1, 1.0, 4.0])

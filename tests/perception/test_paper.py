@@ -3,7 +3,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from sklearn.svm import SVC
@@ -32,7 +32,6 @@ def test_without_any_reliable_modality_it_says_one_half():
 
 
 @given(st.integers(0, 999), st.integers(5, 40))
-@settings(max_examples=20, deadline=None)
 def test_the_sigmoid_is_platts(seed, n):
     rng = np.random.default_rng(seed)
     truth = np.arange(n) % 3 == 0

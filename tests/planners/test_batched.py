@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.domain import Query, load_domain
@@ -50,14 +50,12 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
 
 
 @given(st.lists(pairs, min_size=3, max_size=3), chance)
-@settings(max_examples=40, deadline=None)
 def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
     (value,) = batched_value_iteration(problem(), [rates], [prior])
     assert 100 * (2 * max(prior, 1 - prior) - 1) - 0.2 <= value <= 100  # the grid rounds 0.1 %
 
 
 @given(st.lists(pairs, min_size=3, max_size=3), chance, st.integers(0, 1), st.floats(0, 0.3))
-@settings(max_examples=40, deadline=None)
 def test_better_percepts_are_worth_no_less(rates, prior, e, step):
     better = np.array(rates)
     better[e] = np.clip(better[e] + step * np.array([-1, 1]), 0.01, 0.99)
@@ -66,7 +64,6 @@ def test_better_percepts_are_worth_no_less(rates, prior, e, step):
 
 
 @given(chance, rate)
-@settings(max_examples=25, deadline=None)
 def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
     rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
     (value,) = batched_value_iteration(problem(), rates, [prior])

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import betabinom, binom
 
@@ -99,7 +99,6 @@ def planned_with(momdp):
 
 
 @given(gatherings())
-@settings(deadline=None, max_examples=150)
 def test_error_is_exact(small, case):
     momdp, uses, *rest = case
     uses = np.where(planned_with(momdp), uses, 0)
@@ -109,7 +108,6 @@ def test_error_is_exact(small, case):
 
 
 @given(gatherings(levels=4, most=3))
-@settings(deadline=None, max_examples=60)
 def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(small, case):
     momdp, uses, *rest = case
     found, told = (
@@ -165,7 +163,6 @@ def table_of(problem, uses):
 
 
 @given(gatherings())
-@settings(deadline=None, max_examples=100)
 def test_no_decision_rule_is_better_than_the_bayes_error(small, case):
     momdp, uses, weight, _ = case
     problem = compile_momdp(momdp)

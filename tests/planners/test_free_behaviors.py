@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.planners import POMCP, Factored, Greedy, OpenLoop
 from meal_bayes.planners.rollout import simulate
 
-EPISODES = 60
+EPISODES = 20
 PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
     "recordings run out": {"precision": 8.0, "limit": 5, "discount": 1.0, "abstain": True},
     "rows are known, recordings run out": {"limit": 5, "discount": 1.0},
@@ -21,11 +21,16 @@ PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
 def solvers(momdp):
     # Undiscounted, `Factored` goes round where recordings run out: its module says so.
     known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-    return [POMCP(100), POMCP(100, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
+    return [POMCP(30), POMCP(30, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
+
+
+ENDLESS = {"percepts tell less and less", "independent percepts"}  # trials are as long as may be
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(k, marks=[pytest.mark.long] * (k in ENDLESS)) for k in PROBLEMS]
+)
 @pytest.mark.parametrize("free", [(0,), (0, 1, 2)])
 def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
     """The same objects and luck, so that the values are compared pair by pair."""

@@ -139,6 +139,7 @@ print(table.sum())
 """
 
 
+@pytest.mark.long
 def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
     """The entry kernel lies in `open_loop/`, the edited one in `momdp/`."""
     package = copy_of_the_package(tmp_path)

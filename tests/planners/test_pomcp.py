@@ -52,7 +52,7 @@ class TestAgainstTheOptimum:
         momdp, _, best = solved(problem, abstain=abstain)
         value = small.best_value(small.search(momdp, simulations))
         assert value <= best + 1e-9
-        assert value >= best - 150 / np.sqrt(simulations)  # of 200 between right and wrong
+        assert value >= best - 55 / np.sqrt(simulations)  # of 200 between right and wrong
 
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_where_no_table_is_exact_plans_are_at_the_leaf(self, small, solved, problem):
@@ -168,7 +168,7 @@ class TestWithoutThese:
         assert decision.values[-1] == pytest.approx(report_value(momdp, history.belief))
 
     @pytest.mark.parametrize(
-        ("n", "floor", "optimum", "bound"), [(1, 430, 441.25, 441.4), (2, 365, 387.2, 387.7)]
+        ("n", "floor", "optimum", "bound"), [(1, 435, 441.25, 441.4), (2, 370, 387.2, 387.7)]
     )
     def test_values_lie_between_known_bounds(self, small, n, floor, optimum, bound):
         """Upper bounds by factored value iteration; SARSOP closes A1 at 441.3, PBVI A2 at 387.2."""
@@ -204,7 +204,9 @@ class TestWithoutThese:
         assert small.best_value(unseeing) == pytest.approx(-1.0)
 
     @pytest.mark.statistical
-    @pytest.mark.parametrize(("n", "floor"), [(1, 425), (2, 360), (3, 185)])
+    @pytest.mark.parametrize(
+        ("n", "floor"), [(1, 425), (2, 360), pytest.param(3, 185, marks=pytest.mark.long)]
+    )
     def test_worth_on_the_noisy_robot(self, small, n, floor):
         """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""
         momdp = small.noisy_roc36(n)

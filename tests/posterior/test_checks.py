@@ -47,6 +47,7 @@ def test_conjugate_rows_are_calibrated():
     assert uniformity(ranks, RANKED) > 0.01
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 @pytest.mark.parametrize("levels", [2, 4])
 def test_the_object_level_is_calibrated(levels):

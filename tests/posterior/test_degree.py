@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
@@ -49,7 +49,6 @@ def beliefs(posterior, degree, rates, levels):
     return prior + truth_evidence(seen, np.log(np.maximum(degree.kinds, 1e-300)))
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.sampled_from([2, 4, 8]))
 def test_rows_mix_to_the_confusion_matrix(seed, spread, levels):
     rng = np.random.default_rng(seed)
@@ -108,9 +107,10 @@ def test_no_number_of_percepts_outweighs_the_degree():
 @pytest.mark.statistical
 @pytest.mark.parametrize("spread", [0.3, 0.6, 1.0])
 def test_the_spread_of_simulated_objects_is_recovered(spread):
-    truth, levels = simulate(np.random.default_rng(3), spread)
-    _, degree, _ = learned(truth, levels)
-    assert degree.spread == pytest.approx(spread, rel=0.35)
+    """On average over made-up data sets, but for what the rows, learned from the same, take."""
+    rngs = [np.random.default_rng(seed) for seed in range(3, 6)]
+    found = [learned(*simulate(rng, spread, objects=400))[1].spread for rng in rngs]
+    assert 0.84 * spread < np.mean(found) < spread
 
 
 @pytest.mark.statistical

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import betabinom
 
@@ -132,7 +132,6 @@ def test_objects_without_percepts_tell_nothing(levels):
         np.testing.assert_allclose(found, expected)
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.sampled_from([2, 4]))
 def test_any_counts_give_a_proper_posterior(seed, levels):
     rng = np.random.default_rng(seed)

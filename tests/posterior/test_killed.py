@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -27,15 +26,8 @@ def chains_of(pid):
     return {int(word) for path in found for word in path.read_text().split()}
 
 
-def running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
 @pytest.mark.long
-def test_chains_end_with_a_killed_fit():
+def test_chains_end_with_a_killed_fit(running, eventually):
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTENSOR_FLAGS": "mode=FAST_COMPILE"}
     with subprocess.Popen(
         [sys.executable, "-c", CODE], env=environment, stdout=subprocess.PIPE, text=True
@@ -45,8 +37,4 @@ def test_chains_end_with_a_killed_fit():
         assert len(chains) >= 2
         fit.send_signal(signal.SIGKILL)
         fit.wait()
-        for _ in range(100):
-            if not any(map(running, chains)):
-                break
-            time.sleep(0.1)
-        assert not any(map(running, chains))
+        eventually(lambda: not any(map(running, chains)), "chains were left running")

@@ -40,6 +40,7 @@ def repeats_nll(posteriors, table, columns, exact):
     return np.concatenate(losses).mean()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "paper", "ours"),
     [("roc36", 0.22, 0.18), ("ispy32", 0.90, 0.60), ("cy101", 0.45, 0.265)],
@@ -72,6 +73,7 @@ def final_log_odds(table, o, knowledge, shared):
     return prior + truth_evidence(seen, np.log(np.maximum(kinds, 1e-300)))
 
 
+@pytest.mark.long
 def test_a_shared_degree_keeps_all_percepts_together_from_being_surer_than_right():
     table = load_percepts("cy101")
     losses = np.empty((10, 2, table.labels.shape[1]))

@@ -55,6 +55,7 @@ def damages(data, count, seed):
         yield f"flip {index}", bytes(changed)
 
 
+@pytest.mark.long
 def test_400_damages_are_never_silently_wrong(whole, make, outcome_of, tmp_path):
     data, trials = whole
     path, silent, saved = tmp_path / "d.mcap", [], 0

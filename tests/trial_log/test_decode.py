@@ -158,6 +158,7 @@ def test_limits_hold_on_the_writing_side(trial, monkeypatch, tmp_path):
     assert len(list(read_trials(tmp_path / "a.mcap"))) == 1
 
 
+@pytest.mark.long
 def test_a_trial_longer_than_a_chunk_comes_back(make, tmp_path):
     rng = np.random.default_rng(1)
     momdp = make.momdp(load_domain("toy"), 2, rng)

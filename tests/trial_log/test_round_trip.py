@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -84,7 +84,6 @@ def any_trials(draw, make):
     return Trial(task, draw(TEXTS), momdp, draw(beliefs(momdp)), made, draw(bits), report)
 
 
-@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_any_trials_come_back_equal(data, make, tmp_path_factory):
     trials = data.draw(st.lists(any_trials(make), max_size=3))
@@ -95,7 +94,6 @@ def test_any_trials_come_back_equal(data, make, tmp_path_factory):
     assert all(map(make.equal, trials, back))
 
 
-@settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32), n=st.integers(1, 2), steps=st.integers(0, 6))
 def test_filtered_trials_come_back_equal(seed, n, steps, make, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "filtered.mcap"

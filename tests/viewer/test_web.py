@@ -183,6 +183,7 @@ def test_nothing_listens_or_remains_after_a_kill(viewing):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_browser_shows_the_trials(trials):
     """Chromium draws the page: every view of the layout, in colors."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="pip install 'meal-bayes[view]'")

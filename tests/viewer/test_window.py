@@ -64,6 +64,7 @@ def looked_at(vulkan, tmp_path_factory):
     return states, pictures, complaints
 
 
+@pytest.mark.long
 def test_no_view_reports_anything(looked_at):
     states, _, complaints = looked_at
     assert set(states) == TRIAL | RUN | {EVIDENCE}
@@ -71,6 +72,7 @@ def test_no_view_reports_anything(looked_at):
     assert complaints == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted({*TRIAL, *RUN, EVIDENCE}))
 def test_no_view_is_blank(name, looked_at):
     _, pictures, _ = looked_at
@@ -81,6 +83,7 @@ def test_no_view_is_blank(name, looked_at):
     assert marked.mean() > 0.002, f"{marked.sum()} pixels differ from the background"
 
 
+@pytest.mark.long
 def test_the_whole_picture_is_as_large_as_a_screen(looked_at):
     _, pictures, _ = looked_at
     assert png.imread(io.BytesIO(pictures["trial"])).shape[:2] == (1080, 1920)
