@@ -1,6 +1,5 @@
-"""`meal-bayes doctor`: what there is to run on, in one screen to paste into a bug report."""
+"""`meal-bayes doctor`: the environment, in one page to paste into a bug report."""
 
-import json
 import os
 import platform
 import re
@@ -13,9 +12,9 @@ from pathlib import Path
 
 import click
 
+from meal_bayes.cli.console import output, print_json
+from meal_bayes.cli.narration import print_facts
 from meal_bayes.cli.options import json_option
-from meal_bayes.cli.screen import output
-from meal_bayes.cli.story import print_facts
 
 _LISTED = (
     "numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "h5netcdf", "h5py", "mcap",
@@ -28,16 +27,16 @@ _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vu
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
-@click.command(short_help="Tell what there is to run on, for a bug report.")
+@click.command(short_help="Show the environment, for a bug report.")
 @json_option
 def doctor(as_json: bool) -> None:
-    """Tell versions, folders, compiled kernels, viewer, data and cores, for a bug report.
+    """Show versions, folders, compiled kernels, viewer, data and cores, for a bug report.
 
     Nothing is changed, and nothing is sent anywhere.
     """
     facts = dict(_facts())
     if as_json:
-        click.echo(json.dumps(facts))
+        print_json(facts)
         return
     print_facts(output(), facts)
 
@@ -101,7 +100,7 @@ def _version(name: str) -> str:
 
 
 def _loading() -> str:
-    """Load what loads quickly; installed is not yet working."""
+    """Return which libraries cannot be imported; installed does not mean working."""
     broken = []
     for name in _LOADED:
         try:
@@ -137,25 +136,25 @@ def _temporary() -> Path:
 
 
 def _folder(path: Path) -> str:
-    """Say whether a folder is there, whose it is, and what may be done in it."""
+    """Return whether a folder exists, its owner and its permissions."""
     if not path.exists():
         place = next((parent for parent in path.absolute().parents if parent.exists()), path)
         can = "can" if os.access(place, os.W_OK) else "CANNOT"
         return f"{path}, not there yet, {can} be made"
     found = path.stat()
-    told = [str(path), f"mode {stat.S_IMODE(found.st_mode):04o}"]
-    told.append("writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable")
+    state = [str(path), f"mode {stat.S_IMODE(found.st_mode):04o}"]
+    state.append("writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable")
     if hasattr(os, "getuid") and found.st_uid != os.getuid():
-        told.append(f"belongs to user {found.st_uid}")
+        state.append(f"belongs to user {found.st_uid}")
     if found.st_mode & _OTHERS and not found.st_mode & stat.S_ISVTX:
-        told.append("OTHERS can write")
+        state.append("OTHERS can write")
     if path.is_symlink():
-        told.append(f"a link to {path.resolve()}")
-    return ", ".join(told)
+        state.append(f"a link to {path.resolve()}")
+    return ", ".join(state)
 
 
 def _kernels() -> str:
-    """Say whether numba has compiled the planner before, for this Python."""
+    """Return whether numba has compiled the planner before, for this Python."""
     import meal_bayes
 
     folders = [Path(meal_bayes.__file__).parent, _user_cache()]
@@ -171,12 +170,12 @@ def _data() -> str:
     from meal_bayes.datasets import registry
     from meal_bayes.datasets.sources import SOURCES
 
-    told = []
+    state = []
     for name in SOURCES:
         files = registry(name)
         here = sum((_data_cache() / path).is_file() for path in files)
-        told.append(f"{name} {here} of {len(files)} files")
-    return ", ".join(told)
+        state.append(f"{name} {here} of {len(files)} files")
+    return ", ".join(state)
 
 
 def _viewer() -> str:
@@ -208,7 +207,7 @@ def _terminal() -> str:
 
 
 def _settings() -> str:
-    """List the environment variables that change what we do, without passwords in addresses."""
+    """Return the environment variables of the program, without passwords in addresses."""
     names = [n for n in sorted(os.environ) if n.startswith(("MEAL_BAYES_", "NUMBA_", "OMP_"))]
     shown = {name: re.sub(r"//[^/@]*@", "//...@", os.environ[name]) for name in names}
     return ", ".join(f"{name}={value}" for name, value in shown.items()) or "none"

@@ -3,10 +3,11 @@
 from html import escape
 
 from meal_bayes.agents.trial import Trial
+from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.page import figure, figures, fold, section, table, verdict
 from meal_bayes.evaluation.tally import Tally
-from meal_bayes.trial_log.words import percent, percept_words, truth_words, verdict_word
+from meal_bayes.trial_log.words import percept_words, truth_words, verdict_word
 
 
 def worst_trials(tally: Tally) -> str:

@@ -1,7 +1,7 @@
-"""Bodies: execute a behavior, observe the next state, hand over what was felt.
+"""Robots: execute a behavior, observe the next state, return the features that were sensed.
 
 In: a `Domain`, and recordings or a synthetic model. Out: `Outcome`s, by names. A real robot
-implements `Robot`; `CheckedRobot` is the boundary behind which all is checked.
+implements `Robot`; `CheckedRobot` checks what it returns.
 """
 
 from meal_bayes.robots.boundary import CheckedRobot, Execution

@@ -1,23 +1,23 @@
-"""A robot without recordings: every success draws a fresh instance from a synthetic model."""
+"""A robot without recordings: every success draws a new instance from a synthetic model."""
 
 import numpy as np
 
 from meal_bayes.datasets import SyntheticModel
 from meal_bayes.errors import SettingsError
+from meal_bayes.robots.diagram_simulator import DiagramSimulator
 from meal_bayes.robots.recorded import ANSWERED
 from meal_bayes.robots.robot import Outcome
-from meal_bayes.robots.walk import DiagramWalk
 from meal_bayes.seeds import stream
 
 
 class SimulatedRobot:
-    """Acts by the diagram; the k-th execution of a behavior feels the same for every agent.
+    """A robot in the diagram; the k-th execution of a behavior senses the same for every agent.
 
     Parameters
     ----------
-    model : draws features.
+    model : of the features.
     object_index : the object in front of the robot.
-    failures : draws which executions fail.
+    failures : generator of failures.
     """
 
     def __init__(
@@ -28,24 +28,24 @@ class SimulatedRobot:
                 f"Object {object_index} does not exist; expected 0 to {len(model.objects) - 1}."
             )
         self._model, self._object = model, object_index
-        self._walk = DiagramWalk(model.domain, failures)
+        self._simulator = DiagramSimulator(model.domain, failures)
         self._drawn = dict.fromkeys(model.domain.behavior_names, 0)
 
     def start(self) -> str:
-        """Return to x0."""
+        """Start a trial in x0."""
         self._drawn = dict.fromkeys(self._drawn, 0)
-        return self._walk.start()
+        return self._simulator.start()
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute a behavior; a success gives features that nobody has met before."""
-        move, domain = self._walk.move(behavior), self._model.domain
+        """Execute a behavior; a success senses new features."""
+        move, domain = self._simulator.move(behavior), self._model.domain
         if not move.perceivable:
             return Outcome(move.state)
         if not domain.behaviors[domain.behavior_index(behavior)].modalities:
             return Outcome(move.state, recording=ANSWERED)
         recording = self._drawn[behavior]
         self._drawn[behavior] += 1
-        # The execution's own luck seeds its features, so that no other draw can shift them.
-        own = stream(int(move.luck * 2**53), "features", behavior)
+        # The execution's own draw seeds its features, so that no other draw can shift them.
+        own = stream(int(move.uniform * 2**53), "features", behavior)
         instance = self._model.draw(self._object, behavior, own, recording=recording)
         return Outcome(move.state, instance.features, recording=recording)

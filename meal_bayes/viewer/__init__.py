@@ -1,4 +1,4 @@
-"""Eyes: logged trials as a rerun recording with a layout of our own.
+"""Viewer: logged trials as a rerun recording with a layout of our own.
 
 In: trials and the header of their run. Out: an .rrd file, a window, a page, a picture; live as the
 trials land, if wanted. The log stays the only source: what is shown is made from it, each time.
