@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meal_bayes.cli.console import showing_compilation
-from meal_bayes.cli.narration import Narrator
 from meal_bayes.cli.options import digest
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ def answer(
     console : where the trial is printed while it runs, if anywhere.
     lessons : labels that people gave before.
     """
+    from meal_bayes.cli.narration import Narrator
     from meal_bayes.files import check_folder
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter

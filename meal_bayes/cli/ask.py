@@ -7,7 +7,6 @@ import click
 
 from meal_bayes.cli.answer import answer, trial_facts
 from meal_bayes.cli.console import note, output, print_json, printable
-from meal_bayes.cli.narration import print_trial_table
 from meal_bayes.cli.options import (
     AGENTS,
     OWN,
@@ -53,6 +52,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     keeps the labels that it gets of an object: the folder of logs is its memory.
     """
+    from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.datasets import load_percepts
     from meal_bayes.learner.asking import question_task
     from meal_bayes.trial_log import read_memory

@@ -4,6 +4,7 @@ import contextlib
 import functools
 import json
 import re
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -23,9 +24,11 @@ from rich.progress import (
 )
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 _PICTURES, _CONTROLS = 0x2400, 0x20  # pictures of the control characters below it
 _NARROWEST, _USUAL = 20, 80  # columns
+_LABEL, _NARROW = 10, 20  # characters of a label, and the fewest of its text
 _PATIENCE = 2.0  # s until a wait is explained
 _EVERY = 15.0  # s between lines of progress without a terminal
 
@@ -140,6 +143,24 @@ def new_table(*names: str, left: Collection[str] = ()) -> Table:
 def print_json(facts: Mapping[str, object]) -> None:
     """Print one JSON object on standard output."""
     click.echo(json.dumps(facts, allow_nan=False))
+
+
+def print_facts(
+    console: Console, facts: Mapping[str, str], styles: Mapping[str, str] | None = None
+) -> None:
+    """Print labels and their texts; long texts wrap beside their label."""
+    for label, value in facts.items():
+        head, style = label_text(label), (styles or {}).get(label, "")
+        width = max(console.width - len(head), _NARROW)
+        for line in value.splitlines():
+            for part in textwrap.wrap(line, width, break_long_words=False) or [""]:
+                console.print(head.append_text(Text(part, style)), soft_wrap=True)
+                head = label_text("")
+
+
+def label_text(label: str) -> Text:
+    """Return the label at the beginning of a line."""
+    return Text(f"  {label:<{_LABEL}} ", "dim")
 
 
 def signs_of(console: Console) -> Signs:

@@ -5,8 +5,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.console import new_table, note, output, patience, print_json, progress, say
-from meal_bayes.cli.narration import print_facts
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    patience,
+    print_facts,
+    print_json,
+    progress,
+    say,
+)
 from meal_bayes.cli.options import json_option, named_value, perception_option, root_option
 from meal_bayes.cli.program import Section
 
@@ -20,7 +28,7 @@ _LISTED = 5  # files
 
 @click.group(cls=Section)
 def data() -> None:
-    """Show and fetch recordings, and compute percept tables, also of your own data."""
+    """Fetch recordings and compute percept tables, also your own."""
 
 
 @data.command("list", short_help="List the data sets, or what one holds.")

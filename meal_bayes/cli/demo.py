@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.answer import answer
-from meal_bayes.cli.console import output
-from meal_bayes.cli.narration import print_facts
+from meal_bayes.cli.console import output, print_facts
 from meal_bayes.cli.options import logs_option, seed_option
 
 if TYPE_CHECKING:

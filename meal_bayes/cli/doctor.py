@@ -12,8 +12,7 @@ from pathlib import Path
 
 import click
 
-from meal_bayes.cli.console import output, print_json
-from meal_bayes.cli.narration import print_facts
+from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import json_option
 
 _LISTED = (

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from meal_bayes.cli.console import output, print_json, say
-from meal_bayes.cli.narration import print_facts, print_trial
+from meal_bayes.cli.console import output, print_facts, print_json, say
 from meal_bayes.cli.options import json_option
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.values import MOST_TRIALS, Whole
@@ -18,7 +17,7 @@ _file = click.argument("file", type=click.Path(path_type=Path))
 
 @click.group(cls=Section)
 def log() -> None:
-    """Look into trial logs: info, show, check, recover."""
+    """Show, check and recover trial logs."""
 
 
 @log.command()
@@ -50,6 +49,7 @@ def info(file: Path, as_json: bool) -> None:
 )  # fmt: skip
 def show(file: Path, number: int) -> None:
     """Show one trial of a log step by step."""
+    from meal_bayes.cli.narration import print_trial
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import read_trials
 

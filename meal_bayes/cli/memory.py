@@ -53,7 +53,7 @@ def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> Non
     from meal_bayes.trial_log import forget as forget_labels
 
     chosen = [one for one in _memory(logs, dataset) if name in (None, one.object_name)]
-    note(f"forgot the labels of {forget_labels(chosen)} trials")
+    note(f"forgot the labels in {forget_labels(chosen)} trials")
 
 
 def _memory(logs: Path, dataset: str) -> "list[Told]":

@@ -1,19 +1,16 @@
 """A trial as text: beliefs as bars, the decision and its reasons, the outcome, the cost."""
 
 import math
-import textwrap
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from meal_bayes.cli.console import Signs, signs_of
+from meal_bayes.cli.console import Signs, label_text, print_facts, signs_of
 from meal_bayes.display import best_options, level_names, percent
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -21,9 +18,7 @@ if TYPE_CHECKING:
     from meal_bayes.momdp import MOMDP
     from meal_bayes.planners import Decision
 
-_LABEL = 10  # characters
 _BAR = 30  # characters
-_NARROW = 20  # characters that a text always gets
 _OPTIONS = 4  # actions that are compared
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 _SILENT = "~"  # a percept without information, in a narrow column
@@ -111,7 +106,7 @@ class Narrator:
         self._console.print(Text(text, "bold"))
 
     def _print_row(self, label: str, text: Text) -> None:
-        self._console.print(_label(label).append_text(text), no_wrap=True, overflow="ellipsis")
+        self._console.print(label_text(label).append_text(text), no_wrap=True, overflow="ellipsis")
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -169,19 +164,6 @@ def _cell(percept: str, p: float, width: int) -> str:
     return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
 
 
-def print_facts(
-    console: Console, facts: "Mapping[str, str]", styles: "Mapping[str, str] | None" = None
-) -> None:
-    """Print labels and their texts; long texts wrap beside their label."""
-    for label, value in facts.items():
-        head, style = _label(label), (styles or {}).get(label, "")
-        width = max(console.width - len(head), _NARROW)
-        for line in value.splitlines():
-            for part in textwrap.wrap(line, width, break_long_words=False) or [""]:
-                console.print(head.append_text(Text(part, style)), soft_wrap=True)
-                head = _label("")
-
-
 def final_facts(trial: "Trial") -> dict[str, str]:
     """Return texts of the report, its truth, the verdict and the cost."""
     from meal_bayes.trial_log.words import truth_words, verdict_word
@@ -233,7 +215,3 @@ def percept_text(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]")
 
     pairs = zip(momdp.query.attributes, percept_words(momdp, behavior, observation), strict=True)
     return ", ".join(f"{name}: {percept}" for name, percept in pairs)
-
-
-def _label(text: str) -> Text:
-    return Text(f"  {text:<{_LABEL}} ", "dim")

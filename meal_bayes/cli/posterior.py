@@ -5,9 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from meal_bayes.cli.console import new_table, note, output, patience, print_json, progress
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    patience,
+    print_facts,
+    print_json,
+    progress,
+)
 from meal_bayes.cli.export import held_out_counts
-from meal_bayes.cli.narration import print_facts
 from meal_bayes.cli.options import dataset_option, digest, json_option, table_of
 from meal_bayes.cli.values import LARGEST_SEED, Whole
 

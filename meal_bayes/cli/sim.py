@@ -17,7 +17,6 @@ from meal_bayes.cli.console import (
     progress,
     showing_compilation,
 )
-from meal_bayes.cli.narration import print_trial_table
 from meal_bayes.cli.options import agent_value, jobs_option, json_option, logs_option, seed_option
 from meal_bayes.cli.program import Section
 
@@ -102,6 +101,7 @@ def ask(
     object that nobody recorded: it decides, the arm executes, until it can report. The trial is
     logged step by step.
     """
+    from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
     from meal_bayes.trial_log import read_trials

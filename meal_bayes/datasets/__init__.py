@@ -1,4 +1,4 @@
-"""Recorded facts: files to `Dataset`, the training set D, splits, and made-up data.
+"""Data sets: recordings and labels, the training set D, splits, percept tables, synthetic data.
 
 In: the public recordings (downloaded once, checked), a folder of CSV files, or a generator.
 Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.

@@ -1,7 +1,8 @@
-"""Made-up data of any size: class-conditional Gaussian features with object effects."""
+"""Synthetic data of any size: class-conditional Gaussian features with object effects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +16,22 @@ from meal_bayes.errors import SettingsError
 
 @dataclass(frozen=True, slots=True)
 class SyntheticModel:
-    """Where the features of each object lie; recordings scatter around it with variance 1.
+    """The mean features of each object; recordings scatter around them with variance 1.
 
-    All recordings of an object share its center, so repeats of a behavior are dependent, as those
+    All recordings of an object share its mean, so repeats of a behavior are dependent, as those
     of real objects are.
+
+    Attributes
+    ----------
+    objects : (O,) names.
+    labels : (O,P) int8.
+    centers : (behavior, modality) -> (O,D).
     """
 
     domain: Domain
-    objects: tuple[str, ...]  # (O,)
-    labels: NDArray[np.int8]  # (O,P)
-    centers: Mapping[tuple[str, str], NDArray[np.float64]]  # (behavior, modality) -> (O,D)
+    objects: tuple[str, ...]
+    labels: NDArray[np.int8]
+    centers: Mapping[tuple[str, str], NDArray[np.float64]]
 
     __repr__ = short_repr
 
@@ -35,7 +42,7 @@ class SyntheticModel:
     def draw(
         self, object_index: int, behavior: str, rng: np.random.Generator, *, recording: int = 0
     ) -> Instance:
-        """Draw a fresh instance of one execution."""
+        """Draw a new instance of one execution."""
         features = {}
         for modality in self.domain.behaviors[self.domain.behavior_index(behavior)].modalities:
             center = self.centers[behavior, modality][object_index]
@@ -62,11 +69,11 @@ def make_synthetic_model(
     signal: float = 3.0,
     object_effect: float = 1.0,
 ) -> SyntheticModel:
-    """Make objects with labels, and the centers of their features.
+    """Draw objects with labels, and the means of their features.
 
     Each attribute of a context has a random direction and a strength uniform in [0, `signal`];
-    its center moves by half of that one way if the attribute is true, the other way if false. So
-    a behavior tells much of some attributes and little of others. The object effect is a
+    the mean moves by half of that in the direction if the attribute is true, else against it. So
+    behaviors differ in which attributes they discriminate. The object effect is a
     Gaussian shift of that standard deviation, one for each object and context. Of an exclusive
     group of attributes every object has exactly one; values are as balanced as can be.
     """
@@ -96,22 +103,14 @@ def make_synthetic(
     objects: int,
     recordings: int,
     rng: np.random.Generator,
-    dimensions: int = 8,
-    signal: float = 3.0,
-    object_effect: float = 1.0,
+    **settings: Any,
 ) -> Dataset:
-    """Make a data set without any download; the settings are those of `make_synthetic_model`."""
+    """Draw a synthetic data set; the settings are those of `make_synthetic_model`."""
     if recordings < 1:
         raise SettingsError(f"recordings = {recordings}; expected at least 1.")
-    model = make_synthetic_model(
-        domain,
-        objects=objects,
-        rng=rng,
-        dimensions=dimensions,
-        signal=signal,
-        object_effect=object_effect,
+    return make_synthetic_model(domain, objects=objects, rng=rng, **settings).record(
+        recordings, rng
     )
-    return model.record(recordings, rng)
 
 
 def _draw_labels(domain: Domain, objects: int, rng: np.random.Generator) -> NDArray[np.int8]:

@@ -8,12 +8,11 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.agents import Step
-from meal_bayes.cli.console import signs_of
+from meal_bayes.cli.console import print_facts, signs_of
 from meal_bayes.cli.narration import (
     bar,
     outcome_text,
     percept_text,
-    print_facts,
     print_trial,
     print_trial_table,
 )

@@ -134,7 +134,7 @@ class Scene:
                 self.data.qpos[at + 3 : at + 7] = spin
 
     def held(self) -> bool:
-        """Whether the fingers are apart and both fingertips touch the object."""
+        """Return whether the fingers are apart and both fingertips touch the object."""
         if self.data.qpos[_LEFT] < _APART:
             return False
         pairs = self.data.contact.geom
