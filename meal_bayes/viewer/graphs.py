@@ -15,7 +15,7 @@ from meal_bayes.viewer.trial_frames import TrialFrame
 
 _ACTIONS, _OUTCOMES = 4, 6  # of the tree that are drawn
 _LETTER, _LINE, _FRAME = 6.0, 13.5, 14.0  # size of a letter, and of the frame around a label
-_COLUMN_GAP, _ROW_GAP = 40.0, 8.0  # between boxes
+_COLUMN_GAP, _ROW_GAP = 30.0, 8.0  # between boxes
 
 
 class Node(NamedTuple):
@@ -64,8 +64,10 @@ class Diagram:
         for (source, target), label in labels.items():
             start, end, name = self._states[source], self._states[target], f"{source}-{target}"
             x, y = (start.x + end.x) / 2, (start.y + end.y) / 2
-            if source == target:
-                y -= (box_size(start.label)[1] + box_size(label)[1]) / 2 + _COLUMN_GAP / 2
+            if source == target:  # above the state, and not beyond the first or last column
+                (w, h), (v, g) = box_size(start.label), box_size(label)
+                x += (v - w) / 2 * (-1 if start.x > 0 else 1)
+                y -= (h + g) / 2 + _COLUMN_GAP / 2
             node = self._moved_free(Node(name, label, x, y, DIM))
             self._behaviors.append((frozenset(moves[source, target]), node))
             edges += [(start.name, name), (name, end.name)]
@@ -155,10 +157,10 @@ def _place_states(momdp: MOMDP, moves: dict[tuple[int, int], str]) -> list[Node]
                 depth[target] = depth[x] + 1
                 queue.append(target)
     labels = [*momdp.x_names[: momdp.terminal], "end: abstained"]
-    widest = max(box_size(label)[0] for label in labels[:-1])
-    widest += max((box_size(text)[0] for text in moves.values()), default=0.0)
-    tallest = max((box_size(text)[1] for text in moves.values()), default=0.0)
-    wide, high = widest + 2 * _COLUMN_GAP, tallest + 2 * box_size("")[1]
+    between = [text for (source, target), text in moves.items() if source != target] or [""]
+    wide = max(box_size(label)[0] for label in labels[:-1]) + 2 * _COLUMN_GAP
+    wide += max(box_size(text)[0] for text in between)
+    high = max(box_size(text)[1] for text in between) + 2 * box_size("")[1]
     depth[momdp.terminal] = max(depth.values())
     nodes, used = list[Node](), dict[int, int]()
     for x, label in enumerate(labels):

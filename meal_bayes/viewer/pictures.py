@@ -155,7 +155,8 @@ def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int)
 
 
 def _level_labels(k: int, left: float, y: float) -> list[Label]:
-    """Return the names of the levels below the columns of a block."""
-    names = (name.replace(" ", "\n") for name in level_names(k))
-    foot = y + _MIDDLE * _CELL_HIGH
-    return [Label(name, left + (z + 0.5) * _CELL_WIDE, foot, TEXT) for z, name in enumerate(names)]
+    """Return the names of the levels below the columns of a block, staggered in two rows."""
+    return [
+        Label(name, left + (z + 0.5) * _CELL_WIDE, y + (_MIDDLE + z % 2) * _CELL_HIGH, TEXT)
+        for z, name in enumerate(level_names(k))
+    ]

@@ -55,8 +55,8 @@ class Scene:
         to, time = self._to, Time.of(frame)
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
-        line = textwrap.fill(log_line(frame), _LOG_WIDTH)
-        to.add(LOG, rr.TextLog, time, text=[line], level=[_level(frame)])
+        for line in textwrap.wrap(log_line(frame), _LOG_WIDTH):
+            to.add(LOG, rr.TextLog, time, text=[line], level=[_level(frame)])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
         for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
