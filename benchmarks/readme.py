@@ -203,7 +203,7 @@ def beliefs_table(rows: list[dict[str, Any]]) -> str:
 
 def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
     """Make the table of one run from its rows."""
-    head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "gave up"]
+    head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     printed = [*head, "paper: accuracy", "paper: cost, s"] if of.paper else head
     lines = [f"**{of.title}**: `{of.command}`", "", _row(printed)]
     lines.append(_row(["---", *["--:"] * (len(printed) - 1)]))

@@ -126,11 +126,3 @@ def test_elsewhere_a_guard_ends_the_program():
         parent.kill()
         parent.wait()
         assert gone(child)
-
-
-def test_alive():
-    child = subprocess.Popen(["/bin/sleep", "1000"])
-    assert processes.alive(child.pid)
-    child.kill()
-    child.wait()
-    assert not processes.alive(child.pid)

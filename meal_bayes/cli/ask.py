@@ -102,7 +102,7 @@ def _ask_labels(trial: "Trial", path: Path, number: int, known: set[str]) -> Non
     Parameters
     ----------
     number : position of these labels in the memory.
-    known : attributes of which no verdict is needed, as they are labeled already.
+    known : attributes that are labeled already, about which nothing is asked.
     """
     from meal_bayes.agents import implied
     from meal_bayes.trial_log import Told, write_told

@@ -6,11 +6,13 @@ import re
 import shutil
 import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from importlib import import_module, metadata, util
 from pathlib import Path
 
 import click
+from platformdirs import user_cache_path
 
 from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import json_option
@@ -43,20 +45,20 @@ def doctor(as_json: bool) -> None:
 def _facts() -> Iterator[tuple[str, str]]:
     checks: dict[str, Callable[[], str]] = {
         "package": _package,
-        "system": _system,
+        "system": lambda: f"Python {platform.python_version()}, {platform.platform()}",
         "cores": _cores,
-        "versions": _versions,
+        "versions": lambda: ", ".join(f"{name} {_version(name)}" for name in _LISTED),
         "loading": _loading,
         "extras": _extras,
         "data cache": lambda: _folder(_data_cache()),
-        "user cache": lambda: _folder(_user_cache()),
-        "temporary": lambda: _folder(_temporary()),
+        "user cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
+        "temporary": lambda: _folder(Path(tempfile.gettempdir())),
         "logs": lambda: _folder(Path("logs")),
         "kernels": _kernels,
         "data": _data,
         "viewer": _viewer,
         "vulkan": _vulkan,
-        "browser": _browser,
+        "browser": lambda: ", ".join(filter(None, map(shutil.which, _BROWSERS))) or "none found",
         "compiler": lambda: _program("g++", "c++", "clang++"),
         "pomdpsol": lambda: _program(os.environ.get("MEAL_BAYES_POMDPSOL") or "pomdpsol"),
         "terminal": _terminal,
@@ -75,20 +77,12 @@ def _package() -> str:
     return f"meal-bayes {meal_bayes.__version__} in {Path(meal_bayes.__file__).parent}"
 
 
-def _system() -> str:
-    return f"Python {platform.python_version()}, {platform.platform()}"
-
-
 def _cores() -> str:
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     memory = ""
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.1f} GB"
     return f"{usable} of {os.cpu_count()} may be used{memory}"
-
-
-def _versions() -> str:
-    return ", ".join(f"{name} {_version(name)}" for name in _LISTED)
 
 
 def _version(name: str) -> str:
@@ -122,18 +116,6 @@ def _data_cache() -> Path:
     return cache_folder()
 
 
-def _user_cache() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("meal_bayes", appauthor=False)
-
-
-def _temporary() -> Path:
-    import tempfile
-
-    return Path(tempfile.gettempdir())
-
-
 def _folder(path: Path) -> str:
     """Return whether a folder exists, its owner and its permissions."""
     if not path.exists():
@@ -156,7 +138,7 @@ def _kernels() -> str:
     """Return whether numba has compiled the planner before, for this Python."""
     import meal_bayes
 
-    folders = [Path(meal_bayes.__file__).parent, _user_cache()]
+    folders = [Path(meal_bayes.__file__).parent, user_cache_path("meal_bayes", appauthor=False)]
     folders += [Path(name) for name in (os.environ.get("NUMBA_CACHE_DIR"),) if name]
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
     count = sum(1 for folder in folders for file in folder.rglob("*.nbi") if tag in file.name)
@@ -189,10 +171,6 @@ def _vulkan() -> str:
     drivers = [file.stem for folder in _DRIVERS for file in sorted(Path(folder).glob("*.json"))]
     library = find_library("vulkan")
     return f"{library or 'no library'}; drivers: {', '.join(drivers) or 'none'}"
-
-
-def _browser() -> str:
-    return ", ".join(filter(None, map(shutil.which, _BROWSERS))) or "none found"
 
 
 def _program(*names: str) -> str:

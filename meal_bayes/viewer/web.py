@@ -13,7 +13,6 @@ import urllib.request
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from meal_bayes.viewer.feed import Feed
@@ -66,12 +65,7 @@ class WebViewer:
         self._page = Page(_assets(), self.recording)
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.recording.close()
         if self._page is not None:
             self._page.close()
