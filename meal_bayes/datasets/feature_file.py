@@ -1,7 +1,9 @@
 """Feature files: keys and numbers separated by commas, read strictly."""
 
+import contextlib
 import csv
 import logging
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,9 @@ from meal_bayes.untrusted import read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
 
+_NUMBER = re.compile(
+    r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
+)
 LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -111,13 +116,13 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             _check_header(path, number, cells, key_columns)
             width = len(cells)
             continue
-        width = width or len(cells)
-        if len(cells) != width or width <= count:
-            raise _wrong_length(path, number, cells, width, key_columns)
-        try:
-            values.append(_numbers(cells[count:]))
-        except ValueError:
-            raise _not_a_number(path, number, cells, count) from None
+        width = width or max(len(cells), count + 1)
+        if len(cells) != width:
+            side = "short" if len(cells) < width else "long"
+            found = f"a row of {len(cells)} columns (too {side})"
+            expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
+            raise bad_line(path, number, found, expected, "restore or remove the row")
+        values.append(_numbers(path, number, cells, count))
         lines.append(number)
         keys.append(tuple(cells[:count]))
     if not values:
@@ -210,12 +215,15 @@ def _row_of(
     return found
 
 
-def _numbers(cells: list[str]) -> list[float]:
-    """Read ASCII numbers; unlike `float`, refuse 3_4 and digits of other scripts."""
-    text = "".join(cells)
-    if "_" in text or not text.isascii():
-        raise ValueError(text)
-    return list(map(float, cells))
+def _numbers(path: Path, line: int, cells: list[str], first: int) -> list[float]:
+    """Read ASCII numbers from a column on; unlike `float`, refuse 3_4."""
+    text = "".join(cells[first:])
+    if "_" not in text and text.isascii():
+        with contextlib.suppress(ValueError):
+            return list(map(float, cells[first:]))
+    column = next(i for i in range(first, len(cells)) if not _NUMBER.fullmatch(cells[i]))
+    found = f"{cells[column][:40]!r} in column {column + 1}"
+    raise bad_line(path, line, found, "a number", "write one, with a point for decimals")
 
 
 def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
@@ -225,30 +233,3 @@ def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence
         found = f"the header {','.join(names)[:60]!r}"
         repair = "write it so (commas, not semicolons)"
         raise bad_line(path, line, found, f"{shape},<feature>,...", repair)
-
-
-def _wrong_length(
-    path: Path, line: int, cells: list[str], width: int, key_columns: Sequence[str]
-) -> DataError:
-    columns = f"{', '.join(key_columns)} and the features"
-    found = f"a row of {len(cells)} columns"
-    if width <= len(key_columns):
-        expected = f"{columns}, separated by commas"
-        return bad_line(path, line, found, expected, "write the row so")
-    side = "short" if len(cells) < width else "long"
-    expected = f"{width} ({columns}) as in the rows before"
-    return bad_line(path, line, f"{found} (too {side})", expected, "restore or remove the row")
-
-
-def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataError:
-    column = next(i for i, cell in enumerate(cells) if i >= count and not _is_number(cell))
-    found = f"{cells[column][:40]!r} in column {column + 1}"
-    return bad_line(path, line, found, "a number", "write one, with a point for decimals")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        _numbers([cell])
-    except ValueError:
-        return False
-    return True
