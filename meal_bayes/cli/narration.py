@@ -201,7 +201,7 @@ def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:
-        return f"{path}; what was felt is no percept"
+        return f"{path}; the features are no percept"
     if momdp.informative[action].max() <= 0:
         return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
     if step.belief.seen[0, action].sum() >= momdp.limit[action]:

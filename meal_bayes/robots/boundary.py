@@ -114,7 +114,7 @@ class CheckedRobot:
 
     def _instance(self, spec: Behavior, outcome: Outcome) -> Instance | None:
         if outcome.answers is not None:
-            raise _NoPercept("it asks nobody, but came with answers")
+            raise _NoPercept("it does not ask, but came with answers")
         features = None
         if outcome.features is not None:
             features = self._features(spec, outcome.features)

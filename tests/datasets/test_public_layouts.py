@@ -138,7 +138,7 @@ def test_ispy32_without_heavy_and_light(ispy32: Path, change: Change) -> None:
 
 def test_file_of_one_column(roc36: Path) -> None:
     (roc36 / "sensorimotor_features" / "look-patch.txt").write_text("light_brown_rice 1 2\n")
-    with pytest.raises(DataError, match="line 1: .* 2 .object and the features, separated"):
+    with pytest.raises(DataError, match=r"line 1: .* 2 \(object and the features, separated"):
         load_dataset(roc36 / "own.toml", root=roc36)
 
 

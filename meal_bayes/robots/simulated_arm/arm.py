@@ -84,6 +84,6 @@ class SimulatedArm:
             return Outcome(self._state, None)
         if behavior == "look":
             return Outcome(self._state, picture_features(scene, rng))
-        felt = [channels for motion, channels in pieces if motion.recorded]
-        features = features_of(behavior, np.concatenate(felt), rng) if felt else None
+        recorded = [channels for motion, channels in pieces if motion.recorded]
+        features = features_of(behavior, np.concatenate(recorded), rng) if recorded else None
         return Outcome(self._state, features)
