@@ -11,7 +11,7 @@ from meal_bayes.agents import Morc, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
-from meal_bayes.datasets.synthetic import make_synthetic_model
+from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
@@ -74,7 +74,7 @@ def make_sound(folder: Path) -> None:
     (folder / "own.toml").write_text(text.replace('name = "toy"', 'name = "own"'), encoding="utf-8")
     domain = load_domain(folder / "own.toml")
     rng = np.random.default_rng(5)
-    dataset = make_synthetic_model(domain, objects=OBJECTS, rng=rng).record(RECORDINGS, rng)
+    dataset = make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
     lines = [",".join(("object", *domain.attributes))]
     for name, values in zip(dataset.objects, dataset.labels.tolist(), strict=True):
         lines.append(",".join((name, *map(str, values))))

@@ -23,7 +23,7 @@ from platformdirs import user_cache_path
 log = logging.getLogger("meal_bayes.cache")
 
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
-_TOLD = "MEAL_BAYES_CACHE_TOLD"  # set once told, so that workers do not tell again
+_WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do not repeat it
 
 
 @functools.cache
@@ -38,8 +38,8 @@ def cache_folder(name: str) -> Path | None:
         _prepare(folder)
     except (OSError, RuntimeError) as fault:  # no home folder is a RuntimeError
         why = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
-        if _TOLD not in os.environ:
-            os.environ[_TOLD] = "1"
+        if _WARNED not in os.environ:
+            os.environ[_WARNED] = "1"
             log.warning(
                 "no cache of compiled code: %s: %s; compiling anew each time (set XDG_CACHE_HOME "
                 "to a folder of your own)", folder, why,
@@ -60,9 +60,9 @@ def scratch_folder(name: str) -> Path:
 
 @contextlib.contextmanager
 def writable_caches() -> Iterator[None]:
-    """Let libraries that are imported in the block, and insist on a cache of their own, have one.
+    """Set a writable cache for libraries that are imported in the block and require one.
 
-    Nothing is done where the user's cache folder can be written.
+    Nothing changes where the user's cache folder can be written.
     """
     if cache_folder("libraries") is not None:
         yield
@@ -114,7 +114,7 @@ def _loaded(kept: Any, load: Callable[..., Any], *signature: Any) -> Any:
 
 
 def _prepare(folder: Path) -> None:
-    """Make a folder and check who can write into it.
+    """Create a folder and check who can write into it.
 
     Raises
     ------

@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _LONGEST = 60  # characters of one value
 _NAMED = 6  # items of a sequence that are written out
@@ -14,7 +15,7 @@ _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
 _CELL = "text-align:left;padding-right:1em;white-space:nowrap"
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
-_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
+_LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 
 
 def short_repr(instance: Any) -> str:
@@ -88,28 +89,53 @@ def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]])
     )
 
 
-def percent(share: float) -> str:
+def percent(probability: float) -> str:
     """Return a probability as a percentage, but never as certain.
 
     >>> percent(0.5), percent(1 - 1e-9)
-    ('50.0%', '>99.9%')
+    ('50.0 %', '>99.9 %')
     """
-    if 0 < share < _ROUNDED or 1 - _ROUNDED < share < 1:
-        return "<0.1%" if share < _ROUNDED else ">99.9%"
-    return f"{share:.1%}"
+    if 0 < probability < _ROUNDED or 1 - _ROUNDED < probability < 1:
+        return "<0.1 %" if probability < _ROUNDED else ">99.9 %"
+    return f"{100 * probability:.1f} %"
 
 
-def bar_html(share: float) -> str:
+def bar_html(probability: float) -> str:
     """Return a bar of a probability, with its number, as HTML."""
-    full = _BAR.format(_WIDTH * share, _COLOR)
-    rest = _BAR.format(_WIDTH * (1 - share), "#dde3ea")
-    return f"<span style='{full}'></span><span style='{rest}'></span>&nbsp;{percent(share)}"
+    full = _BAR.format(_WIDTH * probability, _COLOR)
+    rest = _BAR.format(_WIDTH * (1 - probability), "#dde3ea")
+    number = percent(probability).replace(" ", "&nbsp;")
+    return f"<span style='{full}'></span><span style='{rest}'></span>&nbsp;{number}"
 
 
 def level_names(levels: int) -> tuple[str, ...]:
     """Return the names of the K levels of a percept, the surest "no" first.
 
     >>> level_names(4)
-    ('strong no', 'no', 'yes', 'strong yes')
+    ('surely no', 'no', 'yes', 'surely yes')
     """
     return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))
+
+
+def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[int]:
+    """Return the positions of the most valuable actions, best first.
+
+    Parameters
+    ----------
+    values : (E+1,) of each behavior, then of the best report; nan where an action has none.
+    chosen : position of the decision, which is always among them, as is the report.
+    most : number of positions.
+
+    Examples
+    --------
+    >>> best_options(np.array([1.0, 4.0, np.nan, 3.0, 2.0]), chosen=0, most=3)
+    [1, 4, 0]
+    """
+    end = len(values) - 1
+    valued = np.flatnonzero(~np.isnan(values[:end])).tolist()
+    best = sorted(valued, key=lambda e: -values[e])[: most - 1]
+    if chosen in valued and chosen not in best:
+        best[-1] = chosen
+    if not np.isnan(values[end]):
+        best.append(end)
+    return sorted(best, key=lambda e: -values[e])

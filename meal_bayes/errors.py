@@ -1,6 +1,6 @@
 """The one family of errors a user meets.
 
-Every message says what was found, what was expected, and how to mend it.
+Every message says what was found, what was expected, and how to repair it.
 """
 
 

@@ -19,7 +19,7 @@ _KEPT = 60  # bytes of a name that its draft shows
 
 
 def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
-    """Check that a file can be written, before the work that it is to hold; makes its folder.
+    """Check that a file can be written, before the work that it is to hold; creates its folder.
 
     Parameters
     ----------
@@ -36,21 +36,21 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     """
     named = Path(path)
     target = Path(os.path.realpath(named))
-    with _told(named):
+    with _with_path(named):
         _check_replaced(named, target, inputs)
         check_folder(target.parent)
     return target
 
 
 def check_folder(folder: str | Path) -> Path:
-    """Make a folder, and check that files can be written in it.
+    """Create a folder, and check that files can be written in it.
 
     Raises
     ------
     OutputError : it cannot be made or written in.
     """
     folder = Path(folder)
-    with _told(folder):
+    with _with_path(folder):
         folder.mkdir(parents=True, exist_ok=True)
         probe = _unique(folder, "probe")
         os.close(_created(probe))
@@ -73,7 +73,7 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
     named = Path(path)
     target = check_output(named, inputs=inputs)
     draft = _unique(target.parent, target.name)
-    with _told(named):
+    with _with_path(named):
         try:
             os.close(_created(draft))
             yield draft
@@ -121,8 +121,8 @@ def _check_replaced(named: Path, target: Path, inputs: Iterable[str | Path]) -> 
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Turn the system's errors into ours, which name the file."""
+def _with_path(path: Path) -> Iterator[None]:
+    """Raise the system's errors as an `OutputError` that names the file."""
     try:
         yield
     except OSError as fault:

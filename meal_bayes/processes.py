@@ -46,7 +46,7 @@ class EndingContext:
     def Process(
         self, *, target: Callable[..., object], args: tuple[Any, ...] = (), **options: Any
     ) -> Any:
-        """Make a process that runs a function; options as of `multiprocessing.Process`."""
+        """Return a process that runs a function; options as of `multiprocessing.Process`."""
         # a fork server's children have the server as their parent, which ends with us
         direct = self._context.get_start_method() != "forkserver"
         parent = os.getpid() if direct else None
@@ -68,17 +68,6 @@ def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([*guard, *command], **options)
 
 
-def alive(pid: int) -> bool:
-    """Whether a process of this machine runs; one of another user counts as running."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
-
-
 def _run_and_end(parent: int | None, target: Callable[..., object], args: tuple[Any, ...]) -> None:
     end_with_parent(parent)
     target(*args)
@@ -91,7 +80,7 @@ def _watch(parent: int) -> None:
 
 
 def _become(parent: int, command: list[str]) -> None:
-    """Become a program that ends with the parent, or guard it where the kernel cannot."""
+    """Execute a program that ends with the parent, guarded where the kernel cannot end it."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent:  # it may have ended before the kernel was asked

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from meal_bayes.datasets.synthetic import make_synthetic_model
+from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 
@@ -121,9 +121,7 @@ def own_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "own.toml"
     path.write_text(text.replace('name = "toy"', 'name = "own"'), encoding="utf-8")
     rng = np.random.default_rng(5)
-    dataset = make_synthetic_model(load_domain(path), objects=OBJECTS, rng=rng).record(
-        RECORDINGS, rng
-    )
+    dataset = make_synthetic(load_domain(path), objects=OBJECTS, recordings=RECORDINGS, rng=rng)
     rows = zip(dataset.objects, dataset.labels.tolist(), strict=True)
     lines = [f"{name},{','.join(map(str, values))}" for name, values in rows]
     header = ",".join(("object", *dataset.domain.attributes))

@@ -19,7 +19,7 @@ def home(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setattr("numba.core.config.CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("MEAL_BAYES_CACHE_TOLD", raising=False)
+    monkeypatch.delenv("MEAL_BAYES_CACHE_WARNED", raising=False)
     cache.cache_folder.cache_clear()
     yield tmp_path / "cache"
     cache.cache_folder.cache_clear()
@@ -134,7 +134,7 @@ def test_a_log_is_told_of_without_any_cache(tmp_path):
         "XDG_CACHE_HOME": "/dev/null/cache",
         "NUMBA_CACHE_LOCATOR_CLASSES": "UserWideCacheLocator",  # as if the package were read-only
     }  # fmt: skip
-    for name in ("MEAL_BAYES_CACHE_TOLD", "NUMBA_CACHE_DIR"):
+    for name in ("MEAL_BAYES_CACHE_WARNED", "NUMBA_CACHE_DIR"):
         environment.pop(name, None)
     done = subprocess.run(
         [sys.executable, "-m", "meal_bayes", "log", "info", str(SAMPLE)],

@@ -169,6 +169,6 @@ def test_arrays_are_shown_by_their_shapes():
 def test_small_parts():
     assert card("A", {"b": "c", "long": "d"}).splitlines() == ["A", "  b     c", "  long  d"]
     assert "80px" in bar_html(1.0)
-    assert ">99.9%" in Outline(bar_html(0.99999)).text
+    assert ">99.9\xa0%" in Outline(bar_html(0.99999)).text
     assert Outline(table_html("t", (), [("a", "b")])).count["td"] == 2
     assert level_names(8)[0] == "level 0"

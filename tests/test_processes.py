@@ -106,12 +106,4 @@ def test_elsewhere_a_guard_ends_the_program(running, eventually):
         child = int(parent.stdout.readline())
         parent.kill()
         parent.wait()
-        eventually(lambda: not running(child))
-
-
-def test_alive():
-    child = subprocess.Popen(["/bin/sleep", "1000"])
-    assert processes.alive(child.pid)
-    child.kill()
-    child.wait()
-    assert not processes.alive(child.pid)
+        assert gone(child)

@@ -5,7 +5,7 @@ import tracemalloc
 
 import pytest
 
-from meal_bayes.cli.screen import printable
+from meal_bayes.cli.console import printable
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
 

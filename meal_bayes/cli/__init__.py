@@ -1,6 +1,6 @@
-"""The command line: one file a group of commands, each a thin call of the rooms.
+"""The command line: one file for each group of commands, which call the packages.
 
-Rooms and heavy libraries are imported inside the commands, so that `--help` answers at once.
+Packages and heavy libraries are imported inside the commands, so that `--help` answers at once.
 Results go to standard output, progress and notes to standard error.
 """
 
@@ -25,6 +25,11 @@ from meal_bayes.cli.view import view
 run.add_command(online)
 
 
+_COMMANDS = [
+    demo, ask, memory, run, reproduce, view, report, posterior, data, log, export, sim, doctor,
+]  # fmt: skip
+
+
 def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     if wanted:
         import meal_bayes
@@ -35,21 +40,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 
 @click.group(
     cls=Program,
-    commands=[
-        demo,
-        ask,
-        memory,
-        run,
-        reproduce,
-        view,
-        report,
-        posterior,
-        data,
-        log,
-        export,
-        sim,
-        doctor,
-    ],
+    commands=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
 )
@@ -62,7 +53,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
     help="Show the version and exit.",
 )
 def main() -> None:
-    """Let a robot choose which behaviors to try before it answers a question about an object."""
+    """Choose which behaviors a robot tries before it answers a question about an object."""
 
 
 __all__ = ["main"]

@@ -1,7 +1,5 @@
-"""Answering one question: run the trial, log it, and give its facts as plain values."""
+"""Answering one question: run the trial, log it, and return its facts as JSON values."""
 
-import hashlib
-import json
 import math
 import re
 import time
@@ -9,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meal_bayes.cli.screen import showing_compilation
-from meal_bayes.cli.story import Story
+from meal_bayes.cli.console import showing_compilation
+from meal_bayes.cli.options import digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,14 +30,15 @@ def answer(
     console: "Console | None" = None,
     lessons: "Sequence[Lesson]" = (),
 ) -> "tuple[Trial, Path]":
-    """Run the trial of a task and log it under a name that its config tells.
+    """Run the trial of a task, and return it with the path of its log.
 
     Parameters
     ----------
-    config : goes into the log's header; its "command" begins the log's name.
-    console : where the trial is told as it happens.
-    lessons : what people told of objects before.
+    config : of the log's header; its "command" begins the log's name.
+    console : where the trial is printed while it runs, if anywhere.
+    lessons : labels that people gave before.
     """
+    from meal_bayes.cli.narration import Narrator
     from meal_bayes.files import check_folder
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
@@ -48,20 +47,21 @@ def answer(
     check_folder(logs)  # once the agent is known to be one
     start = time.perf_counter()
     learner.resume(table, lessons, [False] * len(lessons))
-    story = None if console is None else Story(console, task, learner.problem(task))
+    narrator = None if console is None else Narrator(console, task, learner.problem(task))
     with showing_compilation():
-        trial = learner.replay(task, on_step=None if story is None else story.step)
-    path = logs / f"{_file_name(config, task.object_name)}.mcap"
+        trial = learner.replay(task, on_step=None if narrator is None else narrator.step)
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", task.object_name)[:60]
+    path = logs / f"{config['command']}-{name}-{digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:
         log.write(trial, seconds=time.perf_counter() - start)
-    if story is not None:
-        story.end(trial)
+    if narrator is not None:
+        narrator.end(trial)
     return trial, path
 
 
 def trial_facts(trial: "Trial") -> dict[str, object]:
-    """Give what a program would ask of a trial, in JSON values."""
+    """Return the facts of a trial as JSON values."""
     names, report = trial.task.query.attributes, trial.report
     return {
         "object": trial.task.object_name,
@@ -82,12 +82,12 @@ def trial_facts(trial: "Trial") -> dict[str, object]:
 
 
 def _step_facts(trial: "Trial", step: "Step") -> dict[str, object]:
-    seen, names = step.observation, trial.task.query.attributes
+    percept, names = step.observation, trial.task.query.attributes
     return {
         "x": trial.momdp.x_names[step.x],
         "action": trial.momdp.action_name(step.decision.action),
         "next_x": trial.momdp.x_names[step.next_x],
-        "percept": None if seen is None else _by_name(names, seen),
+        "percept": None if percept is None else _by_name(names, percept),
         "warning": step.warning,
         "cost_s": step.cost,
         "belief": _by_name(names, step.belief.positive),
@@ -96,9 +96,3 @@ def _step_facts(trial: "Trial", step: "Step") -> dict[str, object]:
 
 def _by_name(names: tuple[str, ...], values: "NDArray[Any]") -> dict[str, object]:
     return dict(zip(names, values.tolist(), strict=True))
-
-
-def _file_name(config: Mapping[str, object], name: str) -> str:
-    """Name a log so that equal runs share it and others do not."""
-    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:8]
-    return f"{config['command']}-{re.sub(r'[^A-Za-z0-9_.-]+', '_', name)[:60]}-{digest}"

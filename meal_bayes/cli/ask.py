@@ -1,12 +1,12 @@
-"""`meal-bayes ask`: one question about one object; with --learn, the robot remembers the answer."""
+"""`meal-bayes ask`: one question about one object; with --learn, labels are kept."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from meal_bayes.cli.answer import answer, trial_facts
+from meal_bayes.cli.console import note, output, print_json, printable
 from meal_bayes.cli.options import (
     AGENTS,
     OWN,
@@ -17,8 +17,6 @@ from meal_bayes.cli.options import (
     seed_option,
     table_of,
 )
-from meal_bayes.cli.screen import note, output, printable
-from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,7 +30,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Ask about one object.")
 @click.argument("question")
 @dataset_option
-@click.option("--object", "name", required=True, metavar="NAME", help="The object asked about.")
+@click.option("--object", required=True, metavar="NAME", help="The object asked about.")
 @click.option(
     "--agent",
     default="bayes",
@@ -42,85 +40,69 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--learn", is_flag=True,
-    help="Ask whether the answer was right, and use what was told before; see `meal-bayes memory`.",
+    help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
 )  # fmt: skip
 @seed_option()
 @logs_option
 @json_option
-def ask(
-    question: str,
-    dataset: str,
-    root: Path | None,
-    name: str,
-    agent: str,
-    learn: bool,
-    seed: int,
-    logs: Path,
-    as_json: bool,
-) -> None:
+def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Any) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
 
     The agent has learned from all other objects of the data set, never from this one; percepts are
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
-    remembers what it is told of an object: the folder of logs is its memory.
+    keeps the labels that it gets of an object: the folder of logs is its memory.
     """
+    from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.datasets import load_percepts
     from meal_bayes.learner.asking import question_task
     from meal_bayes.trial_log import read_memory
 
-    dataset = table_of(dataset, root)
-    table = load_percepts(dataset)
-    task = question_task(question, table, name)
-    config: dict[str, object] = {
-        "command": "ask",
-        "question": question,
-        "dataset": dataset,
-        "object": name,
-        "agent": agent,
-        "seed": seed,
-    }
+    config = {"command": "ask", **options, "dataset": table_of(options["dataset"], root)}
+    table = load_percepts(config["dataset"])
+    task = question_task(config["question"], table, config["object"])
     memory = read_memory(logs, table.domain.data) if learn else []
-    number = 1 + max((told.number for told in memory), default=-1)
+    number = 1 + max((one.number for one in memory), default=-1)
     if learn:
-        config["told_before"] = number
+        config["labels_before"] = number
     trial, path = answer(
-        table, task, agent=agent_value(agent), seed=seed, logs=logs, config=config,
-        lessons=_lessons(memory, table),
+        table, task, agent=agent_value(config["agent"]), seed=config["seed"], logs=logs,
+        config=config, lessons=_lessons(memory, table),
     )  # fmt: skip
     if as_json:
-        facts = {"config": config, "trial": trial_facts(trial), "log": str(path)}
-        click.echo(json.dumps(facts, allow_nan=False))
+        print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
     else:
-        tell_briefly(output(), trial)
+        print_trial_table(output(), trial)
     if learn:
-        known = {name for told in memory if told.object_name == task.object_name
-                 for name in told.values}  # fmt: skip
-        _listen(trial, path, number, known)
+        own = (one.values for one in memory if one.object_name == task.object_name)
+        _ask_labels(trial, path, number, set().union(*own))
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
 def _lessons(memory: "Iterable[ObjectLabels]", table: "PerceptTable") -> "list[Lesson]":
-    """Return what is remembered of a table's objects and attributes."""
+    """Return the labels of a table's objects and attributes."""
     from meal_bayes.learner import Lesson
 
     known = set(table.domain.attributes)
     return [
         Lesson(
-            ("memory", told.number),
-            told.object_name,
-            {name: value for name, value in told.values.items() if name in known},
+            ("memory", one.number),
+            one.object_name,
+            {name: value for name, value in one.values.items() if name in known},
             (),
         )
-        for told in memory
-        if told.object_name in table.objects
+        for one in memory
+        if one.object_name in table.objects
     ]
 
 
-def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
-    """Ask a person about the answer, and put the reply into the trial's log, as word `number`.
+def _ask_labels(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
+    """Ask a person about the answer, and write the labels into the trial's log.
 
-    Where a verdict does not say what an attribute is, and nobody has said so before, it is asked.
+    Parameters
+    ----------
+    number : position of these labels in the memory.
+    known : attributes that are labeled already, about which nothing is asked.
     """
     from meal_bayes.agents import implied
     from meal_bayes.trial_log import ObjectLabels, write_labels
@@ -132,8 +114,8 @@ def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
         said = trial.task.query.report_name(trial.report.tolist())
         right = _prompt(f"The answer was: {said}. Was that right?")
         if right is not None:
-            labels = zip(names, implied(trial.report, right=right).tolist(), strict=True)
-            values = {name: label == 1 for name, label in labels if label >= 0}
+            pairs = zip(names, implied(trial.report, right=right).tolist(), strict=True)
+            values = {name: label == 1 for name, label in pairs if label >= 0}
     if right is False:
         for name in names:
             if name not in values and name not in known:
@@ -141,20 +123,20 @@ def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
                 if reply is not None:
                     values[name] = reply
     if not values:
-        note("nothing was told, and nothing is remembered")
+        note("no labels were given, none are kept")
         return
     write_labels(ObjectLabels(number, trial.task.object_name, values, path))
-    words = ", ".join(name if value else f"not {name}" for name, value in values.items())
-    note(f"remembered in {path}: {trial.task.object_name} is {words}")
+    labels = ", ".join(name if value else f"not {name}" for name, value in values.items())
+    note(f"kept in {path}: {trial.task.object_name} is {labels}")
 
 
 def _prompt(text: str) -> bool | None:
-    """Ask on standard error for y or n; Enter, or no more lines to read, tells nothing."""
+    """Return a person's reply to a yes/no question on standard error; None where unknown."""
     replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
-    asked = f"{printable(text)} [y/n, Enter: do not know]"
+    prompt = f"{printable(text)} [y/n, Enter: do not know]"
     while True:
         try:
-            reply: str = click.prompt(asked, err=True, default="", show_default=False)
+            reply: str = click.prompt(prompt, err=True, default="", show_default=False)
         except click.Abort:
             click.echo(err=True)
             return None

@@ -1,28 +1,34 @@
-"""`meal-bayes data`: which recordings there are, fetching them, and making percept tables."""
+"""`meal-bayes data`: list and fetch recordings, compute percept tables."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    patience,
+    print_facts,
+    print_json,
+    progress,
+    say,
+)
 from meal_bayes.cli.options import json_option, named_value, perception_option, root_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, patience, progress, say
-from meal_bayes.cli.story import print_facts
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset, PerceptTable
 
 _UNSOUND = 1  # exit code of `verify` where a file is missing or changed
 _TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
-_TOLD = 5  # files that are named
+_LISTED = 5  # files
 
 
 @click.group(cls=Section)
 def data() -> None:
-    """Handle recordings and percept tables, also of your own data."""
+    """Fetch recordings and compute percept tables, also your own."""
 
 
 @data.command("list", short_help="List the data sets, or what one holds.")
@@ -44,11 +50,10 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
         return
     rows = [_row(name) for name in _public()]
     if as_json:
-        click.echo(json.dumps({"datasets": rows, "cache": str(cache_folder())}))
+        print_json({"datasets": rows, "cache": str(cache_folder())})
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("data set", "objects", "behaviors", "attributes", "recordings", "files here"):
-        table.add_column(name, justify="left" if name == "data set" else "right")
+    names = "data set", "objects", "behaviors", "attributes", "recordings", "files here"
+    table = new_table(*names)
     for row in rows:
         here = f"{row['files_cached']} of {row['files']}"
         table.add_row(*(str(row[key]) for key in list(row)[:5]), here)
@@ -80,10 +85,10 @@ def verify(dataset: str) -> None:
     states = datasets.verify(dataset)
     bad = [(path, state) for path, state in states if state != "ok"]
     say(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
-    for path, state in bad[:_TOLD]:
+    for path, state in bad[:_LISTED]:
         say(f"  {state}: {path}")
     if bad:
-        more = f"  and {len(bad) - _TOLD} more; " if len(bad) > _TOLD else "  "
+        more = f"  and {len(bad) - _LISTED} more; " if len(bad) > _LISTED else "  "
         say(f"{more}get them with: meal-bayes data fetch {dataset}")
         click.get_current_context().exit(_UNSOUND)
 
@@ -103,7 +108,7 @@ def verify(dataset: str) -> None:
 def percepts(
     dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None
 ) -> None:
-    """Make a percept table from recordings.
+    """Compute a percept table from recordings.
 
     With --out it is written; a shipped data set's is compared with the one in the package.
     """
@@ -169,7 +174,7 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
     if as_json:
         names = {"attributes": table.domain.attributes, "objects": table.objects}
-        click.echo(json.dumps({"name": table.domain.name, **names, "behaviors": costs}))
+        print_json({"name": table.domain.name, **names, "behaviors": costs})
         return
     facts = {
         "data set": f"{table.domain.name}: {_size(table)}",
@@ -188,7 +193,7 @@ def _size(table: "PerceptTable | Dataset") -> str:
 
 
 def _compare(table: "PerceptTable", name: str) -> None:
-    """Say how far a table is from the shipped one."""
+    """Compare a table with the shipped one; where they differ, the exit code is 1."""
     import numpy as np
 
     from meal_bayes.datasets import load_percepts

@@ -1,4 +1,4 @@
-"""`meal-bayes demo`: one trial on the recordings of a real robot, told step by step."""
+"""`meal-bayes demo`: one trial on the recordings of a real robot, step by step."""
 
 import textwrap
 from pathlib import Path
@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.answer import answer
+from meal_bayes.cli.console import output, print_facts
 from meal_bayes.cli.options import logs_option, seed_option
-from meal_bayes.cli.screen import output
-from meal_bayes.cli.story import print_facts
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -26,7 +25,7 @@ _SEED = 7  # a trial in which a behavior fails
 @seed_option(_SEED)
 @logs_option
 def demo(seed: int, logs: Path) -> None:
-    """Show one trial, told step by step. Start here.
+    """Show one trial step by step. Start here.
 
     The percepts of a real robot come with the package; another seed takes another object.
     """
@@ -38,19 +37,15 @@ def demo(seed: int, logs: Path) -> None:
     name = table.objects[int(stream(seed, "demo").integers(len(table.objects)))]
     task = question_task(_QUESTION, table, name)
     config = {
-        "command": "demo",
-        "question": _QUESTION,
-        "dataset": _DATASET,
-        "object": name,
-        "agent": _AGENT,
-        "seed": seed,
-    }
+        "command": "demo", "question": _QUESTION, "dataset": _DATASET, "object": name,
+        "agent": _AGENT, "seed": seed,
+    }  # fmt: skip
     console = output()
     _introduce(console, table, name)
     _, path = answer(
         table, task, agent=_AGENT, seed=seed, logs=logs, config=config, console=console
     )
-    _point_on(console, name, path)
+    _print_next(console, name, path)
 
 
 def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
@@ -68,8 +63,8 @@ def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
         {
             "question": _QUESTION,
             "object": f"{name}, from the recordings of a real robot (ROC36)",
-            "learned": f"from the other {len(table.objects) - 1} objects: what each of "
-            f"{sensing} behaviors tells of each attribute",
+            "learned": f"from the other {len(table.objects) - 1} objects: how "
+            f"often each of {sensing} behaviors shows each attribute",
             "agent": f"{_AGENT}: exact beliefs, tree search (POMCP)",
             "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
         },
@@ -77,7 +72,7 @@ def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
     console.print()
 
 
-def _point_on(console: Console, name: str, path: Path) -> None:
+def _print_next(console: Console, name: str, path: Path) -> None:
     other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
     console.print()
     console.print(Text("what next", "bold"))

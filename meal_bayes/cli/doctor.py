@@ -1,21 +1,21 @@
-"""`meal-bayes doctor`: what there is to run on, in one screen to paste into a bug report."""
+"""`meal-bayes doctor`: the environment, in one page to paste into a bug report."""
 
-import json
 import os
 import platform
 import re
 import shutil
 import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from importlib import import_module, metadata, util
 from pathlib import Path
 
 import click
+from platformdirs import user_cache_path
 
+from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import json_option
-from meal_bayes.cli.screen import output
-from meal_bayes.cli.story import print_facts
 
 _LISTED = (
     "numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "h5netcdf", "h5py", "mcap",
@@ -28,16 +28,16 @@ _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vu
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
-@click.command(short_help="Tell what there is to run on, for a bug report.")
+@click.command(short_help="Show the environment, for a bug report.")
 @json_option
 def doctor(as_json: bool) -> None:
-    """Tell versions, folders, compiled kernels, viewer, data and cores, for a bug report.
+    """Show versions, folders, compiled kernels, viewer, data and cores, for a bug report.
 
     Nothing is changed, and nothing is sent anywhere.
     """
     facts = dict(_facts())
     if as_json:
-        click.echo(json.dumps(facts))
+        print_json(facts)
         return
     print_facts(output(), facts)
 
@@ -45,20 +45,20 @@ def doctor(as_json: bool) -> None:
 def _facts() -> Iterator[tuple[str, str]]:
     checks: dict[str, Callable[[], str]] = {
         "package": _package,
-        "system": _system,
+        "system": lambda: f"Python {platform.python_version()}, {platform.platform()}",
         "cores": _cores,
-        "versions": _versions,
+        "versions": lambda: ", ".join(f"{name} {_version(name)}" for name in _LISTED),
         "loading": _loading,
         "extras": _extras,
         "data cache": lambda: _folder(_data_cache()),
-        "user cache": lambda: _folder(_user_cache()),
-        "temporary": lambda: _folder(_temporary()),
+        "user cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
+        "temporary": lambda: _folder(Path(tempfile.gettempdir())),
         "logs": lambda: _folder(Path("logs")),
         "kernels": _kernels,
         "data": _data,
         "viewer": _viewer,
         "vulkan": _vulkan,
-        "browser": _browser,
+        "browser": lambda: ", ".join(filter(None, map(shutil.which, _BROWSERS))) or "none found",
         "compiler": lambda: _program("g++", "c++", "clang++"),
         "pomdpsol": lambda: _program(os.environ.get("MEAL_BAYES_POMDPSOL") or "pomdpsol"),
         "terminal": _terminal,
@@ -77,20 +77,12 @@ def _package() -> str:
     return f"meal-bayes {meal_bayes.__version__} in {Path(meal_bayes.__file__).parent}"
 
 
-def _system() -> str:
-    return f"Python {platform.python_version()}, {platform.platform()}"
-
-
 def _cores() -> str:
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     memory = ""
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.1f} GB"
     return f"{usable} of {os.cpu_count()} may be used{memory}"
-
-
-def _versions() -> str:
-    return ", ".join(f"{name} {_version(name)}" for name in _LISTED)
 
 
 def _version(name: str) -> str:
@@ -101,7 +93,7 @@ def _version(name: str) -> str:
 
 
 def _loading() -> str:
-    """Load what loads quickly; installed is not yet working."""
+    """Return which libraries cannot be imported; installed does not mean working."""
     broken = []
     for name in _LOADED:
         try:
@@ -124,41 +116,29 @@ def _data_cache() -> Path:
     return cache_folder()
 
 
-def _user_cache() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("meal_bayes", appauthor=False)
-
-
-def _temporary() -> Path:
-    import tempfile
-
-    return Path(tempfile.gettempdir())
-
-
 def _folder(path: Path) -> str:
-    """Say whether a folder is there, whose it is, and what may be done in it."""
+    """Return whether a folder exists, its owner and its permissions."""
     if not path.exists():
         place = next((parent for parent in path.absolute().parents if parent.exists()), path)
         can = "can" if os.access(place, os.W_OK) else "CANNOT"
         return f"{path}, not there yet, {can} be made"
     found = path.stat()
-    told = [str(path), f"mode {stat.S_IMODE(found.st_mode):04o}"]
-    told.append("writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable")
+    state = [str(path), f"mode {stat.S_IMODE(found.st_mode):04o}"]
+    state.append("writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable")
     if hasattr(os, "getuid") and found.st_uid != os.getuid():
-        told.append(f"belongs to user {found.st_uid}")
+        state.append(f"belongs to user {found.st_uid}")
     if found.st_mode & _OTHERS and not found.st_mode & stat.S_ISVTX:
-        told.append("OTHERS can write")
+        state.append("OTHERS can write")
     if path.is_symlink():
-        told.append(f"a link to {path.resolve()}")
-    return ", ".join(told)
+        state.append(f"a link to {path.resolve()}")
+    return ", ".join(state)
 
 
 def _kernels() -> str:
-    """Say whether numba has compiled the planner before, for this Python."""
+    """Return whether numba has compiled the planner before, for this Python."""
     import meal_bayes
 
-    folders = [Path(meal_bayes.__file__).parent, _user_cache()]
+    folders = [Path(meal_bayes.__file__).parent, user_cache_path("meal_bayes", appauthor=False)]
     folders += [Path(name) for name in (os.environ.get("NUMBA_CACHE_DIR"),) if name]
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
     count = sum(1 for folder in folders for file in folder.rglob("*.nbi") if tag in file.name)
@@ -171,12 +151,12 @@ def _data() -> str:
     from meal_bayes.datasets import registry
     from meal_bayes.datasets.sources import SOURCES
 
-    told = []
+    state = []
     for name in SOURCES:
         files = registry(name)
         here = sum((_data_cache() / path).is_file() for path in files)
-        told.append(f"{name} {here} of {len(files)} files")
-    return ", ".join(told)
+        state.append(f"{name} {here} of {len(files)} files")
+    return ", ".join(state)
 
 
 def _viewer() -> str:
@@ -193,10 +173,6 @@ def _vulkan() -> str:
     return f"{library or 'no library'}; drivers: {', '.join(drivers) or 'none'}"
 
 
-def _browser() -> str:
-    return ", ".join(filter(None, map(shutil.which, _BROWSERS))) or "none found"
-
-
 def _program(*names: str) -> str:
     return next(filter(None, map(shutil.which, names)), f"none ({', '.join(names)})")
 
@@ -208,7 +184,7 @@ def _terminal() -> str:
 
 
 def _settings() -> str:
-    """List the environment variables that change what we do, without passwords in addresses."""
+    """Return the environment variables of the program, without passwords in addresses."""
     names = [n for n in sorted(os.environ) if n.startswith(("MEAL_BAYES_", "NUMBA_", "OMP_"))]
     shown = {name: re.sub(r"//[^/@]*@", "//...@", os.environ[name]) for name in names}
     return ", ".join(f"{name}={value}" for name, value in shown.items()) or "none"

@@ -1,14 +1,13 @@
 """`meal-bayes export`: the decision problem of a query as a file for other solvers."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from meal_bayes.cli.console import note, print_json, say
 from meal_bayes.cli.options import dataset_option, json_option, table_of
-from meal_bayes.cli.screen import note, say
 from meal_bayes.cli.values import LARGEST, Finite
 
 if TYPE_CHECKING:
@@ -22,13 +21,13 @@ _FORMATS = ("pomdp", "pomdpx")
 @click.command(short_help="Write a query's decision problem for other solvers.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
-    "--format", "kind", type=click.Choice(_FORMATS),
+    "--format", type=click.Choice(_FORMATS),
     help="What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
 )  # fmt: skip
 @dataset_option
-@click.option("--query", "question", metavar="A,B,...", help="The attributes asked.")
+@click.option("--query", metavar="A,B,...", help="The attributes asked.")
 @click.option(
-    "--object", "name", metavar="NAME",
+    "--object", metavar="NAME",
     help="Learn without this object, as for a trial about it; from all by default.",
 )  # fmt: skip
 @click.option(
@@ -50,20 +49,7 @@ _FORMATS = ("pomdp", "pomdpx")
     help="Folder of the reference models; MEAL_BAYES_REFERENCE by default.",
 )  # fmt: skip
 @json_option
-def export(
-    file: Path,
-    kind: str | None,
-    dataset: str,
-    root: Path | None,
-    question: str | None,
-    name: str | None,
-    discount: float | None,
-    reward: float | None,
-    forbid_illegal: bool,
-    model: str | None,
-    reference: str | None,
-    as_json: bool,
-) -> None:
+def export(file: Path, as_json: bool, **options: Any) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
@@ -73,27 +59,16 @@ def export(
     from meal_bayes.momdp.pomdp_file import write_pomdp
     from meal_bayes.momdp.pomdpx_file import write_pomdpx
 
-    kind = kind or file.suffix.removeprefix(".")
-    if kind not in _FORMATS:
-        raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
-    if (model is None) == (question is None):
-        raise click.UsageError("Give either --query (of a data set) or --model (a reference).")
-    if model is not None and name is not None:
-        raise click.UsageError("A reference model knows no objects; leave --object out.")
-    if model is None and reference is not None:
-        raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
-    check_output(file, inputs=[dataset])
-    momdp = (
-        _query(table_of(dataset, root), question, name)
-        if question
-        else _reference(reference, str(model))
-    )
-    if discount is not None:
-        momdp = replace(momdp, discount=discount)
-    if reward is not None:
-        momdp = replace(momdp, correct=reward, incorrect=-reward)
+    kind = options["format"] or file.suffix.removeprefix(".")
+    _check(file, kind, options)
+    check_output(file, inputs=[options["dataset"]])
+    momdp = _reference(options) if options["query"] is None else _query(options)
+    if options["discount"] is not None:
+        momdp = replace(momdp, discount=options["discount"])
+    if options["reward"] is not None:
+        momdp = replace(momdp, correct=options["reward"], incorrect=-options["reward"])
     write = write_pomdp if kind == "pomdp" else write_pomdpx
-    write(momdp, file, forbid_illegal=forbid_illegal)
+    write(momdp, file, forbid_illegal=options["forbid_illegal"])
     facts = {
         "file": str(file),
         "format": kind,
@@ -104,7 +79,7 @@ def export(
         "bytes": file.stat().st_size,
     }
     if as_json:
-        click.echo(json.dumps(facts))
+        print_json(facts)
         return
     say(
         f"{file}: {facts['states']} states, {facts['actions']} actions, "
@@ -113,18 +88,31 @@ def export(
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
 
 
-def _reference(folder: str | None, name: str) -> "MOMDP":
+def _check(file: Path, kind: str, options: dict[str, Any]) -> None:
+    """Check that the options go together."""
+    model = options["model"]
+    if kind not in _FORMATS:
+        raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
+    if (model is None) == (options["query"] is None):
+        raise click.UsageError("Give either --query (of a data set) or --model (a reference).")
+    if model is not None and options["object"] is not None:
+        raise click.UsageError("A reference model knows no objects; leave --object out.")
+    if model is None and options["reference"] is not None:
+        raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
+
+
+def _reference(options: dict[str, Any]) -> "MOMDP":
     from meal_bayes.domain import unknown
     from meal_bayes.errors import SettingsError
     from meal_bayes.momdp.reference import load_reference
 
-    models = load_reference(folder)
+    models, name = load_reference(options["reference"]), options["model"]
     if name not in models:
         raise SettingsError(unknown("reference model", name, models))
     return models[name]
 
 
-def _query(dataset: str, question: str, name: str | None) -> "MOMDP":
+def _query(options: dict[str, Any]) -> "MOMDP":
     """Build the paper's problem of a query, from all objects or all but one."""
     from meal_bayes.datasets import load_percepts, object_index
     from meal_bayes.domain import read_query
@@ -132,10 +120,10 @@ def _query(dataset: str, question: str, name: str | None) -> "MOMDP":
     from meal_bayes.perception import table_counts
     from meal_bayes.posterior import ConfusionPosterior
 
-    table = load_percepts(dataset)
-    query = read_query(question, table.domain)
+    table = load_percepts(table_of(options["dataset"], options["root"]))
+    query, name = read_query(options["query"], table.domain), options["object"]
     if name is None:
-        counts = _held_out_counts(table)
+        counts = held_out_counts(table, 2)
     else:
         counts = table_counts(table, object_index(table.objects, name))
     columns = [table.domain.attribute_index(attribute) for attribute in query.attributes]
@@ -143,13 +131,12 @@ def _query(dataset: str, question: str, name: str | None) -> "MOMDP":
     return build_momdp(table.domain, query, confusion, precision, abstain=True)
 
 
-def _held_out_counts(table: "PerceptTable") -> "ConfusionCounts":
-    """Count each object's percepts by classifiers that never saw it."""
+def held_out_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":
+    """Return the counts of each object's percepts by classifiers that never saw it."""
     import numpy as np
 
     from meal_bayes.perception.confusion import by_truth
 
-    levels = table.levels_of(table.log_odds, 2)  # (O,R,E,P)
-    known = ~np.isnan(table.log_odds)
-    counts = np.stack([((levels == level) & known).sum(axis=1) for level in range(2)], axis=-1)
-    return by_truth(counts.transpose(0, 2, 1, 3).astype(np.int64), table.labels)
+    level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
+    shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
+    return by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels)

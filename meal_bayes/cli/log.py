@@ -1,45 +1,43 @@
-"""`meal-bayes log`: what a trial log holds, whether it is sound, and what a torn one still has."""
+"""`meal-bayes log`: contents, check and recovery of trial logs."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import click
 
+from meal_bayes.cli.console import output, print_facts, print_json, say
 from meal_bayes.cli.options import json_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import output, say
-from meal_bayes.cli.story import print_facts, tell_trial
 from meal_bayes.cli.values import MOST_TRIALS, Whole
 
-_UNSOUND = 1  # exit code of `check` where something is wrong
+_UNSOUND = 1  # exit code of `check` for a log with problems
 
 _file = click.argument("file", type=click.Path(path_type=Path))
 
 
 @click.group(cls=Section)
 def log() -> None:
-    """Look into trial logs: info, show, check, recover."""
+    """Show, check and recover trial logs."""
 
 
 @log.command()
 @_file
 @json_option
 def info(file: Path, as_json: bool) -> None:
-    """Tell what a whole log holds, and what the run was."""
+    """Show what a whole log holds, and the configuration of its run."""
     from meal_bayes.trial_log import log_info
 
     found = log_info(file)
     if as_json:
         facts = {**dataclasses.asdict(found), "path": str(found.path)}
-        click.echo(json.dumps(facts, allow_nan=False))
+        print_json(facts)
         return
     facts = {
         "file": f"{found.path}, {found.size:,} bytes, format {found.format_version}, {found.form}",
         "holds": f"{found.trials} trials, {found.steps} steps, {found.momdps} MOMDPs",
     }
     for name, value in found.header.items():
-        facts[name] = _in_words(value)
+        facts[name] = _as_text(value)
     print_facts(output(), facts)
 
 
@@ -50,7 +48,8 @@ def info(file: Path, as_json: bool) -> None:
     help="Which trial, counted from 0.",
 )  # fmt: skip
 def show(file: Path, number: int) -> None:
-    """Tell one trial of a log step by step."""
+    """Show one trial of a log step by step."""
+    from meal_bayes.cli.narration import print_trial
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import read_trials
 
@@ -65,23 +64,23 @@ def show(file: Path, number: int) -> None:
             }
             print_facts(console, facts)
             console.print()
-            tell_trial(console, trial)
+            print_trial(console, trial)
             return
         found += 1
     raise SettingsError(f"{file} holds {found} trials; give --trial 0 to {found - 1}.")
 
 
-@log.command(short_help="Read a log to its end and tell what is wrong.")
+@log.command(short_help="Read a log to its end and list its problems.")
 @_file
 @json_option
 def check(file: Path, as_json: bool) -> None:
-    """Read a log to its end and tell what is wrong, if anything; then the exit code is 1."""
+    """Read a log to its end and list its problems, if any; then the exit code is 1."""
     from meal_bayes.trial_log import check_log
 
     report = check_log(file)
     if as_json:
         facts = {**dataclasses.asdict(report), "path": str(report.path)}
-        click.echo(json.dumps(facts, allow_nan=False))
+        print_json(facts)
     else:
         console = output()
         state = "whole, nothing is missing or changed" if report.whole else "not sound"
@@ -89,7 +88,7 @@ def check(file: Path, as_json: bool) -> None:
         facts = {"file": str(report.path), "state": state, "holds": held}
         if not report.whole:
             facts["problems"] = "\n".join(report.problems)
-            facts["mend"] = f"meal-bayes log recover {report.path}"
+            facts["repair"] = f"meal-bayes log recover {report.path}"
         print_facts(console, facts)
     if not report.whole:
         click.get_current_context().exit(_UNSOUND)
@@ -105,14 +104,14 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
 
     saved = log_info(recover_log(file, out))
     if as_json:
-        click.echo(json.dumps({"path": str(saved.path), "trials": saved.trials}))
+        print_json({"path": str(saved.path), "trials": saved.trials})
         return
     say(f"{saved.path}: {saved.trials} whole trials saved")
 
 
-def _in_words(value: object) -> str:
+def _as_text(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+        return ", ".join(f"{name} {_as_text(entry)}" for name, entry in value.items())
     if isinstance(value, list):
-        return " ".join(map(_in_words, value))
+        return " ".join(map(_as_text, value))
     return "-" if value is None else str(value)

@@ -1,15 +1,13 @@
-"""`meal-bayes memory`: what people told the robot about objects."""
+"""`meal-bayes memory`: the labels that people gave the robot."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
+from meal_bayes.cli.console import new_table, note, output, print_json
 from meal_bayes.cli.options import dataset_option, json_option, logs_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import ObjectLabels
@@ -17,7 +15,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Section)
 def memory() -> None:
-    """Show or forget what `ask --learn` was told."""
+    """Show or forget the labels that `ask --learn` received."""
 
 
 @memory.command()
@@ -25,36 +23,37 @@ def memory() -> None:
 @logs_option
 @json_option
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
-    """List what was told of the objects of a data set, the latest last."""
+    """List the labels of the objects of a data set, the latest last."""
     found = _memory(logs, dataset)
     if as_json:
         rows = [
-            {"object": t.object_name, "told": dict(t.values), "log": str(t.path)} for t in found
+            {"object": one.object_name, "labels": dict(one.values), "log": str(one.path)}
+            for one in found
         ]
-        click.echo(json.dumps({"memory": rows}))
+        print_json({"memory": rows})
         return
     if not found:
-        note(f'nothing was told yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
+        note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("object", "is", "log"):
-        table.add_column(name, overflow="fold")
-    for told in found:
-        words = ", ".join(k if v else f"not {k}" for k, v in told.values.items())
-        table.add_row(told.object_name, words, told.path.name)
+    table = new_table("object", "is", "log", left=("is", "log"))
+    for column in table.columns:
+        column.overflow = "fold"
+    for one in found:
+        labels = ", ".join(k if v else f"not {k}" for k, v in one.values.items())
+        table.add_row(one.object_name, labels, one.path.name)
     output().print(table)
 
 
 @memory.command()
-@click.option("--object", "name", metavar="NAME", help="Only what was told of this object.")
+@click.option("--object", "name", metavar="NAME", help="Only the labels of this object.")
 @dataset_option
 @logs_option
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
-    """Forget what was told; the trials stay in their logs."""
-    from meal_bayes.trial_log import forget as forget_told
+    """Forget labels; the trials stay in their logs."""
+    from meal_bayes.trial_log import forget as forget_labels
 
-    chosen = [told for told in _memory(logs, dataset) if name in (None, told.object_name)]
-    note(f"forgot what was told in {forget_told(chosen)} trials")
+    chosen = [one for one in _memory(logs, dataset) if name in (None, one.object_name)]
+    note(f"forgot the labels in {forget_labels(chosen)} trials")
 
 
 def _memory(logs: Path, dataset: str) -> "list[ObjectLabels]":

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from meal_bayes.cli.console import note, output, resumed, showing_compilation, signs_of
 from meal_bayes.cli.options import (
     OWN,
     agent_value,
@@ -23,7 +24,6 @@ from meal_bayes.cli.options import (
     logs_option,
     seed_option,
 )
-from meal_bayes.cli.screen import note, output, resumed, showing_compilation, signs_of
 from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares, Whole
 from meal_bayes.untrusted import NAME_LIMIT
 
@@ -187,7 +187,7 @@ def _variants(text: str | None) -> tuple[str, ...]:
 def _print(
     console: Console, rows: "Iterable[LearningRow]", summary: "list[LearningSummary]"
 ) -> None:
-    spread = signs_of(console).spread
+    spread = signs_of(console).interval
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("agent", no_wrap=True)
     for name in ("explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE"):

@@ -1,8 +1,10 @@
 """Options that several commands share."""
 
+import hashlib
 import importlib
+import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,7 +23,7 @@ root_option = click.option(
 
 
 def dataset_option(command: Command) -> Command:
-    """Make the options --dataset and --root; `table_of` reads them."""
+    """Add the options --dataset and --root, which `table_of` reads."""
     return click.option(
         "--dataset",
         default="roc36",
@@ -33,11 +35,11 @@ def dataset_option(command: Command) -> Command:
 
 
 def table_of(dataset: str, root: Path | None, perception: str = "default") -> str:
-    """Return what opens the table that --dataset and --root name: a shipped name, or an .npz.
+    """Return the shipped name, or the path of the .npz, of the table of --dataset and --root.
 
-    The table of a domain and recordings of one's own is computed once, and kept in the cache.
+    The table of a user's own recordings is computed once, and kept in the cache.
     """
-    from meal_bayes.cli.screen import note, progress
+    from meal_bayes.cli.console import note, progress
     from meal_bayes.experiments.percepts import percepts_for, table_path
 
     path = table_path(dataset, perception, root=root)
@@ -50,7 +52,7 @@ def table_of(dataset: str, root: Path | None, perception: str = "default") -> st
 
 
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
-    """Make the option --seed."""
+    """Return the option --seed."""
     return click.option(
         "--seed",
         type=Whole(0, LARGEST_SEED),
@@ -62,12 +64,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
 
 
 def agent_value(text: str) -> object:
-    """Return an agent's name as it is, or what `package.module:name` names.
-
-    Raises
-    ------
-    SettingsError : a module that cannot be imported, or has no such name.
-    """
+    """Return an agent's name as it is, or the value of `package.module:name` (`named_value`)."""
     return named_value(text) if ":" in text else text
 
 
@@ -94,17 +91,22 @@ perception_option = click.option(
     type=click.Choice(["default", "paper"]),
     default="default",
     show_default=True,
-    help="Which classifiers made the percepts: ours, or the paper's recipe.",
+    help="Which classifiers made the percepts: ours, or the paper's.",
 )
 
 
 def listed(*texts: str) -> tuple[str, ...]:
-    """Take names that are given one by one or as comma lists."""
+    """Return names that were given one by one or as comma lists."""
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
+def digest(config: Mapping[str, object]) -> str:
+    """Return a short name that equal configurations share and others do not."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:8]
+
+
 def named_value(name: str) -> Any:
-    """Import what a name says, ``package.module:name``; modules of the current folder are found.
+    """Import the value of ``package.module:name``, also from a module of the current folder.
 
     Raises
     ------

@@ -1,16 +1,21 @@
-"""`meal-bayes posterior`: fit what the percepts say of Theta, check it, save it, draw it."""
+"""`meal-bayes posterior`: fit the confusion matrices Theta, check the fit, save and plot it."""
 
-import hashlib
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
-from meal_bayes.cli.options import dataset_option, json_option, table_of
-from meal_bayes.cli.screen import note, output, patience, progress
-from meal_bayes.cli.story import print_facts
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    patience,
+    print_facts,
+    print_json,
+    progress,
+)
+from meal_bayes.cli.export import held_out_counts
+from meal_bayes.cli.options import dataset_option, digest, json_option, table_of
 from meal_bayes.cli.values import LARGEST_SEED, Whole
 
 if TYPE_CHECKING:
@@ -22,7 +27,7 @@ if TYPE_CHECKING:
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _CLIP = 1e-6  # of beliefs, in the logarithm
-_TOLD = 12  # pairs in the table
+_SHOWN = 12  # pairs in the table
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
@@ -53,21 +58,7 @@ _TOLD = 12  # pairs in the table
 @click.option("--seed", type=Whole(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
               help="Equal seeds give equal draws.")  # fmt: skip
 @json_option
-def posterior(
-    dataset: str,
-    root: Path | None,
-    method: str,
-    model: str,
-    attributes: str | None,
-    held_out: str | None,
-    levels: int,
-    out: Path | None,
-    draws: int,
-    tune: int,
-    chains: int,
-    seed: int,
-    as_json: bool,
-) -> None:
+def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
 
     Writes the draws (posterior.nc, for ArviZ), a summary of every entry (summary.csv), and
@@ -77,47 +68,40 @@ def posterior(
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
 
-    if method == "grid" and model != "same":
+    if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
-    dataset = table_of(dataset, root)
-    config = {
-        "command": "posterior", "dataset": dataset, "method": method, "model": model,
-        "attributes": attributes, "held_out": held_out, "levels": levels, "draws": draws,
-        "tune": tune, "chains": chains, "seed": seed,
-    }  # fmt: skip
-    table, columns, counts = _counts(dataset, attributes, held_out, levels)
-    folder = check_folder(out or Path("posteriors") / _folder(config))
+    dataset = table_of(options["dataset"], root)
+    config = {"command": "posterior", **options, "dataset": dataset}
+    table, columns, counts = _counts(config)
+    name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{digest(config)}"
+    folder = check_folder(out or Path("posteriors") / name)
     drawn = _fit(table, columns, counts, config)
-    facts = _write(drawn, counts, table.objects, seed, folder)
+    facts = _write(drawn, counts, table.objects, config["seed"], folder)
     if as_json:
-        told = {"config": config, **facts, "rows": _rows(drawn), "out": str(folder)}
-        click.echo(json.dumps(told, allow_nan=False))
+        print_json({"config": config, **facts, "rows": _rows(drawn), "out": str(folder)})
         return
     _print(drawn, facts)
     note(f"draws, summary and figures in {folder}")
 
 
-def _counts(
-    dataset: str, attributes: str | None, held_out: str | None, levels: int
-) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
-    """Count percepts (O,P,E,2,K): out-of-object ones, or what is learned without one object."""
-    import numpy as np
+def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
+    """Return the table, the fitted attributes, and their percept counts (O,P,E,2,K).
 
+    The counts are those of held-out objects, or of the training objects where one is held out.
+    """
     from meal_bayes.datasets import load_percepts, object_index
     from meal_bayes.perception import table_counts
-    from meal_bayes.perception.confusion import by_truth
 
-    table = load_percepts(dataset)
-    names = [name.strip() for name in (attributes or "").split(",") if name.strip()]
+    table, levels = load_percepts(config["dataset"]), config["levels"]
+    names = [name.strip() for name in (config["attributes"] or "").split(",") if name.strip()]
     columns = sorted({table.domain.attribute_index(name) for name in names})
     columns = columns or list(range(len(table.domain.attributes)))
-    if held_out is not None:
-        counts = table_counts(table, object_index(table.objects, held_out), levels=levels).counts
+    if config["held_out"] is None:
+        counts = held_out_counts(table, levels)
     else:
-        level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
-        shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
-        counts = by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels).counts
-    return table, columns, counts[:, columns]
+        index = object_index(table.objects, config["held_out"])
+        counts = table_counts(table, index, levels=levels)
+    return table, columns, counts.counts[:, columns]
 
 
 def _fit(
@@ -148,16 +132,10 @@ def _fit(
         )  # fmt: skip
 
 
-def _folder(config: "dict[str, Any]") -> str:
-    """Name a folder so that equal fits share it and others do not."""
-    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:8]
-    return f"{Path(config['dataset']).stem}-{config['method']}-{config['model']}-{digest}"
-
-
 def _write(
     draws: "Draws", counts: "NDArray[Any]", objects: "tuple[str, ...]", seed: int, folder: Path
 ) -> "dict[str, Any]":
-    """Write everything; give what is told of it."""
+    """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
 
     from meal_bayes.evaluation.plots import reliability_diagram, save
@@ -221,7 +199,7 @@ def _quality(belief: "NDArray[Any]", truth: "NDArray[Any]", seed: int) -> dict[s
 
 
 def _yes(draws: "Draws") -> "NDArray[Any]":
-    """Pr(yes) of each row, (C*S,P,E,2)."""
+    """Return Pr(yes) of each row, (C*S,P,E,2)."""
     import numpy as np
 
     mean, _ = draws.rows()
@@ -229,7 +207,7 @@ def _yes(draws: "Draws") -> "NDArray[Any]":
 
 
 def _rows(draws: "Draws") -> "list[dict[str, object]]":
-    """Sum each pair up: what it says of true and false objects, and how far objects differ."""
+    """Return for each pair Pr(yes) of true and false objects, and how far objects differ."""
     import numpy as np
 
     rates, (_, s) = _yes(draws), draws.rows()
@@ -248,10 +226,7 @@ def _rows(draws: "Draws") -> "list[dict[str, object]]":
 
 def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
     console = output()
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("variable", no_wrap=True)
-    for name in ("entries", "R-hat", "ESS bulk", "ESS tail"):
-        table.add_column(name, justify="right")
+    table = new_table("variable", "entries", "R-hat", "ESS bulk", "ESS tail")
     for one in facts["convergence"]:
         ess = (f"{one[name]:.0f}" for name in ("ess_bulk", "ess_tail"))
         table.add_row(one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", *ess)
@@ -259,24 +234,24 @@ def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
     console.print()
     _print_rows(draws)
     belief, p = facts["belief"], facts["predictive_p"]
-    told = {
-        "draws": _verdict(facts) if draws.statistics else "independent, from the grid",
+    shown = {
+        "draws": _convergence_text(facts) if draws.statistics else "independent, from the grid",
         "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
         "objects seen; near 0 or 100 % the model does not fit",
-        "beliefs": f"learned without the object, after one behavior: {_told(belief['each'])}; "
-        f"after all: {_told(belief['together'])}",
+        "beliefs": "learned without the object, after one behavior: "
+        f"{_scores_text(belief['each'])}; after all: {_scores_text(belief['together'])}",
     }
     if facts["misperception"] is not None:
-        told["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
+        shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
     console.print()
-    print_facts(console, told)
+    print_facts(console, shown)
 
 
-def _told(one: dict[str, float]) -> str:
+def _scores_text(one: dict[str, float]) -> str:
     return f"NLL {one['nll']:.3f}, ECE {one['ece']:.3f} ({one['ece_calibrated']:.3f} if calibrated)"
 
 
-def _verdict(facts: "dict[str, Any]") -> str:
+def _convergence_text(facts: "dict[str, Any]") -> str:
     worst = max(one["r_hat"] for one in facts["convergence"])
     few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
     text = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
@@ -289,19 +264,16 @@ def _verdict(facts: "dict[str, Any]") -> str:
 
 def _print_rows(draws: "Draws") -> None:
     rows = sorted(_rows(draws), key=lambda row: row["fpr"] - row["tpr"])  # type: ignore[operator]
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("attribute", "behavior"):
-        table.add_column(name, no_wrap=True)
-    for name in ("yes of true", "yes of false", "s true", "s false"):
-        table.add_column(name, justify="right")
-    for row in rows[:_TOLD]:
+    names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
+    table = new_table(*names, left=("behavior",))
+    for row in rows[:_SHOWN]:
         table.add_row(
             str(row["attribute"]), str(row["behavior"]), _rate(row, "tpr"), _rate(row, "fpr"),
             f"{row['s_true']:.1f}", f"{row['s_false']:.1f}",
         )  # fmt: skip
     output().print(table)
-    if len(rows) > _TOLD:
-        note(f"{len(rows) - _TOLD} more pairs say less; all of them with --json")
+    if len(rows) > _SHOWN:
+        note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
 
 
 def _rate(row: "dict[str, Any]", name: str) -> str:

@@ -1,4 +1,4 @@
-"""How the program ends: quietly, or with one line that teaches."""
+"""The command-line program: its exit codes, and its errors in one line."""
 
 import contextlib
 import io
@@ -13,17 +13,17 @@ import click
 
 from meal_bayes.errors import DownloadError, MealBayesError, OutputError
 
-FAILED = 2  # exit code of what the user can mend: a value, a file that is not what it should be
-WORLD = 1  # of what the world did: a full disk, a place without rights, a closed stream
-INTERRUPTED = 130  # by Ctrl-C, or by a reader that went away
+FAILED = 2  # exit code of errors that the user can fix: a value, a file of wrong content
+SYSTEM = 1  # of errors of the system: a full disk, missing rights, a closed stream
+INTERRUPTED = 130  # by Ctrl-C, or by a closed pipe
 _LONGEST = 2000  # characters of an error
 
 
 class Section(click.Group):
-    """A group of commands; alone it shows its help."""
+    """A group of commands, which shows its help without a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take nothing for `--help`."""
+        """Parse no arguments as `--help`."""
         return super().parse_args(ctx, args or ["--help"])
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -32,12 +32,12 @@ class Section(click.Group):
 
 
 class Program(Section):
-    """The whole: every failure that a user can mend is one line on standard error."""
+    """The program: every error that a user can fix is one line on standard error."""
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run a command line and exit."""
         _hold_streams()
-        _tell_warnings()
+        _show_warnings()
         try:
             _check_text(sys.argv[1:] if args is None else args)
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
@@ -51,17 +51,17 @@ class Program(Section):
             hint = f" Try: {fault.ctx.command_path} --help" if fault.ctx is not None else ""
             _fail(f"{fault.format_message()}{hint}")
         except (OutputError, DownloadError) as fault:
-            _fail(str(fault), WORLD)
+            _fail(str(fault), SYSTEM)
         except (MealBayesError, click.ClickException) as fault:
             _fail(str(fault))
         except OSError as fault:
-            _fail(_world(fault), WORLD)
+            _fail(_system_message(fault), SYSTEM)
         except MemoryError:
-            _fail("There is not enough memory; ask for less at a time, or close others.", WORLD)
+            _fail("There is not enough memory; ask for less at a time, or close others.", SYSTEM)
         _leave(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Keep interruptions from click, which would say more of them than there is to say."""
+        """Run a command; interruptions end without click's messages."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
@@ -72,10 +72,7 @@ class Program(Section):
 
 
 def _hold_streams() -> None:
-    """Make streams that can be used, whatever the program was started with.
-
-    A number that was closed would become the next file's, and be written into by whoever prints.
-    """
+    """Open the standard streams that are closed, as the next file would get their numbers."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -92,11 +89,11 @@ def _hold_streams() -> None:
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     if closed:
-        _fail("Standard output is closed, so nothing could be shown; give it a place.", WORLD)
+        _fail("Standard output is closed, so nothing could be shown; give it a place.", SYSTEM)
 
 
 def _check_text(arguments: Sequence[str]) -> None:
-    """Refuse bytes that are no text: names go into logs and pages, which are UTF-8."""
+    """Check that arguments are UTF-8 text, as logs and pages are."""
     for text in arguments:
         try:
             text.encode()
@@ -110,45 +107,45 @@ def _check_text(arguments: Sequence[str]) -> None:
 
 
 class _Notes(io.TextIOWrapper):
-    """Standard error that nobody has to take: work goes on where the disk of its log is full."""
+    """Standard error that drops text which cannot be written, as on a full disk."""
 
     def write(self, text: str) -> int:
-        """Write, or let it go."""
+        """Write text, or drop it."""
         try:
             return super().write(text)
         except BrokenPipeError:
             raise
         except OSError:
-            self._let_go()
+            self._drop_rest()
             return len(text)
 
     def flush(self) -> None:
-        """Flush, or let it go."""
+        """Flush, or drop the rest."""
         try:
             super().flush()
         except BrokenPipeError:
             raise
         except OSError:
-            self._let_go()
+            self._drop_rest()
 
-    def _let_go(self) -> None:
-        """Send the rest nowhere, or the interpreter would try again at its end."""
+    def _drop_rest(self) -> None:
+        """Redirect to the null device, or the interpreter would try again at its end."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self.fileno())
         os.close(nowhere)
 
 
 class _Warnings(logging.Handler):
-    """Prints what the rooms warn of in one line."""
+    """Log handler that prints a warning in one line."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one record."""
-        from meal_bayes.cli.screen import note
+        from meal_bayes.cli.console import note
 
         note(f"{record.levelname.lower()}: {' '.join(record.getMessage().split())}")
 
 
-def _tell_warnings() -> None:
+def _show_warnings() -> None:
     # Names are data: in figures, what the font does not have is drawn as a box.
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")
     log = logging.getLogger("meal_bayes")
@@ -156,28 +153,28 @@ def _tell_warnings() -> None:
         log.addHandler(_Warnings(logging.WARNING))
 
 
-def _world(fault: OSError) -> str:
+def _system_message(fault: OSError) -> str:
     why = fault.strerror or str(fault) or type(fault).__name__
     if fault.filename is not None:
-        return f"{fault.filename}: {why}; give another place, or mend this one."
+        return f"{fault.filename}: {why}; give another place, or repair this one."
     return f"The output cannot be written, or a file read: {why}; give it another place."
 
 
 def _fail(message: str, code: int = FAILED) -> NoReturn:
-    from meal_bayes.cli.screen import printable
+    from meal_bayes.cli.console import printable
 
     line = printable(" ".join(message.split()))
     if len(line) > _LONGEST:
         line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
-    with contextlib.suppress(OSError):  # nobody may be there to read it
+    with contextlib.suppress(OSError):  # standard error may be closed
         click.echo(f"error: {line}", err=True)
-    if code == WORLD:
+    if code == SYSTEM:
         _close_output()
     _leave(code)
 
 
 def _close_output() -> None:
-    """Let what is still buffered go nowhere, or the interpreter would complain at its end."""
+    """Redirect buffered output to the null device, or the interpreter would fail at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(nowhere, sys.stdout.fileno())

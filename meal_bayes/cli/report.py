@@ -1,26 +1,26 @@
-"""`meal-bayes report`: one page of a run, for a person who was not there."""
+"""`meal-bayes report`: one page of a run."""
 
 from pathlib import Path
 
 import click
 
-from meal_bayes.cli.screen import note, progress, say
+from meal_bayes.cli.console import note, progress, say
 
 
-@click.command(short_help="Make one page (HTML) of a run: tables, figures, worst trials.")
+@click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("report.html"),
     show_default=True, metavar="FILE.html", help="The page; everything it needs is in it.",
 )  # fmt: skip
 def report(logs: tuple[Path, ...], out: Path) -> None:
-    """Make one page of the trials in LOGS, files or runs' folders."""
+    """Write one page of the trials in LOGS, files or runs' folders."""
     from meal_bayes.evaluation.report import write_report
     from meal_bayes.trial_log import Logs
 
     found = Logs(*logs)
     with progress("reading", "files") as advance:
-        told = write_report(found, out, on_progress=advance)
+        written = write_report(found, out, on_progress=advance)
     for problem in found.problems:
-        note(f"warning: {problem}; the report tells of the whole trials")
-    say(f"{out}: {told.trials} trials of {len(told.agents)} agents, {told.size:,} bytes")
+        note(f"warning: {problem}; the report counts the whole trials")
+    say(f"{out}: {written.trials} trials of {len(written.agents)} agents, {written.size:,} bytes")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from meal_bayes.cli.console import note, progress
 from meal_bayes.cli.options import jobs_option, json_option, logs_option, seed_option
-from meal_bayes.cli.screen import note, progress
 from meal_bayes.errors import DownloadError
 
 _FOLDER = "paper_repro"

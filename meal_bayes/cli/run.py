@@ -1,14 +1,22 @@
 """`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    print_json,
+    progress,
+    resumed,
+    showing_compilation,
+    signs_of,
+)
 from meal_bayes.cli.options import (
     AGENTS,
     OWN,
@@ -25,7 +33,6 @@ from meal_bayes.cli.options import (
     table_of,
 )
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, progress, resumed, showing_compilation, signs_of
 from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite, Whole
 from meal_bayes.untrusted import NAME_LIMIT
 
@@ -73,58 +80,37 @@ def run() -> None:
 @fresh_option
 @json_option
 def offline(
-    dataset: str,
     root: Path | None,
-    attributes: int,
-    trials: int,
     agents: tuple[str, ...],
-    seed: int,
+    as_json: bool,
+    logs: Path,
     jobs: int,
     cluster: str | None,
-    percepts: str,
-    perception: str,
-    reward: float | None,
-    logs: Path,
     fresh: bool,
-    as_json: bool,
+    **settings: Any,
 ) -> None:
-    """Let agents answer the same queries about objects they never learned from.
+    """Run agents on the same queries about objects they never learned from.
 
-    A run that was interrupted goes on where it stopped when the same command is given again.
+    An interrupted run continues when the same command is given again.
     """
     from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
 
-    named = listed(*agents)
-    config = OfflineConfig(
-        dataset=table_of(dataset, root, perception),
-        attributes=attributes,
-        trials=trials,
-        agents=tuple(map(agent_value, named)) or DEFAULT_AGENTS,
-        seed=seed,
-        percepts=percepts,
-        perception=perception,
-        reward=reward,
-    )
-    finished = _run(config, logs, jobs, cluster, fresh=fresh)
+    settings["dataset"] = table_of(settings["dataset"], root, settings["perception"])
+    chosen = tuple(map(agent_value, listed(*agents))) or DEFAULT_AGENTS
+    config = OfflineConfig(**settings, agents=chosen)
+    finished = _run(config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh)
     rows, paired = _measure(finished)
     if as_json:
-        facts = {
-            "config": config.as_dict(),
-            "rows": [row.as_dict() for row in rows],
-            "paired": paired,
-            "log": str(finished.folder),
-        }
-        click.echo(json.dumps(facts, allow_nan=False))
+        facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
+        print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
     _print(output(), rows, paired)
     note(f"trials in {finished.folder}")
 
 
-def _run(
-    config: "OfflineConfig", logs: Path, jobs: int, cluster: str | None, *, fresh: bool
-) -> "OfflineRun":
-    """Run what is not there yet, telling how far it is."""
-    from meal_bayes.experiments import offline_tasks, run_offline
+def _run(config: "OfflineConfig", **options: Any) -> "OfflineRun":
+    """Run the trials that are missing, and show progress."""
+    from meal_bayes.experiments import offline_tasks, run_offline, warm_up_offline
     from meal_bayes.experiments.percepts import percepts_for
 
     if config.perception == "default":
@@ -134,21 +120,11 @@ def _run(
             table = percepts_for(
                 config.dataset, config.perception, on_progress=advance, on_note=note
             )
-    offline_tasks(table, config.attributes, config.trials, config.seed)  # or say what is wrong
-    from meal_bayes.experiments import warm_up_offline
-
+    offline_tasks(table, config.attributes, config.trials, config.seed)  # raises before any work
     with showing_compilation():
         warm_up_offline(config)
     with resumed("trials") as advance:
-        return run_offline(
-            config,
-            logs=logs,
-            jobs=jobs,
-            cluster=cluster,
-            fresh=fresh,
-            on_progress=advance,
-            on_note=note,
-        )
+        return run_offline(config, on_progress=advance, on_note=note, **options)
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":
@@ -172,17 +148,16 @@ def _difference(outcomes: "TrialOutcomes", agent: str) -> dict[str, object]:
 
 
 def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
-    spread = signs_of(console).spread
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("agent", no_wrap=True)
-    for name in ("accuracy", "cost, s", "reward", "NLL", "ECE", "gave up"):
-        table.add_column(name, justify="right", no_wrap=True)
+    interval = signs_of(console).interval
+    table = new_table("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
+    for column in table.columns:
+        column.no_wrap = True
     for row in rows:
         table.add_row(
             row.agent,
-            f"{row.accuracy:.3f} {spread}{row.accuracy_se:.3f}",
+            f"{row.accuracy:.3f} {interval}{row.accuracy_se:.3f}",
             f"{row.cost_s:.1f}",
-            f"{row.reward:.1f} {spread}{row.reward_se:.1f}",
+            f"{row.reward:.1f} {interval}{row.reward_se:.1f}",
             f"{row.nll:.3f}",
             f"{row.ece:.3f}",
             f"{row.abstained:.1%}",
@@ -190,7 +165,7 @@ def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, o
     console.print(table)
     console.print(
         Text(
-            f"{rows[0].trials} trials an agent; {spread} one standard error, objects drawn as "
+            f"{rows[0].trials} trials an agent; {interval} one standard error, objects drawn as "
             "wholes; NLL and ECE of the final belief",
             "dim",
         )
@@ -202,10 +177,7 @@ def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, o
 
 def _print_beliefs(console: Console, rows: "list[SummaryRow]") -> None:
     console.print()
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("final belief", no_wrap=True)
-    for name in ("NLL", "Brier", "ECE", "ECE if calibrated"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table("final belief", "NLL", "Brier", "ECE", "ECE if calibrated")
     for row in rows:
         numbers = (row.nll, row.brier, row.ece, row.ece_calibrated)
         table.add_row(row.agent, *(f"{number:.3f}" for number in numbers))
@@ -214,10 +186,7 @@ def _print_beliefs(console: Console, rows: "list[SummaryRow]") -> None:
 
 def _print_paired(console: Console, paired: "list[dict[str, object]]") -> None:
     console.print()
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column(f"{_MEASURE} against {_AGAINST}", no_wrap=True)
-    table.add_column("difference", justify="right")
-    table.add_column("95 % interval", justify="right")
+    table = new_table(f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
     for entry in paired:
         low, high = (_signed(entry[name]) for name in ("low", "high"))
         table.add_row(str(entry["agent"]), _signed(entry["estimate"]), f"{low} to {high}")

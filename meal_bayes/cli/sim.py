@@ -1,19 +1,24 @@
-"""`meal-bayes sim`: an arm in physics records objects, and is asked about new ones."""
+"""`meal-bayes sim`: an arm in physics records objects and answers questions about new ones."""
 
-import json
 import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from meal_bayes.cli.answer import trial_facts
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    patience,
+    print_json,
+    progress,
+    showing_compilation,
+)
 from meal_bayes.cli.options import agent_value, jobs_option, json_option, logs_option, seed_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.screen import note, output, patience, progress, showing_compilation
-from meal_bayes.cli.story import tell_briefly
 
 if TYPE_CHECKING:
     from meal_bayes.agents import Trial
@@ -25,8 +30,8 @@ if TYPE_CHECKING:
     from meal_bayes.robots.simulated_arm import OnFrame
 
 _BLOCK = 20  # trials of one point of the curve
-_TEXTS = ("behavior", "from", "to", "trials", "agent")  # columns
-_FAULT = 1  # exit code of a trial that the body broke off
+_STATES = ("from", "to")  # columns
+_FAULT = 1  # exit code of a trial that ended with a robot error
 
 agent_option = click.option(
     "--agent", default="bayes", show_default=True, metavar="NAME", help="Who answers."
@@ -39,7 +44,7 @@ success_option = click.option(
 
 @click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
 def sim() -> None:
-    """Let an arm in physics (MuJoCo, extra `sim`) touch objects, and ask it about new ones."""
+    """Record objects with an arm in physics (MuJoCo, extra `sim`), and ask about new ones."""
 
 
 @sim.command(short_help="Record objects as a data set of your own.")
@@ -88,17 +93,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @logs_option
 @json_option
 def ask(
-    question: str,
-    agent: str,
-    objects: int,
-    recordings: int,
-    jobs: int,
-    learn_success: bool,
-    view: bool,
-    save: Path | None,
-    seed: int,
-    logs: Path,
-    as_json: bool,
+    question: str, learn_success: bool, view: bool, save: Path | None, as_json: bool, **options: Any
 ) -> None:
     """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
 
@@ -106,34 +101,35 @@ def ask(
     object that nobody recorded: it decides, the arm executes, until it can report. The trial is
     logged step by step.
     """
+    from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.errors import RobotError
-    from meal_bayes.experiments.simulated import (
-        ask_new,
-        training_recordings,
-        with_learned_success,
-    )
+    from meal_bayes.experiments import simulated
     from meal_bayes.trial_log import read_trials
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
+    size = options["objects"], options["recordings"]
     with progress("recording training objects", "objects") as advance:
-        data, happened = training_recordings(objects, recordings, jobs=jobs, progress=advance)
+        data, happened = simulated.training_recordings(
+            *size, jobs=options["jobs"], progress=advance
+        )
     if learn_success:
         if not as_json:
             _print_success(data.domain.diagram, happened)
-        data = with_learned_success(data, happened)
-    learner = _fitted(agent, seed, data)
-    log = logs / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}.mcap"
+        data = simulated.with_learned_success(data, happened)
+    seed = options["seed"]
+    learner = _fitted(options["agent"], seed, data)
+    log = options["logs"] / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}.mcap"
     frames: list[Frame] = []
     watch = _watch(frames) if view or recording is not None else None
     try:
-        trial = ask_new(learner, question, seed, on_frame=watch, log=log)
+        trial = simulated.ask_new(learner, question, seed, on_frame=watch, log=log)
     except RobotError:
         (trial,) = read_trials(log)  # as far as it went
     if as_json:
-        click.echo(json.dumps({**trial_facts(trial), "seed": seed, "log": str(log)}))
+        print_json({**trial_facts(trial), "seed": seed, "log": str(log)})
     else:
-        tell_briefly(output(), trial)
+        print_trial_table(output(), trial)
         note(f"every decision and its reasons: meal-bayes log show {log}")
     if recording is not None:
         _write_view(trial, frames, recording)
@@ -165,24 +161,24 @@ def live(
     logs: Path,
     as_json: bool,
 ) -> None:
-    """Learn from nothing: one random attribute of each new object is asked, then all is told.
+    """Learn from nothing: a random attribute of each new object is asked, then all labels given.
 
-    The robot has touched a single object before. At first it explores; then the agent decides.
+    The robot knows a single object before. At first it explores; then the agent decides.
     """
     from meal_bayes.agents import as_agent
     from meal_bayes.domain import Query, load_domain
     from meal_bayes.experiments.simulated import learn_live, outcomes_in
     from meal_bayes.planners import warm_up
 
-    recipe = as_agent(agent_value(agent))
-    folder = logs / f"sim-live-{recipe.name}-seed{seed}"
+    chosen = as_agent(agent_value(agent))
+    folder = logs / f"sim-live-{chosen.name}-seed{seed}"
     with showing_compilation():
-        warm_up(recipe.solver(load_domain("simulated_arm"), Query(("heavy",))))
+        warm_up(chosen.solver(load_domain("simulated_arm"), Query(("heavy",))))
     done: list[LiveTrial] = []
     happened: Counter[tuple[str, str, str]] = Counter()
-    with progress("living", "trials") as advance:
+    with progress("learning", "trials") as advance:
         for one in learn_live(
-            trials, seed, agent=recipe, explore=explore, refit_every=refit_every,
+            trials, seed, agent=chosen, explore=explore, refit_every=refit_every,
             learn_success=learn_success, logs=folder,
         ):  # fmt: skip
             done.append(one)
@@ -190,7 +186,7 @@ def live(
                 happened += outcomes_in(one.trial)
             advance(len(done), trials)
     if as_json:
-        click.echo(json.dumps({"trials": [_live_row(one) for one in done], "log": str(folder)}))
+        print_json({"trials": [_live_row(one) for one in done], "log": str(folder)})
         return
     _print_curve(done)
     if learn_success:
@@ -239,7 +235,7 @@ def _live_row(one: "LiveTrial") -> dict[str, object]:
 
 def _print_curve(done: "list[LiveTrial]") -> None:
     """Print accuracy and cost of one block of trials after another."""
-    table = _table("trials", "agent", "accuracy", "s a trial", "robot errors")
+    table = new_table("trials", "agent", "accuracy", "s a trial", "robot errors", left=("agent",))
     for start in range(0, len(done), _BLOCK):
         block = done[start : start + _BLOCK]
         trials = [one.trial for one in block if one.trial is not None]
@@ -254,8 +250,8 @@ def _print_curve(done: "list[LiveTrial]") -> None:
 
 
 def _print_outcomes(happened: "Outcomes") -> None:
-    """Print what each behavior led to, and how often."""
-    table = _table("behavior", "from", "to", "times", "fraction")
+    """Print how often each behavior led from which state to which."""
+    table = new_table("behavior", "from", "to", "times", "fraction", left=_STATES)
     tried = _tried(happened)
     for (state, behavior, after), count in sorted(happened.items()):
         fraction = f"{count / tried[state, behavior]:.3f}"
@@ -264,10 +260,11 @@ def _print_outcomes(happened: "Outcomes") -> None:
 
 
 def _print_success(diagram: "TransitionDiagram", happened: "Outcomes") -> None:
-    """Print the probability of every arrow: learned, and as 300 objects gave it."""
+    """Print the probability of every transition: learned, and that of 300 objects."""
     from meal_bayes.domain import learn_diagram
 
-    table = _table("behavior", "from", "to", "tried", "learned", "of 300 objects")
+    names = "behavior", "from", "to", "tried", "learned", "of 300 objects"
+    table = new_table(*names, left=_STATES)
     tried = _tried(happened)
     true = {(e.source, e.behavior, e.target): e.probability for e in diagram.effects}
     for effect in learn_diagram(diagram, happened).effects:
@@ -285,13 +282,6 @@ def _tried(happened: "Outcomes") -> Counter[tuple[str, str]]:
     for (state, behavior, _), count in happened.items():
         tried[state, behavior] += count
     return tried
-
-
-def _table(*names: str) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in names:
-        table.add_column(name, justify="left" if name in _TEXTS else "right")
-    return table
 
 
 def _slug(text: str) -> str:

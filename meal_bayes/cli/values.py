@@ -1,4 +1,4 @@
-"""What values options take: each with its range, so that a bad one is told before any work."""
+"""Types of option values, whose ranges are checked before any work."""
 
 import re
 from typing import Any
@@ -28,7 +28,7 @@ class Whole(click.ParamType[int]):
         self._expected = f"expected a whole number from {low} to {high}"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> int:
-        """Read the digits; Python alone would take 1_0, and digits of other scripts."""
+        """Read the digits, but not 1_0 or digits of other scripts, as Python does."""
         if isinstance(value, str) and not _WHOLE.fullmatch(value):
             self.fail(f"{value!r} is not a valid integer; {self._expected}.", param, ctx)
         if not self._low <= int(value) <= self._high:
@@ -60,7 +60,7 @@ class Finite(click.ParamType[float]):
 
 
 class Shares(click.ParamType[Any]):
-    """Three shares of the objects, such as 33/33/34."""
+    """Three parts of the objects, such as 33/33/34."""
 
     name = "A/B/C"
 
@@ -95,12 +95,12 @@ class Chance(click.ParamType[Any]):
 
 
 class Address(click.ParamType[Any]):
-    """Where a Dask scheduler listens."""
+    """Address of a Dask scheduler."""
 
     name = "ADDRESS"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Check the form; whether somebody listens there is seen when it is asked."""
+        """Check the form of the address."""
         if not _ADDRESS.fullmatch(value):
             self.fail(f"{value!r} is no address; give it as tcp://host:8786.", param, ctx)
         return value

@@ -1,4 +1,4 @@
-"""`meal-bayes view`: trials seen step by step in rerun, live or from a log."""
+"""`meal-bayes view`: trials step by step in rerun, live or from a log."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.screen import note, progress, say
+from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.values import MOST_TRIALS, Whole
 from meal_bayes.files import check_output, draft_of
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from meal_bayes.agents import Trial
-    from meal_bayes.cli.screen import Advance
+    from meal_bayes.cli.console import Advance
     from meal_bayes.trial_log import Logs
     from meal_bayes.viewer.replay import Target
 
 
-@click.command(short_help="See trials step by step: beliefs, values, search, percepts.")
+@click.command(short_help="Show trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
     "--trial", "number", type=Whole(0, MOST_TRIALS), metavar="N",
@@ -50,12 +50,17 @@ def view(
     web: bool,
     live: bool,
 ) -> None:
-    """See the trials of LOG, a file or a run's folder, in the rerun viewer.
+    """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
 
     The window has a tab for the trial under the cursor and one for the whole run. The viewer runs
     on this machine, is reachable from nowhere else, and is started with its telemetry off.
     """
-    _check(number, save, screenshot, step, web, live)
+    if sum((save is not None, screenshot is not None, web)) > 1:
+        raise click.UsageError("Give one of --save, --screenshot and --web.")
+    if live and (number is not None or save is not None or screenshot is not None):
+        raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
+    if step is not None and screenshot is None:
+        raise click.UsageError("--step says which step a --screenshot shows.")
     if live:
         _live(log, web=web)
     elif save is not None:
@@ -75,7 +80,7 @@ def view(
 
 @contextlib.contextmanager
 def _written(path: Path) -> "Iterator[None]":
-    """Tell in one line what rerun says of a place or a disk in many."""
+    """Raise rerun's errors of a path or a disk as an `OutputError`, without its own messages."""
     from meal_bayes.errors import OutputError
 
     before = os.environ.get("RUST_LOG")
@@ -87,22 +92,6 @@ def _written(path: Path) -> "Iterator[None]":
         yield
     except RuntimeError as fault:  # the only kind that rerun knows
         raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
-
-
-def _check(
-    number: int | None,
-    save: Path | None,
-    screenshot: Path | None,
-    step: int | None,
-    web: bool,
-    live: bool,
-) -> None:
-    if sum((save is not None, screenshot is not None, web)) > 1:
-        raise click.UsageError("Give one of --save, --screenshot and --web.")
-    if live and (number is not None or save is not None or screenshot is not None):
-        raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
-    if step is not None and screenshot is None:
-        raise click.UsageError("--step says which step a --screenshot shows.")
 
 
 def _save(log: Path, path: Path, number: int | None) -> None:
@@ -117,7 +106,7 @@ def _save(log: Path, path: Path, number: int | None) -> None:
 
 
 def _open(log: Path, number: int | None) -> "Logs":
-    """Find the logs, or say what is wrong before a viewer opens."""
+    """Return the logs; raises before a viewer opens."""
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import Logs
 
@@ -129,7 +118,7 @@ def _open(log: Path, number: int | None) -> "Logs":
 
 
 def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
-    """Make the recording and tell what could not be read."""
+    """Send the recording, print what could not be read, and return the number of trials."""
     from meal_bayes.errors import SettingsError
     from meal_bayes.viewer import send_recording
 
@@ -150,7 +139,7 @@ def _counted(logs: "Logs", advance: "Advance", total: int | None) -> "Iterator[T
 
 
 def _count(logs: "Logs") -> int | None:
-    """Count the trials of whole logs that hold steps; None where one is torn or unfinished."""
+    """Return the number of trials with steps of whole logs; None where one is torn or unfinished."""
     from meal_bayes.errors import LogError
     from meal_bayes.trial_log import log_info
     from meal_bayes.trial_log.schema import FULL
@@ -176,7 +165,7 @@ def _picture(log: Path, recording: Path, path: Path, number: int | None, step: i
 
 
 def _show(log: Path, number: int | None) -> None:
-    """Show a recording in a window; it is sent there, so that no file is left behind."""
+    """Show a recording in a window; it is sent there, so that no file remains."""
     from meal_bayes.viewer import Viewer
 
     logs = _open(log, number)
@@ -216,12 +205,8 @@ def _follow(log: Path, to: "Target", watching: "Callable[[], bool]") -> None:
 
     if not log.exists():
         note(f"waiting for {log} ...")
-    follower = follow(log, to, watching=watching, on_trials=_told)
+    follower = follow(log, to, watching=watching, on_trials=lambda trials: note(f"{trials} trials"))
     for problem in follower.problems:
         note(f"warning: {problem}; the whole trials before it are shown")
     if watching():
         note("the run has ended; close the viewer, or press Ctrl-C")
-
-
-def _told(trials: int) -> None:
-    note(f"{trials} trials")

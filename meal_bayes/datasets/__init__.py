@@ -1,4 +1,4 @@
-"""Recorded facts: files to `Dataset`, the training set D, splits, and made-up data.
+"""Data sets: recordings and labels, the training set D, splits, percept tables, synthetic data.
 
 In: the public recordings (downloaded once, checked), a folder of CSV files, or a generator.
 Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
@@ -10,8 +10,8 @@ from meal_bayes.datasets.download import cache_folder, fetch, registry, verify
 from meal_bayes.datasets.load import load_dataset
 from meal_bayes.datasets.percept_file import load_percepts, save_percepts
 from meal_bayes.datasets.percepts import PerceptTable
-from meal_bayes.datasets.splits import ObjectSplit, leave_one_object_out, leave_two_objects_out
-from meal_bayes.datasets.synthetic import SyntheticModel, make_synthetic, make_synthetic_model
+from meal_bayes.datasets.splits import ObjectSplit
+from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.datasets.training_set import TrainingSet
 
 __all__ = [
@@ -19,16 +19,12 @@ __all__ = [
     "Instance",
     "ObjectSplit",
     "PerceptTable",
-    "SyntheticModel",
     "TrainingSet",
     "cache_folder",
     "fetch",
-    "leave_one_object_out",
-    "leave_two_objects_out",
     "load_dataset",
     "load_percepts",
     "make_synthetic",
-    "make_synthetic_model",
     "object_index",
     "registry",
     "save_csv_folder",

@@ -1,4 +1,4 @@
-"""One's own data: a folder of CSV files that any program can write."""
+"""A user's own data: a folder of CSV files that any program can write."""
 
 import logging
 from pathlib import Path
@@ -10,14 +10,15 @@ from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.feature_file import (
     bad_line,
     join_features,
-    read_features,
-    read_text,
-    split_line,
+    read_contexts,
+    read_rows,
 )
 from meal_bayes.domain import Domain, unknown
+from meal_bayes.files import write_whole
 
 log = logging.getLogger("meal_bayes.datasets")
 
+_KEYS = ("object", "recording")
 _VALUES = {"1": 1, "0": 0, "": -1}
 
 
@@ -31,18 +32,15 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 
     Raises
     ------
-    DataError : the first line that is wrong, with its file, number, and how to mend it.
+    DataError : the first line that is wrong, with its file, number, and how to repair it.
     """
     objects, labels = _read_labels(folder / "labels.csv", domain)
     features: dict[tuple[str, str], NDArray[np.float32]] = {}
-    for behavior in domain.behaviors:
-        recordings: dict[str, tuple[str, ...]] = {}
-        for modality in behavior.modalities:
-            path = folder / f"{behavior.name}_{modality}.csv"
-            rows = read_features(path, ("object", "recording"), header=True)
-            keys = [(name, recording) for name, recording in rows.keys]
-            recordings = recordings or _by_object(objects, keys)
-            features[behavior.name, modality] = join_features(rows, keys, recordings)
+    recordings: dict[str, dict[str, tuple[str, ...]]] = {}
+    for context, rows in read_contexts(domain, folder, "{}_{}.csv", _KEYS, header=True):
+        keys = [(name, recording) for name, recording in rows.keys]
+        own = recordings.setdefault(context[0], _by_object(objects, keys))
+        features[context] = join_features(rows, keys, own)
     most = max(values.shape[1] for values in features.values())
     log.info("%s: read %d objects, up to %d recordings each", folder, len(objects), most)
     padded = {context: _padded(values, most) for context, values in features.items()}
@@ -54,23 +52,26 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
 
     Numbers are written so that they read back equal.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    objects = np.array(dataset.objects)
     for (behavior, modality), values in dataset.features.items():
-        lines = ["object,recording," + ",".join(f"f{i}" for i in range(values.shape[2]))]
-        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)].tolist()
-        for name, rows, count in zip(dataset.objects, values.tolist(), counts, strict=True):
-            for number, row in enumerate(rows[:count], start=1):
-                lines.append(",".join((name, str(number), *(f"{value:.9g}" for value in row))))
-        (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n", "utf-8")
-    lines = [",".join(("object", *dataset.domain.attributes))]
-    words = {value: cell for cell, value in _VALUES.items()}
-    for name, row in zip(dataset.objects, dataset.labels.tolist(), strict=True):
-        lines.append(",".join((name, *(words[value] for value in row))))
-    (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
+        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)]
+        o, r = np.nonzero(np.arange(values.shape[1]) < counts[:, None])
+        names = [f"f{i}" for i in range(values.shape[2])]
+        index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=_KEYS)
+        frame = pd.DataFrame(values[o, r], index, names)
+        text = frame.to_csv(float_format="%.9g", lineterminator="\n")
+        write_whole(folder / f"{behavior}_{modality}.csv", text)
+    labels = pd.DataFrame(
+        dataset.labels, pd.Index(objects, name="object"), dataset.domain.attributes
+    )
+    text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
+    write_whole(folder / "labels.csv", text)
 
 
 def _by_object(objects: tuple[str, ...], keys: list[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
-    """Return each object's recordings, 2 before 10."""
+    """Return each object's recordings in order, 2 before 10."""
     found: dict[str, set[str]] = {name: set() for name in objects}
     for name, recording in keys:
         if name in found:  # others are refused with their line
@@ -87,10 +88,7 @@ def _padded(values: NDArray[np.float32], most: int) -> NDArray[np.float32]:
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
     header, rows = list[str](), dict[str, list[int]]()
-    for number, raw in enumerate(read_text(path).split("\n"), start=1):
-        cells = [cell.strip() for cell in split_line(raw.strip())]
-        if cells == [""]:
-            continue
+    for number, cells in read_rows(path):
         if not header:
             header = cells
             _check_header(path, number, header, domain)
@@ -115,8 +113,8 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
 def _check_header(path: Path, line: int, header: list[str], domain: Domain) -> None:
     expected = f"object,{','.join(domain.attributes[:3])},..."
     if header[0] != "object":
-        mend = "write it so (commas, not semicolons)"
-        raise bad_line(path, line, f"the header {header[0][:40]!r}", expected, mend)
+        repair = "write it so (commas, not semicolons)"
+        raise bad_line(path, line, f"the header {header[0][:40]!r}", expected, repair)
     for attribute in domain.attributes:
         if header.count(attribute) != 1:
             found = f"{header.count(attribute)} columns {attribute!r}"

@@ -12,12 +12,13 @@ from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.feature_file import (
     FeatureRows,
     bad_line,
+    check_labeled,
     join_features,
-    read_features,
+    read_contexts,
+    read_rows,
     read_text,
-    split_line,
 )
-from meal_bayes.domain import Domain, unknown
+from meal_bayes.domain import Domain
 from meal_bayes.errors import DataError
 
 log = logging.getLogger("meal_bayes.datasets")
@@ -30,7 +31,7 @@ OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too lo
 def load_cy101(domain: Domain, folder: Path) -> Dataset:
     """Read `objects.txt`, `cy101_labels.csv` and `normalized_data_without_noobject/`.
 
-    What is done to the files, each told to the log:
+    What is done to the files, each logged:
 
     * Rows come in another order in each file; they are joined by their key `<object>_t<k>`.
     * `no_object` has labels but no recordings and is left out.
@@ -39,30 +40,21 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
     * Kept: recordings that are copies of another, of the same object (`basket_cylinder_t5` of
       nearly all behaviors, `ball_blue` look, `noodle_1` tap, `smallstuffedanimal_otter` hold) or of
       another object (crush_vibro: `cannedfood_tomato_paste_t1` equals `ball_base_t1`).
-    * An absent word counts as false; repeated words count once; spaces around a word are cut.
-    * The last row of crush_flow has no newline and is read nevertheless.
+    * An absent word counts as false; repeated words count once; spaces around a word are removed.
     """
     objects = tuple(name for name in _read_objects(folder / "objects.txt") if name != NO_OBJECT)
     labels = _read_labels(folder / "cy101_labels.csv", objects, domain)
-    features, unended = {}, list[str]()
+    features = {}
     copies: dict[tuple[str, str], list[str]] = {}  # (copy, original) -> contexts
-    for behavior in domain.behaviors:
-        for modality in behavior.modalities:
-            name = f"{behavior.name}_{modality}"
-            rows = read_features(
-                folder / "normalized_data_without_noobject" / f"{name}.txt", ("object_t<k>",)
-            )
-            unended += [] if rows.ends_with_newline else [name]
-            if modality == "color":
-                rows = _mend_overflow(rows)
-            values = join_features(rows, _split_keys(rows), dict.fromkeys(objects, RECORDINGS))
-            for pair in _find_copies(values, objects):
-                copies.setdefault(pair, []).append(name)
-            features[behavior.name, modality] = values
+    recordings, data = dict.fromkeys(objects, RECORDINGS), "normalized_data_without_noobject"
+    for context, rows in read_contexts(domain, folder / data, "{}_{}.txt", ("object_t<k>",)):
+        correct = _correct_overflow(rows) if context[1] == "color" else rows
+        values = join_features(correct, _split_keys(rows), recordings)
+        for pair in _find_copies(values, objects):
+            copies.setdefault(pair, []).append("_".join(context))
+        features[context] = values
     for (copy, original), contexts in copies.items():
         log.info("cy101: kept %s, a copy of %s, in %s", copy, original, ", ".join(contexts))
-    if unended:
-        log.info("cy101: read the last row, which no newline ends, of %s", ", ".join(unended))
     return Dataset(domain, objects, features, labels)
 
 
@@ -80,7 +72,7 @@ def _split_keys(rows: FeatureRows) -> list[tuple[str, str]]:
     return keys
 
 
-def _mend_overflow(rows: FeatureRows) -> FeatureRows:
+def _correct_overflow(rows: FeatureRows) -> FeatureRows:
     """Add 2^31 where a count has its sign bit set (in double precision: single would round it)."""
     low = rows.values < -OVERFLOW / 2
     for row, column in np.argwhere(low):
@@ -92,7 +84,7 @@ def _mend_overflow(rows: FeatureRows) -> FeatureRows:
 def _find_copies(
     values: NDArray[np.float32], objects: tuple[str, ...]
 ) -> Iterator[tuple[str, str]]:
-    """Find recordings equal to an earlier one; rows of zeros (flow without motion) do not count."""
+    """Yield recordings equal to an earlier one, and that; rows of zeros do not count."""
     first: dict[bytes, str] = {}
     for o, r in np.ndindex(values.shape[:2]):
         if values[o, r].any():
@@ -105,14 +97,13 @@ def _find_copies(
 def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArray[np.int8]:
     words: dict[str, set[str]] = {}
     repeated, padded = [], []
-    for number, raw in enumerate(read_text(path).split("\n"), start=1):
-        cells = split_line(raw.strip())
-        if cells in ([""], ["object", "words"]):
+    for number, cells in read_rows(path):
+        if cells == ["object", "words"]:
             continue
         if len(cells) != 2:  # noqa: PLR2004  object, words
             expected = 'object,"word, word, ..."'
             raise bad_line(path, number, f"{len(cells)} columns", expected, "quote the words")
-        name, listed = cells[0].strip(), cells[1].split(", ")
+        name, listed = cells[0], cells[1].split(", ")
         if name in words:
             raise bad_line(path, number, f"{name!r} again", "each object once", "remove one")
         words[name] = {word.strip() for word in listed} - {""}
@@ -122,10 +113,8 @@ def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArra
         if name not in words:
             raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
     log.info("cy101: counted once the words that these objects repeat: %s", ", ".join(repeated))
-    log.info("cy101: cut a leading space in a label of %s", ", ".join(padded))
+    log.info("cy101: removed a leading space of a label of %s", ", ".join(padded))
     known = set().union(*words.values())
-    for attribute in domain.attributes:
-        if attribute not in known:
-            raise DataError(f"CY101 has no labels of it. {unknown('word', attribute, known)}")
+    check_labeled(domain, known, "CY101")
     rows = [[word in words[name] for word in domain.attributes] for name in objects]
     return np.array(rows, dtype=np.int8)

@@ -1,4 +1,4 @@
-"""Recorded facts: what the robot felt, saw and heard of each object, and what the objects are."""
+"""Data sets: recorded features of each object, and labels of its attributes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -151,12 +151,12 @@ class Dataset:
 
     def __repr__(self) -> str:
         """Return what there is, in five lines."""
-        return card(*self._told())
+        return card(*self._facts())
 
     def _repr_html_(self) -> str:
-        return card_html(*self._told())
+        return card_html(*self._facts())
 
-    def _told(self) -> tuple[str, dict[str, str]]:
+    def _facts(self) -> tuple[str, dict[str, str]]:
         senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
         counts = self.recording_counts[:, senses]
         sizes = [values.shape[2] for values in self.features.values()]
@@ -179,7 +179,7 @@ class Dataset:
         return int(next(iter(self.features.values())).shape[1])
 
     def missing(self) -> list[str]:
-        """Return what is ragged: objects and behaviors with fewer than R recordings, as texts."""
+        """Return the objects and behaviors with fewer than R recordings, as texts."""
         return [
             f"{name} {count} of {behavior.name}"
             for e, behavior in enumerate(self.domain.behaviors)
@@ -208,7 +208,7 @@ class Dataset:
         return Instance(object_index, behavior, recording, features)
 
     def truth(self, object_index: int, query: Query) -> NDArray[np.bool_]:
-        """ID(p, o) of Eq. 2: the values of the queried attributes, (N,).
+        """Return the values (N,) of the queried attributes, ID(p, o) of Eq. 2.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class Dataset:
 
 
 def object_index(objects: tuple[str, ...], name: str) -> int:
-    """Position of an object; `SettingsError` with the nearest names where there is none."""
+    """Return the position of an object; `SettingsError` where there is none of that name."""
     if name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)

@@ -1,4 +1,4 @@
-"""Fetch the public recordings once: pinned commits, checksums, a cache, a mirror, offline.
+"""Download of the public recordings: pinned commits, checksums, a cache, a mirror, offline.
 
 Environment: ``MEAL_BAYES_DATA_DIR`` names the cache folder, ``MEAL_BAYES_DATA_URL`` a mirror (an
 http address or a folder) to read from, ``MEAL_BAYES_OFFLINE=1`` forbids the network.
@@ -31,14 +31,14 @@ _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
 
 
 def cache_folder() -> Path:
-    """Where fetched files lie: ``MEAL_BAYES_DATA_DIR``, or the system's cache folder."""
+    """Return the cache folder: ``MEAL_BAYES_DATA_DIR``, or the system's."""
     import pooch  # noqa: PLC0415  loaded when needed, so that the room loads NumPy only
 
     return Path(os.environ.get("MEAL_BAYES_DATA_DIR") or pooch.os_cache("meal_bayes"))
 
 
 def registry(data: str) -> dict[str, str]:
-    """SHA-256 digests of a data set's files, by their path below the mirror base."""
+    """Return the SHA-256 digests of a data set's files, by their path below the mirror base."""
     folder = f"{source(data).path}/"
     listed = resources.files(__package__).joinpath("SHA256SUMS").read_text(encoding="ascii")
     rows = [line.split("  ", 1) for line in listed.splitlines()]
@@ -46,7 +46,7 @@ def registry(data: str) -> dict[str, str]:
 
 
 def verify(data: str) -> list[tuple[Path, str]]:
-    """Compare the cached files with the registry; each is "ok", "missing" or "changed"."""
+    """Compare the cached files with the registry: "ok", "missing" or "changed" each."""
     states = []
     for name, digest in registry(data).items():
         path = cache_folder() / name
@@ -56,13 +56,13 @@ def verify(data: str) -> list[tuple[Path, str]]:
 
 
 def fetch(data: str) -> Path:
-    """Bring a data set's files into the cache, and return the cache folder.
+    """Download a data set's files into the cache, and return the cache folder.
 
     A file whose bytes differ from the registry is fetched anew.
 
     Raises
     ------
-    DownloadError : a file that cannot be had, or whose bytes differ from the pinned ones.
+    DownloadError : a file that cannot be downloaded, or whose bytes differ from the pinned ones.
     """
     import pooch  # noqa: PLC0415  as above
 
@@ -72,12 +72,12 @@ def fetch(data: str) -> Path:
     if os.environ.get("MEAL_BAYES_OFFLINE", "0") not in ("", "0"):
         _check_offline(data)
         return folder
-    pooch.get_logger().setLevel("WARNING")  # it would tell of every file on the terminal
+    pooch.get_logger().setLevel("WARNING")  # it would log every file on the terminal
     keeper = pooch.create(path=folder, base_url=base, registry=known)
-    bring = functools.partial(_bring, pooch.HTTPDownloader())
+    download = functools.partial(_download, pooch.HTTPDownloader())
     for name in known:
         try:
-            keeper.fetch(name, downloader=bring)
+            keeper.fetch(name, downloader=download)
         except OSError as error:
             raise DownloadError(
                 f"Cannot get {base}{name} into {folder} ({' '.join(str(error).split())[:200]}); "
@@ -87,12 +87,12 @@ def fetch(data: str) -> Path:
     return folder
 
 
-def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "pooch.Pooch") -> None:
+def _download(http: "pooch.HTTPDownloader", url: str, target: str, keeper: "pooch.Pooch") -> None:
     """Download or copy one file to a temporary name, and check its bytes."""
     with Path(target).open("wb") as file:
         body = _Body(file, url)
         if url.startswith(("http://", "https://")):
-            download(url, body, keeper)
+            http(url, body, keeper)
         else:
             with Path(url).open("rb") as source_file:
                 shutil.copyfileobj(source_file, body)
@@ -108,7 +108,7 @@ def _bring(download: "pooch.HTTPDownloader", url: str, target: str, keeper: "poo
 
 
 class _Body:
-    """A file that takes no more bytes than a published one has, whatever a server sends."""
+    """File that refuses more bytes than a published one has, whatever a server sends."""
 
     def __init__(self, file: BinaryIO, url: str) -> None:
         self._file, self._url, self._left = file, url, _LARGEST

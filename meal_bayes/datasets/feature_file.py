@@ -1,38 +1,57 @@
-"""Feature files: keys and numbers separated by commas, read quickly and strictly."""
+"""Feature files: keys and numbers separated by commas, read strictly."""
 
+import contextlib
 import csv
-from collections.abc import Mapping, Sequence
+import logging
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import unknown
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.untrusted import read_bytes
 
+log = logging.getLogger("meal_bayes.datasets")
+
+_NUMBER = re.compile(
+    r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
+)
 LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureRows:
-    """The rows of one file, in file order."""
+    """The rows of one file, in file order.
+
+    Attributes
+    ----------
+    lines : (n,) line numbers, from 1.
+    keys : (n,) the leading columns.
+    values : (n,D) finite, also in single precision.
+    """
 
     path: Path
-    lines: tuple[int, ...]  # (n,) line numbers, from 1
-    keys: tuple[tuple[str, ...], ...]  # (n,) the leading columns
-    values: NDArray[np.float64]  # (n,D) finite, also in single precision
-    ends_with_newline: bool
+    lines: tuple[int, ...]
+    keys: tuple[tuple[str, ...], ...]
+    values: NDArray[np.float64]
 
 
-def bad_line(path: Path, line: int, found: str, expected: str, mend: str) -> DataError:
-    """Make the error of one line: where it is, what was found, what was expected, how to mend."""
-    return DataError(f"{path}, line {line}: found {found}; expected {expected}; {mend}.")
+def bad_line(path: Path, line: int, found: str, expected: str, repair: str) -> DataError:
+    """Return the error of one line: what was found, what was expected, and how to repair it."""
+    return DataError(f"{path}, line {line}: found {found}; expected {expected}; {repair}.")
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 file; `DataError` where it is absent, empty, too large, or no text."""
+    """Read a UTF-8 file.
+
+    Raises
+    ------
+    DataError : it is absent, empty, too large, or no text.
+    """
     try:
         data = read_bytes(path)
     except FileNotFoundError:
@@ -41,7 +60,9 @@ def read_text(path: Path) -> str:
             "put it there, or check the folder's name and the domain's modalities."
         ) from None
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); mend its rights.") from error
+        raise DataError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions."
+        ) from error
     except ValueError as error:
         raise DataError(f"{path}: {error}; expected a text file of its data set.") from error
     try:
@@ -56,13 +77,28 @@ def read_text(path: Path) -> str:
 
 
 def split_line(line: str) -> list[str]:
-    """Cut one line at its commas; quoted cells may hold commas."""
+    """Split one line at its commas; quoted cells may hold commas."""
     if '"' not in line:
         return line.split(",")
     try:
         return next(csv.reader([line], strict=True))
     except csv.Error:  # an open quote, or 200,000 signs: one cell, which the caller refuses
         return [line]
+
+
+def read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number, from 1, and the stripped cells of every line of a file that is not empty.
+
+    Raises
+    ------
+    DataError : as of `read_text`.
+    """
+    text = read_text(path)
+    if not text.endswith("\n"):
+        log.info("read the last row of %s, which no newline ends", path.name)
+    for number, raw in enumerate(text.split("\n"), start=1):
+        if line := raw.strip():
+            yield number, [cell.strip() for cell in split_line(line)]
 
 
 def read_features(path: Path, key_columns: Sequence[str], *, header: bool = False) -> FeatureRows:
@@ -73,34 +109,55 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
     DataError : a row too short or too long, a cell that is no finite number, a header that does
         not begin with the key columns, no rows, bytes that are not UTF-8.
     """
-    text, count = read_text(path), len(key_columns)
-    lines, keys, values, width = list[int](), list[tuple[str, ...]](), list[list[float]](), 0
-    for number, raw in enumerate(text.split("\n"), start=1):
-        line = raw.strip()
-        if not line:
-            continue
-        cells = split_line(line)
+    count, width = len(key_columns), 0
+    lines, keys, values = list[int](), list[tuple[str, ...]](), list[list[float]]()
+    for number, cells in read_rows(path):
         if header and not width:
             _check_header(path, number, cells, key_columns)
             width = len(cells)
             continue
-        width = width or len(cells)
-        if len(cells) != width or width <= count:
-            raise _wrong_length(path, number, cells, width, key_columns)
-        try:
-            values.append(_numbers(cells[count:]))
-        except ValueError:
-            raise _not_a_number(path, number, cells, count) from None
+        width = width or max(len(cells), count + 1)
+        if len(cells) != width:
+            side = "short" if len(cells) < width else "long"
+            found = f"a row of {len(cells)} columns (too {side})"
+            expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
+            raise bad_line(path, number, found, expected, "restore or remove the row")
+        values.append(_numbers(path, number, cells, count))
         lines.append(number)
-        keys.append(tuple(cell.strip() for cell in cells[:count]))
+        keys.append(tuple(cells[:count]))
     if not values:
         raise bad_line(path, 1, "no rows under the header", "a row a recording", "add the rows")
     array = np.array(values)
     finite = np.abs(array) <= LARGEST  # NaN compares as false
     if not finite.all():
-        row = int(np.flatnonzero(~finite.all(axis=1))[0])
-        raise _not_finite(path, lines[row], values[row], count)
-    return FeatureRows(path, tuple(lines), tuple(keys), array, text.endswith("\n"))
+        row, column = (int(at) for at in np.argwhere(~finite)[0])
+        found = f"{array[row, column]} in column {column + count + 1}"
+        repair = "measure again, or remove the recording of all objects"
+        raise bad_line(path, lines[row], found, "a finite number (single precision)", repair)
+    return FeatureRows(path, tuple(lines), tuple(keys), array)
+
+
+def read_contexts(
+    domain: Domain, folder: Path, name: str, key_columns: Sequence[str], *, header: bool = False
+) -> Iterator[tuple[tuple[str, str], FeatureRows]]:
+    """Yield (behavior, modality) and rows of the feature file of each context of a domain.
+
+    Parameters
+    ----------
+    name : of a file, such as "{}_{}.csv", for behavior and modality.
+    key_columns, header : as of `read_features`.
+    """
+    for behavior in domain.behaviors:
+        for modality in behavior.modalities:
+            path = folder / name.format(behavior.name, modality)
+            yield (behavior.name, modality), read_features(path, key_columns, header=header)
+
+
+def check_labeled(domain: Domain, words: Collection[str], name: str) -> None:
+    """Raise a `DataError` where a data set has no labels of an attribute of the domain."""
+    for attribute in domain.attributes:
+        if attribute not in words:
+            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, words)}")
 
 
 def join_features(
@@ -145,11 +202,11 @@ def _row_of(
         if name not in recordings:
             text = f"object {name!r}"
             hint = unknown("object", name, recordings).removesuffix(".")
-            raise bad_line(rows.path, line, text, "an object of the list", f"mend it ({hint})")
+            raise bad_line(rows.path, line, text, "an object of the list", f"correct it ({hint})")
         if recording not in recordings[name]:
             expected = f"one of {', '.join(recordings[name]) or 'none'}"
             text = f"recording {recording!r} of {name}"
-            raise bad_line(rows.path, line, text, expected, "mend the number or remove the row")
+            raise bad_line(rows.path, line, text, expected, "correct the number or remove the row")
         if key in found:
             before = rows.lines[found[key]]
             text = f"recording {recording} of {name} again, after line {before}"
@@ -158,12 +215,15 @@ def _row_of(
     return found
 
 
-def _numbers(cells: list[str]) -> list[float]:
-    """Read numbers as other programs do, which know no 3_4 and no digits of other scripts."""
-    text = "".join(cells)
-    if "_" in text or not text.isascii():
-        raise ValueError(text)
-    return list(map(float, cells))
+def _numbers(path: Path, line: int, cells: list[str], first: int) -> list[float]:
+    """Read ASCII numbers from a column on; unlike `float`, refuse 3_4."""
+    text = "".join(cells[first:])
+    if "_" not in text and text.isascii():
+        with contextlib.suppress(ValueError):
+            return list(map(float, cells[first:]))
+    column = next(i for i in range(first, len(cells)) if not _NUMBER.fullmatch(cells[i]))
+    found = f"{cells[column][:40]!r} in column {column + 1}"
+    raise bad_line(path, line, found, "a number", "write one, with a point for decimals")
 
 
 def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
@@ -171,39 +231,5 @@ def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence
     if names[: len(key_columns)] != list(key_columns) or len(names) <= len(key_columns):
         shape = ",".join(key_columns)
         found = f"the header {','.join(names)[:60]!r}"
-        mend = "write it so (commas, not semicolons)"
-        raise bad_line(path, line, found, f"{shape},<feature>,...", mend)
-
-
-def _wrong_length(
-    path: Path, line: int, cells: list[str], width: int, key_columns: Sequence[str]
-) -> DataError:
-    columns = f"{', '.join(key_columns)} and the features"
-    found = f"a row of {len(cells)} columns"
-    if width <= len(key_columns):
-        expected = f"{columns}, separated by commas"
-        return bad_line(path, line, found, expected, "write the row so")
-    side = "short" if len(cells) < width else "long"
-    expected = f"{width} ({columns}) as in the rows before"
-    return bad_line(path, line, f"{found} (too {side})", expected, "restore or remove the row")
-
-
-def _not_a_number(path: Path, line: int, cells: list[str], count: int) -> DataError:
-    column = next(i for i, cell in enumerate(cells) if i >= count and not _is_number(cell))
-    found = f"{cells[column][:40]!r} in column {column + 1}"
-    return bad_line(path, line, found, "a number", "write one, with a point for decimals")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        _numbers([cell])
-    except ValueError:
-        return False
-    return True
-
-
-def _not_finite(path: Path, line: int, values: list[float], count: int) -> DataError:
-    column = next(i for i, value in enumerate(values) if not abs(value) <= LARGEST)
-    found = f"{values[column]} in column {column + count + 1}"
-    mend = "measure again, or remove the recording of all objects"
-    return bad_line(path, line, found, "a finite number (single precision)", mend)
+        repair = "write it so (commas, not semicolons)"
+        raise bad_line(path, line, found, f"{shape},<feature>,...", repair)

@@ -1,4 +1,4 @@
-"""Data frames, dictionaries and arrays to what a `Dataset` holds."""
+"""Conversion of data frames, dictionaries and arrays to the fields of a `Dataset`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -43,7 +43,7 @@ def dataset_parts(
 def _by_object(
     values: Any, names: tuple[str, ...], context: tuple[str, str]
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the recordings (R,D) of each object; of those that are not named there, none."""
+    """Return the recordings (R,D) of each object, none of an object without an entry."""
     if hasattr(values, "columns"):
         given = _grouped(values, context)
     elif isinstance(values, Mapping):
@@ -104,7 +104,7 @@ def _packed(
     most: int,
     context: tuple[str, str],
 ) -> NDArray[np.float32]:
-    """Fill up with NaN to (O,R,D)."""
+    """Pad with NaN to (O,R,D)."""
     width = max(each.shape[1] for each in rows.values())
     packed = np.full((len(names), most, width), np.nan, np.float32)
     for index, name in enumerate(names):

@@ -10,14 +10,15 @@ from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.feature_file import (
     FeatureRows,
     bad_line,
+    check_labeled,
     join_features,
-    read_features,
+    read_contexts,
+    read_rows,
     read_text,
     split_line,
 )
 from meal_bayes.datasets.label_pickle import read_label_pickle
-from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError
+from meal_bayes.domain import Domain
 
 log = logging.getLogger("meal_bayes.datasets")
 
@@ -27,41 +28,32 @@ RECORDINGS = ("1", "2", "3", "4", "5")
 def load_ispy32(domain: Domain, folder: Path) -> Dataset:
     """Read `object_list.csv`, the annotations, and `corl_features/<behavior>_<modality>.txt`.
 
-    What is done to the files, each told to the log:
+    What is done to the files, each logged:
 
     * Column two, the trial number, is a key and not a feature.
     * Labels come from `full_annotations_ijcai2016.pickle`, read by a loader that can make numbers
       and nothing else, in the order of the words of `test_full.csv`; its keys 0..31 are the object
       numbers 1..32. The crowd's `labels.csv` was not used by the experiments and is not read.
-    * The last row of every file has no newline and is read nevertheless.
     * Kept as they are: objects 22 and 24 are both heavy and light.
     """
     numbers = _read_objects(folder / "object_list.csv")
     objects = tuple(numbers.values())
-    features, unended = {}, 0
-    for behavior in domain.behaviors:
-        for modality in behavior.modalities:
-            path = folder / "corl_features" / f"{behavior.name}_{modality}.txt"
-            rows = read_features(path, ("object", "trial"))
-            unended += not rows.ends_with_newline
-            keys = _name_objects(rows, numbers)
-            features[behavior.name, modality] = join_features(
-                rows, keys, dict.fromkeys(objects, RECORDINGS)
-            )
+    recordings = dict.fromkeys(objects, RECORDINGS)
+    files = read_contexts(domain, folder / "corl_features", "{}_{}.txt", ("object", "trial"))
+    features = {
+        context: join_features(rows, _name_objects(rows, numbers), recordings)
+        for context, rows in files
+    }
     log.info("ispy32: used column two, the trial number, as key and not as feature")
-    log.info("ispy32: read the last row, which no newline ends, of %d files", unended)
     return Dataset(domain, objects, features, _labels(folder, domain, objects))
 
 
 def _read_objects(path: Path) -> dict[str, str]:
     numbers: dict[str, str] = {}
-    for line, raw in enumerate(read_text(path).split("\n"), start=1):
-        cells = [cell.strip() for cell in raw.split(",")]
-        if cells == [""]:
-            continue
+    for line, cells in read_rows(path):
         expected = f"name,{len(numbers) + 1}"
         if len(cells) != 2 or cells[1] != str(len(numbers) + 1):  # noqa: PLR2004  name, number
-            raise bad_line(path, line, f"{raw.strip()[:60]!r}", expected, "restore the row")
+            raise bad_line(path, line, f"{','.join(cells)[:60]!r}", expected, "restore the row")
         numbers[cells[1]] = cells[0]
     return numbers
 
@@ -79,9 +71,7 @@ def _labels(folder: Path, domain: Domain, objects: tuple[str, ...]) -> NDArray[n
     path = folder / "full_annotations_ijcai2016.pickle"
     table = read_label_pickle(path, len(objects), len(words))
     log.info("ispy32: read labels with a loader that makes numbers only, keys 0.. = objects 1..")
-    for attribute in domain.attributes:
-        if attribute not in words:
-            raise DataError(f"ISPY32 has no labels of it. {unknown('word', attribute, words)}")
+    check_labeled(domain, words, "ISPY32")
     labels = table[:, [words.index(attribute) for attribute in domain.attributes]]
     if {"heavy", "light"} <= set(domain.attributes):
         heavy, light = (domain.attribute_index(word) for word in ("heavy", "light"))

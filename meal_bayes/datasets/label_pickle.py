@@ -1,4 +1,4 @@
-"""The one pickle of the public data, read by a loader that can make numbers and nothing else."""
+"""The one pickle of the public data, read by a loader that accepts numbers and nothing else."""
 
 import io
 import pickle
@@ -18,7 +18,7 @@ SCALAR_NAMES = (  # before NumPy 2 and since
 
 
 class _Int64:
-    """Stands in for NumPy's type of 64-bit integers, the lowest byte first."""
+    """Stand-in for NumPy's little-endian 64-bit integer type."""
 
     __slots__ = ()
 
@@ -28,7 +28,7 @@ class _Int64:
 
 
 class _MakeType:
-    """Stands in for `numpy.dtype`."""
+    """Stand-in for `numpy.dtype`."""
 
     __slots__ = ()
 
@@ -39,19 +39,19 @@ class _MakeType:
 
 
 class _MakeNumber:
-    """Stands in for `numpy.core.multiarray.scalar`."""
+    """Stand-in for `numpy.core.multiarray.scalar`."""
 
     __slots__ = ()
 
-    def __call__(self, kind: object, data: object) -> int:
+    def __call__(self, dtype: object, data: object) -> int:
         raw = data.encode("latin-1") if isinstance(data, str) else data
-        if not isinstance(kind, _Int64) or not isinstance(raw, bytes) or len(raw) != INT64_BYTES:
-            raise pickle.UnpicklingError(f"the number {data!r} of type {kind!r}")
+        if not isinstance(dtype, _Int64) or not isinstance(raw, bytes) or len(raw) != INT64_BYTES:
+            raise pickle.UnpicklingError(f"the number {data!r} of type {dtype!r}")
         return int.from_bytes(raw, "little", signed=True)
 
 
 class _NumbersOnly(pickle.Unpickler):
-    """Knows three names, and gives stand-ins without attributes for them."""
+    """Unpickler of three names, each replaced by a stand-in without attributes."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == ("numpy", "dtype"):
@@ -65,7 +65,7 @@ class _NumbersOnly(pickle.Unpickler):
 
 
 def read_label_pickle(path: Path, objects: int, words: int) -> NDArray[np.int8]:
-    """Read {0: [0 or 1, ...], ...} into (objects, words).
+    """Read {0: [0 or 1, ...], ...} into an array (objects, words).
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_label_pickle(path: Path, objects: int, words: int) -> NDArray[np.int8]:
         row = table[key]
         if not isinstance(row, list) or len(row) != words or any(v not in (0, 1) for v in row):
             raise DataError(
-                f"{path}: found another thing than {words} labels 0 or 1 in row {key}; "
+                f"{path}: found other than {words} labels 0 or 1 in row {key}; "
                 "fetch the file anew, and the words (test_full.csv) with it."
             )
     return np.array([table[key] for key in range(objects)], dtype=np.int8)

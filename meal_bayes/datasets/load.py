@@ -1,4 +1,4 @@
-"""`load_dataset`: the recordings of a domain, public or one's own, by name."""
+"""`load_dataset`: the recordings of a domain, public or a user's own, by name."""
 
 from pathlib import Path
 
@@ -15,15 +15,15 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
 
     Parameters
     ----------
-    name : a shipped domain, or the path of a domain table of one's own (TOML).
-    root : where the files lie. Public data: a folder mirror or a clone of the repository; without
-        it they are downloaded once and checked. One's own data: the folder of CSV files.
+    name : a shipped domain, or the path of your own domain table (TOML).
+    root : folder of the files. Public data: a folder mirror or a clone of the repository; without
+        it they are downloaded once and checked. Own data: the folder of CSV files.
 
     Raises
     ------
-    SettingsError : no such domain, or one's own data without `root`.
+    SettingsError : no such domain, or own data without `root`.
     DataError : files that do not hold what their layout promises.
-    DownloadError : files that cannot be had.
+    DownloadError : files that cannot be downloaded.
     """
     if str(name).endswith(".npz"):
         raise SettingsError(

@@ -1,4 +1,4 @@
-"""Percept tables as files: shipped with the package by name, or one's own .npz."""
+"""Percept tables as files: shipped with the package by name, or your own .npz."""
 
 import io
 import json
@@ -50,7 +50,7 @@ _UNREADABLE = (
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 
-    A domain of one's own is written along; of a shipped one the name is enough.
+    The file holds the domain too, unless it is a shipped one.
 
     Raises
     ------
@@ -87,13 +87,13 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
 
 
 def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
-    """Load the shipped table of a domain, or a table of one's own from the path of an .npz.
+    """Load the shipped table of a domain, or your own table from the path of an .npz.
 
     Parameters
     ----------
     name : a shipped domain (variants share their data set's table), or a path ending in .npz.
-    domain : whose behaviors and attributes the table is laid out for; the one the name or the file
-        holds by default.
+    domain : whose behaviors and attributes the table gets, in their order; by default that of the
+        name or the file.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
         with path.open("rb") as file:
             meta, arrays = _read(file, str(path))
         domain = _domain_of(meta, str(path)) if domain is None else domain
-        return _lay_out(meta, arrays, domain, str(path))
+        return _in_domain_order(meta, arrays, domain, str(path))
     domain = load_domain(name) if domain is None else domain
     resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
     if not resource.is_file():
@@ -118,7 +118,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
         )
     with resource.open("rb") as file:
         meta, arrays = _read(file, str(name))
-    return _lay_out(meta, arrays, domain, str(name))
+    return _in_domain_order(meta, arrays, domain, str(name))
 
 
 def domain_of(name: str | Path) -> Domain:
@@ -131,7 +131,7 @@ def _ships(domain: Domain) -> bool:
 
 
 def _domain_of(meta: dict[str, Any], where: str) -> Domain:
-    """Build the domain that a file holds, or find the shipped one that it names."""
+    """Return the domain that a file holds, or the shipped one that it names."""
     if "domain_table" not in meta:
         if meta["domain"] not in domain_names():
             raise SettingsError(
@@ -146,13 +146,13 @@ def _domain_of(meta: dict[str, Any], where: str) -> Domain:
 
 
 def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read and check all members; whatever is wrong with the bytes becomes a `DataError`."""
+    """Read and check all members; `DataError` where the bytes are wrong."""
     size = file.seek(0, io.SEEK_END)
     if size > _FILE:
         raise DataError(f"{where} has {size:,} bytes; a percept table has at most {_FILE:,}.")
     try:
         with zipfile.ZipFile(file) as archive:
-            arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
+            arrays = {name: _member(archive, name, *spec) for name, spec in _MEMBERS.items()}
             if f"{_COUNTS}.npy" in archive.namelist():
                 arrays[_COUNTS] = _member(archive, _COUNTS, "<u2", 2)
         meta = read_json(arrays.pop("meta").tobytes())
@@ -164,11 +164,11 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise DataError(f"{where} has format {found}; this version reads format {_FORMAT}.")
-    for key, kind in _TEXTS.items():
+    for key, wanted in _TEXTS.items():
         texts = meta.get(key)
         inside = texts.values() if isinstance(texts, dict) else texts
-        if not isinstance(texts, kind) or not all(isinstance(text, str) for text in inside or ()):
-            raise DataError(f"{where} does not tell its {key}; make the table again.")
+        if not isinstance(texts, wanted) or not all(isinstance(text, str) for text in inside or ()):
+            raise DataError(f"{where} does not hold its {key}; make the table again.")
     if len(set(meta["objects"])) < len(meta["objects"]):
         raise DataError(f"{where} names an object twice; make the table again.")
     log_odds, bins = arrays["log_odds"], arrays["training_bins"]
@@ -194,11 +194,11 @@ def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArr
 
 
 def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]:
-    """Read an array in NumPy's format, of one kind and so many axes, and nothing else.
+    """Read an array in NumPy's format, of this dtype and number of axes.
 
     Raises
     ------
-    ValueError : bytes of another format, kind or number of axes.
+    ValueError : bytes of another format, dtype or number of axes.
     """
     buffer: BinaryIO = io.BytesIO(content[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):
@@ -209,10 +209,10 @@ def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]
     return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
 
 
-def _lay_out(
+def _in_domain_order(
     meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain, where: str
 ) -> PerceptTable:
-    """Put the file's attributes and behaviors in the order of the domain, by their names."""
+    """Return the table with attributes and behaviors in the order of the domain."""
     senses = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
     wanted = {
         "attributes": domain.attributes,

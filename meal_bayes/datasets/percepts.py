@@ -1,4 +1,4 @@
-"""Percept tables: the outputs of held-out classifiers on every recording, cut into levels."""
+"""Percept tables: the outputs of held-out classifiers on every recording, in levels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,12 @@ BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
 
 
 def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Edges between K levels, (K-1,), among the fine bins' edges; K = 2, 4, ... must divide L."""
+    """Return the edges (K-1,) between K levels, of the fine bins' edges (L-1,).
+
+    Raises
+    ------
+    SettingsError : K is odd, or does not divide L.
+    """
     bins = len(edges) + 1
     if levels < 2 or levels % 2 or bins % levels:  # noqa: PLR2004
         fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
@@ -27,7 +32,7 @@ def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
 
 
 def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> NDArray[np.int8]:
-    """Cut log-odds into percept levels 0 .. K-1.
+    """Return the percept levels 0 .. K-1 of log-odds of any shape.
 
     >>> levels_of([-5.0, -1.0, 0.0, 1.0, 5.0], BIN_EDGES, 4).tolist()
     [0, 1, 1, 2, 3]
@@ -36,7 +41,7 @@ def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> N
 
 
 def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
-    """Clip to +-8 and round as tables keep them, so that a percept is the same before and after."""
+    """Clip to +-8 and round as tables store them, so that percepts do not change by saving."""
     return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(np.float16)
 
 
@@ -118,12 +123,12 @@ class PerceptTable:
 
     def __repr__(self) -> str:
         """Return what there is, in five lines."""
-        return card(*self._told())
+        return card(*self._facts())
 
     def _repr_html_(self) -> str:
-        return card_html(*self._told())
+        return card_html(*self._facts())
 
-    def _told(self) -> tuple[str, dict[str, str]]:
+    def _facts(self) -> tuple[str, dict[str, str]]:
         names = self.domain.attributes
         return f"PerceptTable {self.domain.name}", {
             "objects": f"{len(self.objects)}: {listed(self.objects, 3)}",
@@ -145,15 +150,15 @@ class PerceptTable:
         return int(self.log_odds.shape[1])
 
     def level_edges(self, levels: int) -> NDArray[np.float64]:
-        """Edges between the levels of a K-level percept, (K-1,)."""
+        """Return the edges (K-1,) between the levels of a K-level percept."""
         return level_edges(self.edges, levels)
 
     def levels_of(self, log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
-        """Percept levels 0 .. K-1 of log-odds of any shape."""
+        """Return the percept levels 0 .. K-1 of log-odds of any shape."""
         return levels_of(log_odds, self.edges, levels)
 
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
-        """How often each other object showed each level, (O,P,E,K), without the held-out one."""
+        """Return the counts (O,P,E,K) of each level of each object but the held-out one."""
         level_edges(self.edges, levels)
         bins = self.training_bins[held_out]
         merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""Where the public data sets live, and what reads each: repository, commit, folder, loader."""
+"""The sources of the public data sets: repository, commit, folder, loader."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,19 @@ from meal_bayes.errors import DataError, SettingsError
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The folder of a data set in a public repository, at one pinned commit."""
+    """The folder of a data set in a public repository, at one pinned commit.
 
-    repository: str  # owner/name
+    Attributes
+    ----------
+    repository : owner/name.
+    recordings : name of the folder in `folder` that holds the feature files.
+    load : reads a domain's data set from a folder.
+    """
+
+    repository: str
     commit: str
     folder: str
-    recordings: str  # the folder in it that holds the feature files
+    recordings: str
     load: Callable[[Domain, Path], Dataset]
 
     @property
@@ -38,14 +45,14 @@ SOURCES = {
 
 
 def source(data: str) -> Source:
-    """Find a data set's home; `SettingsError` where there is none of that name."""
+    """Return the source of a data set; `SettingsError` where there is none of that name."""
     if data not in SOURCES:
         raise SettingsError(unknown("data set", data, SOURCES))
     return SOURCES[data]
 
 
 def find_folder(data: str, root: Path) -> Path:
-    """Find a data set's folder below a mirror base, in a clone of its repository, or at `root`."""
+    """Return a data set's folder below a mirror, in a clone of its repository, or at `root`."""
     home = source(data)
     for folder in (root / home.path, root / home.folder, root):
         if (folder / home.recordings).is_dir():

@@ -1,6 +1,6 @@
 """Which objects teach and which are asked about: always whole objects, never samples."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,21 +79,6 @@ class ObjectSplit:
             f"No split of {tries} has {minimum} objects of every attribute in each part; the best "
             f"has {fewest} of {worst!r}; lower the minimum, or leave the attribute out."
         )
-
-
-def leave_one_object_out(objects: Iterable[int]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each object and all others."""
-    every = np.unique(np.fromiter(objects, dtype=np.intp))
-    for held_out in every:
-        yield int(held_out), every[every != held_out]
-
-
-def leave_two_objects_out(objects: Iterable[int]) -> Iterator[tuple[int, int, NDArray[np.intp]]]:
-    """Yield each pair o < o' and all others: for tables about o, from percepts of o'."""
-    every = np.unique(np.fromiter(objects, dtype=np.intp))
-    for i, first in enumerate(every):
-        for second in every[i + 1 :]:
-            yield int(first), int(second), every[(every != first) & (every != second)]
 
 
 def _check_possible(positive: NDArray[np.intp], names: Sequence[str], minimum: int) -> None:

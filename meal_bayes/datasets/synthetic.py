@@ -1,93 +1,11 @@
-"""Made-up data of any size: class-conditional Gaussian features with object effects."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
+"""Synthetic data of any size: class-conditional Gaussian features with object effects."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.datasets.dataset import Dataset, Instance
-from meal_bayes.display import short_repr
+from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
-
-
-@dataclass(frozen=True, slots=True)
-class SyntheticModel:
-    """Where the features of each object lie; recordings scatter around it with variance 1.
-
-    All recordings of an object share its center, so repeats of a behavior are dependent, as those
-    of real objects are.
-    """
-
-    domain: Domain
-    objects: tuple[str, ...]  # (O,)
-    labels: NDArray[np.int8]  # (O,P)
-    centers: Mapping[tuple[str, str], NDArray[np.float64]]  # (behavior, modality) -> (O,D)
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        centers = {context: freeze(values) for context, values in self.centers.items()}
-        set_frozen(self, labels=freeze(self.labels, np.int8), centers=centers)
-
-    def draw(
-        self, object_index: int, behavior: str, rng: np.random.Generator, *, recording: int = 0
-    ) -> Instance:
-        """Draw a fresh instance of one execution."""
-        features = {}
-        for modality in self.domain.behaviors[self.domain.behavior_index(behavior)].modalities:
-            center = self.centers[behavior, modality][object_index]
-            values = (center + rng.standard_normal(center.shape)).astype(np.float32)
-            features[modality] = freeze(values, np.float32)
-        return Instance(object_index, behavior, recording, features)
-
-    def record(self, recordings: int, rng: np.random.Generator) -> Dataset:
-        """Draw `recordings` instances of every object and behavior."""
-        features = {}
-        for context, center in self.centers.items():
-            shape = (center.shape[0], recordings, center.shape[1])
-            values = center[:, None] + rng.standard_normal(shape)
-            features[context] = values.astype(np.float32)
-        return Dataset(self.domain, self.objects, features, self.labels)
-
-
-def make_synthetic_model(
-    domain: Domain,
-    *,
-    objects: int,
-    rng: np.random.Generator,
-    dimensions: int = 8,
-    signal: float = 3.0,
-    object_effect: float = 1.0,
-) -> SyntheticModel:
-    """Make objects with labels, and the centers of their features.
-
-    Each attribute of a context has a random direction and a strength uniform in [0, `signal`];
-    its center moves by half of that one way if the attribute is true, the other way if false. So
-    a behavior tells much of some attributes and little of others. The object effect is a
-    Gaussian shift of that standard deviation, one for each object and context. Of an exclusive
-    group of attributes every object has exactly one; values are as balanced as can be.
-    """
-    for name, value in (("objects", objects), ("dimensions", dimensions)):
-        if value < 1:
-            raise SettingsError(f"{name} = {value}; expected at least 1.")
-    for name, size in (("signal", signal), ("object_effect", object_effect)):
-        if not size >= 0 or not np.isfinite(size):
-            raise SettingsError(f"{name} = {size}; expected a finite number of at least 0.")
-    labels = _draw_labels(domain, objects, rng)
-    centers = {}
-    for behavior in domain.behaviors:
-        for modality in behavior.modalities:
-            directions = rng.standard_normal((len(domain.attributes), dimensions))
-            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            strength = rng.uniform(0.0, signal, (len(domain.attributes), 1))
-            means = (labels - 0.5) @ (strength * directions)  # (O,D)
-            shift = object_effect * rng.standard_normal(means.shape)
-            centers[behavior.name, modality] = means + shift
-    names = tuple(f"object_{number:0{len(str(objects))}d}" for number in range(1, objects + 1))
-    return SyntheticModel(domain, names, labels, centers)
 
 
 def make_synthetic(
@@ -100,18 +18,47 @@ def make_synthetic(
     signal: float = 3.0,
     object_effect: float = 1.0,
 ) -> Dataset:
-    """Make a data set without any download; the settings are those of `make_synthetic_model`."""
-    if recordings < 1:
-        raise SettingsError(f"recordings = {recordings}; expected at least 1.")
-    model = make_synthetic_model(
-        domain,
-        objects=objects,
-        rng=rng,
-        dimensions=dimensions,
-        signal=signal,
-        object_effect=object_effect,
-    )
-    return model.record(recordings, rng)
+    """Draw objects with labels, and recordings of every behavior on them.
+
+    Each attribute of a context has a random direction and a strength uniform in [0, `signal`]; the
+    mean of the features moves by half of that in the direction if the attribute is true, else
+    against it. The object effect is a Gaussian shift of that standard deviation, one for each
+    object and context; so repeats of a behavior are dependent, as those of real objects are.
+    Recordings scatter with variance 1. Of an exclusive group of attributes every object has exactly
+    one; values are as balanced as can be.
+
+    Parameters
+    ----------
+    objects, recordings : O, and R of each object and behavior.
+    dimensions : D, features of each modality.
+
+    Raises
+    ------
+    SettingsError : a setting out of its range, or groups that share an attribute.
+    """
+    for name, value in (
+        ("objects", objects), ("recordings", recordings), ("dimensions", dimensions)
+    ):  # fmt: skip
+        if value < 1:
+            raise SettingsError(f"{name} = {value}; expected at least 1.")
+    for name, size in (("signal", signal), ("object_effect", object_effect)):
+        if not size >= 0 or not np.isfinite(size):
+            raise SettingsError(f"{name} = {size}; expected a finite number of at least 0.")
+    labels = _draw_labels(domain, objects, rng)
+    contexts = [(b.name, modality) for b in domain.behaviors for modality in b.modalities]
+    means = {}
+    for context in contexts:
+        directions = rng.standard_normal((len(domain.attributes), dimensions))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        strength = rng.uniform(0.0, signal, (len(domain.attributes), 1))
+        mean = (labels - 0.5) @ (strength * directions)  # (O,D)
+        means[context] = mean + object_effect * rng.standard_normal(mean.shape)
+    features = {
+        context: mean[:, None] + rng.standard_normal((objects, recordings, dimensions))
+        for context, mean in means.items()
+    }
+    names = tuple(f"object_{number:0{len(str(objects))}d}" for number in range(1, objects + 1))
+    return Dataset(domain, names, features, labels)  # type: ignore[arg-type]
 
 
 def _draw_labels(domain: Domain, objects: int, rng: np.random.Generator) -> NDArray[np.int8]:

@@ -1,4 +1,4 @@
-"""The paper's D: which recordings the robot has, and which labels people gave them."""
+"""The paper's D: the recordings that the robot has, and the labels that people gave them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,10 +14,14 @@ from meal_bayes.errors import DataError
 
 @dataclass(frozen=True, slots=True)
 class TrainingSet:
-    """Labeled instances, a set: sorted by (object, behavior, recording), none twice.
+    """A set of labeled instances, sorted by (object, behavior, recording).
 
-    Rows that come twice become one, which has the labels of both; so neither the order nor the
-    number of additions matters.
+    Rows of the same instance become one, which has the labels of both.
+
+    Attributes
+    ----------
+    object, behavior, recording : (n,) int32, positions from 0.
+    labels : (n,P) int8, 1 true, 0 false, -1 not labeled.
 
     Raises
     ------
@@ -25,10 +29,10 @@ class TrainingSet:
         instance that contradict each other.
     """
 
-    object: NDArray[np.int32]  # (n,)
-    behavior: NDArray[np.int32]  # (n,) index in the domain
-    recording: NDArray[np.int32]  # (n,) from 0
-    labels: NDArray[np.int8]  # (n,P) 1 true, 0 false, -1 not labeled
+    object: NDArray[np.int32]
+    behavior: NDArray[np.int32]
+    recording: NDArray[np.int32]
+    labels: NDArray[np.int8]
 
     __repr__ = short_repr
 
@@ -55,13 +59,13 @@ class TrainingSet:
 
     @classmethod
     def empty(cls, attributes: int) -> "TrainingSet":
-        """Make a D without instances, for `attributes` attributes."""
+        """Return a D without instances, for `attributes` attributes."""
         nothing = np.empty(0, dtype=np.int32)
         return cls(nothing, nothing, nothing, np.empty((0, attributes), dtype=np.int8))
 
     @classmethod
     def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
-        """Take all recordings of some objects (of all by default), with all known labels."""
+        """Return all recordings of some objects (of all by default), with all known labels."""
         chosen = range(len(dataset.objects)) if objects is None else sorted(set(objects))
         behaviors = dataset.domain.behaviors
         sensing = [e for e, behavior in enumerate(behaviors) if behavior.modalities]
@@ -71,11 +75,11 @@ class TrainingSet:
         return cls(keys[0], keys[1], keys[2], dataset.labels[keys[0]])
 
     def __len__(self) -> int:
-        """Count the instances, n."""
+        """Return the number of instances, n."""
         return len(self.object)
 
     def without(self, *object_indices: int) -> "TrainingSet":
-        """Leave out all instances of one object, or of several."""
+        """Return the set without the instances of one object, or of several."""
         keep = ~np.isin(self.object, object_indices)
         return TrainingSet(
             self.object[keep], self.behavior[keep], self.recording[keep], self.labels[keep]
@@ -88,7 +92,7 @@ class TrainingSet:
         recording: ArrayLike,
         labels: ArrayLike,
     ) -> "TrainingSet":
-        """Add instances, (n,) each with labels (n,P), or one instance with labels (P,)."""
+        """Return the set with more instances (n,) and labels (n,P), or one with labels (P,)."""
         return TrainingSet(
             np.append(self.object, object),
             np.append(self.behavior, behavior),
@@ -98,7 +102,7 @@ class TrainingSet:
 
 
 def _merge(labels: NDArray[np.int8], place: NDArray[np.intp], size: int) -> NDArray[np.int8]:
-    """Join the labels of rows of the same instance; what one row leaves open, another may say."""
+    """Merge the labels of rows of the same instance, unknown in one row and known in another."""
     highest = np.full((size, labels.shape[1]), -1, dtype=np.int8)
     np.maximum.at(highest, place, labels)
     lowest = np.full_like(highest, 2)

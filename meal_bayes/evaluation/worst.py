@@ -3,11 +3,12 @@
 from html import escape
 
 from meal_bayes.agents.trial import Trial
+from meal_bayes.display import percent
 from meal_bayes.domain import Query
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.page import figure, figures, fold, section, table, verdict
 from meal_bayes.evaluation.tally import Bad, Tally
-from meal_bayes.trial_log.words import percent, percept_words, truth_words
+from meal_bayes.trial_log.words import percept_words, truth_words
 
 
 def worst_trials(tally: Tally) -> str:

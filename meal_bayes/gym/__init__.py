@@ -1,11 +1,11 @@
-"""Gymnasium environments on real recordings: train what you like against our agents.
+"""Gymnasium environments on real recordings, to train and compare policies.
 
 >>> import gymnasium
 >>> env = gymnasium.make("meal_bayes/ROC36-v0", attributes=2)  # doctest: +SKIP
 
 `meal_bayes/ROC36-v0`, `meal_bayes/ISPY32-v0`, `meal_bayes/CY101-v0`, and `meal_bayes/Own-v0` with
-``dataset=`` a percept table of one's own. Gymnasium finds them where this package is installed;
-`register` does it by hand. Needs the extra ``gym``.
+``dataset=`` your own percept table. Gymnasium finds them where this package is installed;
+`register` adds them by hand. Needs the extra ``gym``.
 """
 
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ ENVIRONMENTS = {
 
 
 def register() -> None:
-    """Make the environments known to Gymnasium, which calls this when it is imported."""
+    """Register the environments with Gymnasium, which calls this when it is imported."""
     import gymnasium  # noqa: PLC0415  an extra
 
     for name, settings in ENVIRONMENTS.items():

@@ -20,7 +20,7 @@ from meal_bayes.planners import Decision, History, unvalued
 
 Observation = dict[str, Any]
 
-_LUCK = 2**31  # seeds of failures and recordings
+_SEEDS = 2**31  # of failures and recordings
 
 
 class MealEnv(gymnasium.Env[Observation, np.int64]):
@@ -45,7 +45,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     dataset : a shipped data set, the path of a percept table (.npz), or a percept table.
     attributes : N, asked at a time.
     agent : whose belief is observed, and who decides in `decide`.
-    seed : of the task list, and of the luck of tasks that are asked for by number.
+    seed : of the task list, and of the trials of tasks that are chosen by number.
     trials : tasks in the list.
     percepts : "recorded", or "model": drawn from the learned confusion matrices.
     reward : r, the domain's by default.
@@ -71,10 +71,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
         table = dataset if isinstance(dataset, PerceptTable) else percepts_for(str(dataset))
-        recipe = agent if isinstance(agent, Agent) else load_agent(agent)
+        chosen = agent if isinstance(agent, Agent) else load_agent(agent)
         self.tasks = offline_tasks(table, attributes, trials, seed)
         self.render_mode, self._max_steps = render_mode, max_steps
-        self._morc = Morc(table, recipe, seed, percepts, reward)
+        self._morc = Morc(table, chosen, seed, percepts, reward)
         self._begun: RunningTrial | None = None
         self._action = 0
         n, x = attributes, len(table.domain.diagram.states)
@@ -85,7 +85,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             {
                 "state": spaces.Discrete(x),
                 "asked": spaces.MultiDiscrete(np.full(n, p)),
-                "percepts": spaces.Box(0, max_steps + 1, (n, e, recipe.levels), np.int64),
+                "percepts": spaces.Box(0, max_steps + 1, (n, e, chosen.levels), np.int64),
                 "belief": spaces.Box(0.0, 1.0, (n,), np.float64),
                 "cost": spaces.Box(0.0, dearest * (max_steps + 1), (1,), np.float64),
             }
@@ -94,27 +94,27 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode.
+        """Start an episode, and return observation and info.
 
         Parameters
         ----------
-        seed : of the tasks and the luck of this and all later episodes.
-        options : ``{"task": i}`` takes task i of the list with the luck that it has in
-            ``run offline``; by default both are drawn.
+        seed : of the tasks and the random draws of this and all later episodes.
+        options : ``{"task": i}`` chooses task i of the list with the random draws of
+            ``run offline``; by default both are new.
         """
         super().reset(seed=seed)
         index = (options or {}).get("task")
-        luck = self._morc.seed
+        seed_of_task = self._morc.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
-            luck = int(self.np_random.integers(_LUCK))
+            seed_of_task = int(self.np_random.integers(_SEEDS))
         if not 0 <= index < len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
-        self._begin(self.tasks[index], luck)
+        self._begin(self.tasks[index], seed_of_task)
         return self._observation(), self._info()
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute a behavior, or report."""
+        """Execute a behavior or report; return observation, reward, terminated, truncated, info."""
         running = self._running
         if running.belief.x == running.momdp.terminal:
             raise SettingsError("The episode is over; call reset() first.")
@@ -125,7 +125,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return self._observation(), float(step.reward), terminated, truncated, self._info()
 
     def decide(self) -> int:
-        """Return what the agent itself would do now."""
+        """Return the action that the agent itself would choose."""
         _, policy = self._morc.prepare(self._running.task)
         return int(policy.decide(self._running.history, self._running.streams.planner).action)
 
@@ -144,17 +144,17 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """The trial so far."""
         return self._running.trial(self._morc.agent.name)
 
-    def _begin(self, task: Task, luck: int) -> None:
+    def _begin(self, task: Task, seed: int) -> None:
         momdp, _ = self._morc.prepare(task)
-        runner = replace(self._morc, seed=luck)  # which shares what was learned
+        runner = replace(self._morc, seed=seed)  # which shares what was learned
         columns = [runner.table.domain.attribute_index(name) for name in task.query.attributes]
         self._begun = RunningTrial(
             task,
             momdp,
-            _Told(self, momdp),
+            _Commanded(self, momdp),
             runner.robot(task),
             runner.perceiver(task),
-            Streams.of(luck, task, self._morc.agent.name),
+            Streams.of(seed, task, self._morc.agent.name),
             runner.table.labels[task.object_index, columns],
         )
         self._begun.start()
@@ -189,8 +189,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return mask
 
 
-class _Told:
-    """A policy that does what the environment was told to do."""
+class _Commanded:
+    """A policy that takes the environment's action."""
 
     def __init__(self, env: MealEnv, momdp: MOMDP) -> None:
         self._env, self._momdp = env, momdp

@@ -1,4 +1,4 @@
-"""The boundary to a body: what it says is checked here, once, and becomes indices."""
+"""The boundary to a robot: its outcomes are checked here, once, and become indices."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ class Execution:
     next_x : int
         Index of the next state.
     instance : Instance or None
-        What can be perceived; None where the behavior failed, or what came of it is no percept.
+        What can be perceived; None where the behavior failed or its features are invalid.
     answers : mapping or None
-        What a person said, by attribute.
+        A person's answers, by attribute.
     warning : str
-        Why something that the robot handed over is no percept; empty where all is well.
+        Why the robot's features are invalid; empty where they are valid.
     """
 
     next_x: int
@@ -38,19 +38,19 @@ class Execution:
 
 
 class _NoPercept(Exception):
-    """What was handed over is no percept."""
+    """The features or answers are invalid."""
 
 
 class CheckedRobot:
     """A robot whose every outcome fits the domain.
 
-    A state that the domain does not know raises `RobotError`. Features that are not of the
-    behavior's modalities, have another size than those learned from, or are not finite numbers are
-    no percept: the trial goes on, with a warning.
+    A state that the domain does not know raises `RobotError`. Features of other modalities than the
+    behavior's, of another size than those learned from, or that are not finite numbers are no
+    percept: the trial goes on, with a warning.
 
     Parameters
     ----------
-    robot : the body, which speaks in names.
+    robot : which uses names.
     domain : its states, behaviors and modalities.
     object_index : of the object in the data set, -1 for an object of which nothing is recorded.
     sizes : number of features of each (behavior, modality) that is known.
@@ -62,39 +62,39 @@ class CheckedRobot:
         self._robot, self._domain, self._object = robot, domain, object_index
         self._sizes = sizes or {}
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
-        self._felt = 0
+        self._n_sensed = 0
 
     def start(self) -> int:
-        """Return to the start of a trial, and return the index of x0.
+        """Start a trial, and return the index of x0.
 
         Raises
         ------
         RobotError : a state that the domain does not know.
         """
-        self._felt = 0
+        self._n_sensed = 0
         return self._index(self._robot.start(), "start()")
 
     def execute(self, behavior: int) -> Execution:
-        """Execute a behavior.
+        """Execute a behavior, and return its checked outcome.
 
         Raises
         ------
         RobotError : no `Outcome`, or a state that the domain does not know.
         """
-        kind = self._domain.behaviors[behavior]
-        outcome = self._robot.execute(kind.name)
+        spec = self._domain.behaviors[behavior]
+        outcome = self._robot.execute(spec.name)
         if not isinstance(outcome, Outcome):
             raise RobotError(
-                f"execute({kind.name!r}) returned {type(outcome).__name__}; "
+                f"execute({spec.name!r}) returned {type(outcome).__name__}; "
                 "return an Outcome(state, features)."
             )
-        next_x = self._index(outcome.state, f"execute({kind.name!r})")
+        next_x = self._index(outcome.state, f"execute({spec.name!r})")
         try:
-            if kind.answer_accuracy is not None:
-                return self._asked(kind, outcome, next_x)
-            return Execution(next_x, self._instance(kind, outcome))
+            if spec.answer_accuracy is not None:
+                return self._asked(spec, outcome, next_x)
+            return Execution(next_x, self._instance(spec, outcome))
         except _NoPercept as fault:
-            return Execution(next_x, warning=f"no percept of {kind.name}: {fault}")
+            return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
 
     def _index(self, state: object, where: str) -> int:
         if isinstance(state, str) and state in self._x:
@@ -102,36 +102,36 @@ class CheckedRobot:
         message = unknown("state", str(state), self._x)
         raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
 
-    def _asked(self, kind: Behavior, outcome: Outcome, next_x: int) -> Execution:
+    def _asked(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         if outcome.features is not None:
             raise _NoPercept("it asks a person; give answers, not features")
         if outcome.recording is not None:
-            return Execution(next_x, Instance(self._object, kind.name, outcome.recording))
+            return Execution(next_x, Instance(self._object, spec.name, outcome.recording))
         for name, value in (outcome.answers or {}).items():
             if name not in self._domain.attributes or not isinstance(value, bool | np.bool_):
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
         return Execution(next_x, answers=outcome.answers)
 
-    def _instance(self, kind: Behavior, outcome: Outcome) -> Instance | None:
+    def _instance(self, spec: Behavior, outcome: Outcome) -> Instance | None:
         if outcome.answers is not None:
-            raise _NoPercept("it asks nobody, but came with answers")
+            raise _NoPercept("it does not ask, but came with answers")
         features = None
         if outcome.features is not None:
-            features = self._features(kind, outcome.features)
+            features = self._features(spec, outcome.features)
         recording = outcome.recording
         if recording is None:
             if features is None:
                 return None
-            recording, self._felt = self._felt, self._felt + 1
-        return Instance(self._object, kind.name, recording, features)
+            recording, self._n_sensed = self._n_sensed, self._n_sensed + 1
+        return Instance(self._object, spec.name, recording, features)
 
-    def _features(self, kind: Behavior, given: object) -> Features:
+    def _features(self, spec: Behavior, given: object) -> Features:
         if not isinstance(given, Mapping):
             raise _NoPercept(f"features are {type(given).__name__}, not {{modality: numbers}}")
-        names = list(kind.modalities)
+        names = list(spec.modalities)
         if set(given) != set(names):
             raise _NoPercept(f"features of {sorted(map(str, given))}, expected those of {names}")
-        return {name: self._checked(kind.name, name, given[name]) for name in names}
+        return {name: self._checked(spec.name, name, given[name]) for name in names}
 
     def _checked(self, behavior: str, modality: str, given: ArrayLike) -> NDArray[np.float32]:
         try:

@@ -1,4 +1,4 @@
-"""What an onlooker sees of a body at one moment; any robot may give such frames to the viewer."""
+"""Frames of a robot for the viewer; any robot may make them."""
 
 from typing import NamedTuple
 
@@ -9,17 +9,17 @@ SOLID, SHELL, BALL = range(3)
 
 
 class Frame(NamedTuple):
-    """One moment.
+    """The geometry of a robot and its surroundings at one time.
 
     Attributes
     ----------
     seconds : s, since the trial began.
-    centers, half_sizes : (B,3) m, of the bodies.
+    centers, half_sizes : (B,3) m, of the boxes and balls.
     quaternions : (B,4), x, y, z, w.
     colors : (B,3) in [0, 1].
-    kinds : (B,) `SOLID`, `SHELL` (a box that is looked into) or `BALL`.
-    contacts : (C,3) m, where bodies touch.
-    forces : (C,3) N, what acts there.
+    shapes : (B,) `SOLID` (a box), `SHELL` (a transparent box) or `BALL`.
+    contacts : (C,3) m, points of contact.
+    forces : (C,3) N, that act there.
     picture : (rows, columns, 3) in [0, 1], of the robot's camera.
     """
 
@@ -28,7 +28,7 @@ class Frame(NamedTuple):
     half_sizes: NDArray[np.float32]
     quaternions: NDArray[np.float32]
     colors: NDArray[np.float32]
-    kinds: NDArray[np.int8]
+    shapes: NDArray[np.int8]
     contacts: NDArray[np.float32]
     forces: NDArray[np.float32]
     picture: NDArray[np.float32]

@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
+from meal_bayes.robots.diagram_simulator import DiagramSimulator
 from meal_bayes.robots.robot import Outcome
-from meal_bayes.robots.walk import DiagramWalk
 
 Order = list[list[int]]  # (E,) lists of the recordings to come, the next one last
 
@@ -15,22 +15,22 @@ ANSWERED = -1  # the recording of a percept that a person answers
 
 
 class RecordedRobot:
-    """Replays an object's recordings in random order, none twice in a trial.
+    """A robot that replays an object's recordings in random order, none twice in a trial.
 
-    A failed execution uses no recording; when all are used, behaviors still move x and cost, but
-    nothing is felt. The order of recordings and the failures are the same for every agent: the
-    k-th execution of a behavior has its own luck.
+    A failed execution uses no recording; when all are used, behaviors still change x and cost
+    time, but sense nothing. The order of recordings and the failures are the same for every agent:
+    the k-th execution of a behavior has its own uniform draws.
 
     Parameters
     ----------
     domain : behaviors and diagram.
     object_index : the object in front of the robot.
     recordings : how many of each behavior there are, (E,) or one number.
-    order : draws the order of recordings at each `start`, or gives it: (E,) lists of the
-        recordings to come, the next one last.
-    failures : draws which executions fail.
-    dataset : whose features are handed over; without it only the recording's number is, by which
-        a perceiver looks percepts up.
+    order : generator of the order of recordings at each `start`, or the order itself: (E,) lists
+        of the recordings to come, the next one last.
+    failures : generator of failures.
+    dataset : whose features an outcome has; without it only the recording's number, by which a
+        perceiver looks percepts up.
     repeats : recordings never run out, each is drawn anew from all (for percepts that are drawn
         from tables).
     """
@@ -56,32 +56,32 @@ class RecordedRobot:
         self._domain, self._dataset, self._object = domain, dataset, object_index
         self._recordings, self._repeats = counts, repeats
         self._order = order
-        self._walk = DiagramWalk(domain, failures)
+        self._simulator = DiagramSimulator(domain, failures)
         self._left: Order = []
 
     def start(self) -> str:
-        """Return to x0, all recordings fresh."""
+        """Start a trial in x0, with all recordings unused."""
         if isinstance(self._order, np.random.Generator):
-            luck = self._order.random((len(self._recordings), int(self._recordings.max())))
-            orders = luck.argsort(axis=1).tolist()
+            size = len(self._recordings), int(self._recordings.max())
+            orders = self._order.random(size).argsort(axis=1).tolist()
             self._left = [
                 [recording for recording in order if recording < count]
                 for order, count in zip(orders, self._recordings.tolist(), strict=True)
             ]
         else:
             self._left = [list(recordings) for recordings in self._order]
-        return self._walk.start()
+        return self._simulator.start()
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute a behavior; what is felt is the next recording of it, if one is left."""
-        move = self._walk.move(behavior)
+        """Execute a behavior; a success senses its next recording, if one is left."""
+        move = self._simulator.move(behavior)
         if not move.perceivable:
             return Outcome(move.state)
         e = self._domain.behavior_index(behavior)
         if not self._domain.behaviors[e].modalities:
             return Outcome(move.state, recording=ANSWERED)
         if self._repeats:
-            recording = int(move.luck * self._recordings.max())
+            recording = int(move.uniform * self._recordings.max())
         elif self._left[e]:
             recording = self._left[e].pop()
         else:

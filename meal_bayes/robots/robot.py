@@ -1,4 +1,4 @@
-"""The seam where a body plugs in: what the driver of a real robot implements, by names alone."""
+"""The interface that the driver of a real robot implements; it uses names alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one behavior.
+    """The outcome of one behavior.
 
     Attributes
     ----------
     state : str
         The observed state x after it, one of the domain's diagram.
     features : mapping, optional
-        The features (D,) felt in each of the behavior's modalities; None where nothing was felt
-        (the behavior failed, or senses nothing).
+        The features (D,) of each of the behavior's modalities; None where nothing was sensed
+        (the behavior failed, or has no modalities).
     answers : mapping, optional
         Of a behavior that asks a person: what the person said, by attribute.
     recording : int, optional
@@ -31,12 +31,12 @@ class Outcome:
 
 
 class Robot(Protocol):
-    """A body with an object in front of it. Implement these two methods for a robot of your own."""
+    """A robot with an object in front of it; implement these two methods for your own."""
 
     def start(self) -> str:
-        """Return to the start of a trial, and return the name of the observed state x0."""
+        """Start a trial, and return the name of the observed state x0."""
         ...
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute the behavior of that name, and observe what came of it."""
+        """Execute the behavior of that name, and return its outcome."""
         ...

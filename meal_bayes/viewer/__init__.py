@@ -1,7 +1,7 @@
-"""Eyes: logged trials as a rerun recording with a layout of our own.
+"""Viewer: logged trials as a rerun recording with a layout of our own.
 
-In: trials and the header of their run. Out: an .rrd file, a window, a page, a picture; live as the
-trials land, if wanted. The log stays the only source: what is shown is made from it, each time.
+In: trials and the header of their run. Out: an .rrd file, a window, a page or a picture, also of a
+run in progress. Everything that is shown comes from the log.
 """
 
 from meal_bayes.viewer.feed import Feed

@@ -1,10 +1,9 @@
-"""The layout: one tab for the trial under the cursor, one for the whole run."""
+"""The layout: one tab for the trial at the time cursor, one for the whole run."""
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from meal_bayes.viewer import body as body_view
-from meal_bayes.viewer import run_view, scene
+from meal_bayes.viewer import robot_view, run_view, scene
 
 _AROUND = 8  # rows shown before and behind the cursor
 _NO_LEGEND = rrb.PlotLegend(visible=False)
@@ -18,22 +17,22 @@ def blueprint(
     evidence: bool = False,
     run_first: bool = False,
     live: bool = False,
-    body: bool = False,
+    robot: bool = False,
 ) -> rrb.Blueprint:
-    """Lay out a recording.
+    """Return the layout of a recording.
 
     Parameters
     ----------
-    single : one trial alone, whose plots then show all of it; else they move with the cursor.
-    attributes : that the recording asks about; many have no legend.
+    single : only one trial, of which plots show all; else they move with the cursor.
+    attributes : queried attributes; many have no legend.
     evidence : whether the log counts the percepts behind the confusion matrices.
     run_first : show the run's tab at the beginning.
     live : follow the newest row.
-    body : show the robot's body too, in its own time.
+    robot : show the robot too, in its own time.
     """
     return rrb.Blueprint(
         rrb.Tabs(
-            _trial(single=single, crowded=len(attributes) > _CROWD, body=body),
+            _trial(single=single, crowded=len(attributes) > _CROWD, robot=robot),
             _run(evidence=evidence),
             active_tab=1 if run_first else 0,
         ),
@@ -42,7 +41,7 @@ def blueprint(
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
             state="collapsed",
-            timeline="sim_time" if body else "step",
+            timeline="sim_time" if robot else "step",
             play_state="following" if live else "paused",
         ),
         auto_layout=False,
@@ -50,11 +49,11 @@ def blueprint(
     )
 
 
-def _trial(*, single: bool, crowded: bool, body: bool) -> rrb.Horizontal:
+def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     over = None if single else _window()
     text = rrb.Vertical(
-        rrb.TextDocumentView(origin=scene.STORY, name="question and answer"),
-        rrb.TextDocumentView(origin=scene.WHY, name="why this action"),
+        rrb.TextDocumentView(origin=scene.NARRATION, name="question and answer"),
+        rrb.TextDocumentView(origin=scene.DECISION, name="why this action"),
         rrb.TextLogView(
             origin=scene.LOG,
             name="log",
@@ -95,28 +94,28 @@ def _trial(*, single: bool, crowded: bool, body: bool) -> rrb.Horizontal:
     )
     lower = rrb.Horizontal(
         rrb.StateTimelineView(origin=scene.LANES, name="action, x, percepts", time_view=over),
-        rrb.Spatial2DView(origin=scene.CONFUSION, name="what a percept of this behavior tells"),
+        rrb.Spatial2DView(origin=scene.CONFUSION, name="confusion matrices of this behavior"),
     )
     right = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
-    if body:
-        return rrb.Horizontal(text, _body(), right, column_shares=[2, 3, 5], name="the trial")
+    if robot:
+        return rrb.Horizontal(text, _robot(), right, column_shares=[2, 3, 5], name="the trial")
     return rrb.Horizontal(text, right, column_shares=[1, 4], name="the trial")
 
 
-def _body() -> rrb.Vertical:
+def _robot() -> rrb.Vertical:
     return rrb.Vertical(
         rrb.Spatial3DView(
-            origin=body_view.BODY,
-            name="the body (red: contact forces)",
+            origin=robot_view.ROBOT,
+            name="the robot (red: contact forces)",
             line_grid=rrb.LineGrid3D(visible=False),
             eye_controls=rrb.EyeControls3D(
                 position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10)
             ),
         ),
         rrb.Horizontal(
-            rrb.Spatial2DView(origin=body_view.CAMERA, name="the robot's camera"),
+            rrb.Spatial2DView(origin=robot_view.CAMERA, name="the robot's camera"),
             rrb.TimeSeriesView(
-                origin=body_view.LOAD, name="contact force, N", plot_legend=_NO_LEGEND
+                origin=robot_view.FORCE, name="contact force, N", plot_legend=_NO_LEGEND
             ),
         ),
         row_shares=[3, 1],
@@ -157,7 +156,7 @@ def _run(*, evidence: bool) -> rrb.Vertical:
 
 
 def _window() -> rrb.TimeAxis:
-    """Show the rows around the cursor."""
+    """Return an axis of the rows around the cursor."""
     start = rr.TimeRangeBoundary.cursor_relative(seq=-_AROUND)
     end = rr.TimeRangeBoundary.cursor_relative(seq=_AROUND)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

@@ -1,10 +1,10 @@
-"""A recording that grows while others read it; its file has no name, so that it goes with us."""
+"""A recording that grows while others read it, in a file without a name."""
 
 import os
 import tempfile
 import threading
 
-_PATIENCE = 1.0  # s between looks whether a reader is still wanted
+_POLL = 1.0  # s between checks whether the recording has ended
 
 
 class Feed:
@@ -32,7 +32,7 @@ class Feed:
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Mark the end; readers end where they have read all."""
+        """Mark the end, at which readers stop."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -41,14 +41,14 @@ class Feed:
         """Read what is there from `start` on, waiting for at least one byte; b"" at the end."""
         with self._changed:
             while self._size <= start and not self._ended:
-                self._changed.wait(_PATIENCE)
+                self._changed.wait(_POLL)
             if self._file.closed or self._size <= start:
                 return b""
             self._file.seek(start)
             return self._file.read(most)
 
     def close(self) -> None:
-        """End, and give the disk's space back."""
+        """End, and remove the file."""
         self.end()
         with self._changed:
             self._file.close()

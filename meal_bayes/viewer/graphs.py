@@ -6,20 +6,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meal_bayes.display import best_options, level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.trial_log.words import level_words
-from meal_bayes.viewer.moments import Moment
+from meal_bayes.viewer.labels import action_label
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, Color
-from meal_bayes.viewer.words import action_word, best_options
+from meal_bayes.viewer.trial_frames import TrialFrame
 
-_WIDE, _HIGH = 170.0, 95.0  # between the columns and rows of the diagram
 _ACTIONS, _OUTCOMES = 4, 6  # of the tree that are drawn
-_COLUMNS, _ROW, _BOX = (0.0, 150.0, 380.0), 30.0, 52.0  # of the tree
+_LETTER, _LINE, _FRAME = 6.0, 13.5, 14.0  # size of a letter, and of the frame around a label
+_COLUMN_GAP, _ROW_GAP = 30.0, 8.0  # between boxes
 
 
 class Node(NamedTuple):
-    """One box of a graph."""
+    """One box of a graph, centered at (x, y)."""
 
     name: str
     label: str
@@ -36,85 +36,109 @@ class Graph:
     edges: tuple[tuple[str, str], ...]
 
 
+def box_size(label: str) -> tuple[float, float]:
+    """Return about how wide and high the viewer draws the box of a label."""
+    lines = label.split("\n")
+    return _FRAME + _LETTER * max(map(len, lines)), _FRAME + _LINE * len(lines)
+
+
+def overlap(one: Node, other: Node) -> bool:
+    """Return whether the boxes of two nodes overlap."""
+    (w, h), (v, g) = box_size(one.label), box_size(other.label)
+    return abs(one.x - other.x) < (w + v) / 2 and abs(one.y - other.y) < (h + g) / 2
+
+
 class Diagram:
     """The transition diagram of a MOMDP: boxes for x and, between them, for behaviors."""
 
     def __init__(self, momdp: MOMDP) -> None:
         self._momdp = momdp
         moves = _moves(momdp)
-        self._places = _places(momdp, {pair for pair in moves if pair[0] != pair[1]})
-        edges, self._ways = list[tuple[str, str]](), list[tuple[frozenset[int], Node]]()
-        for (source, target), actions in moves.items():
-            name = f"{source}-{target}"
-            edges.append((f"x{source}", name))
-            edges.append((name, f"x{target}"))
-            (x, y), (u, v) = self._places[source], self._places[target]
-            middle = ((x + u) / 2, (y + v) / 2) if source != target else (x, y - 0.62 * _HIGH)
-            middle = self._free(*middle)
-            label = "\n".join(action_word(momdp, action) for action in actions)
-            self._ways.append((frozenset(actions), Node(name, label, *middle, DIM)))
+        labels = {
+            pair: "\n".join(action_label(momdp, action) for action in actions)
+            for pair, actions in moves.items()
+        }
+        self._states = _place_states(momdp, labels)
+        self._behaviors = list[tuple[frozenset[int], Node]]()
+        edges = list[tuple[str, str]]()
+        for (source, target), label in labels.items():
+            start, end, name = self._states[source], self._states[target], f"{source}-{target}"
+            x, y = (start.x + end.x) / 2, (start.y + end.y) / 2
+            if source == target:  # above the state, and not beyond the first or last column
+                (w, h), (v, g) = box_size(start.label), box_size(label)
+                x += (v - w) / 2 * (-1 if start.x > 0 else 1)
+                y -= (h + g) / 2 + _COLUMN_GAP / 2
+            node = self._moved_free(Node(name, label, x, y, DIM))
+            self._behaviors.append((frozenset(moves[source, target]), node))
+            edges += [(start.name, name), (name, end.name)]
         self._edges = tuple(edges)
 
-    def _free(self, x: float, y: float) -> tuple[float, float]:
-        """Move a box down until it lies on no other, as of two moves that undo each other."""
-        taken = [*self._places.values(), *((node.x, node.y) for _, node in self._ways)]
-        while any(abs(x - u) < _BOX and abs(y - v) < _BOX for u, v in taken):
-            y += 0.6 * _HIGH
-        return x, y
+    def _moved_free(self, node: Node) -> Node:
+        """Return the node, moved down until it overlaps no other."""
+        taken = [*self._states, *(other for _, other in self._behaviors)]
+        while any(overlap(node, other) for other in taken):
+            node = node._replace(y=node.y + _LINE)
+        return node
 
-    def at(self, moment: Moment) -> Graph:
-        """Draw it for a moment: where the robot is, where it was, what it just did."""
-        visited = {s.next_x for s in moment.trial.steps[: moment.number]}
-        visited |= {moment.trial.first_belief.x}
-        nodes = []
-        for x, (u, v) in self._places.items():
-            color = ORANGE if x == moment.x else SKY if x in visited else GRAY
-            nodes.append(Node(f"x{x}", self._label(x, moment), u, v, color))
-        done = -1 if moment.step is None else moment.step.decision.action
-        source = -1 if moment.step is None else moment.step.x
-        for actions, node in self._ways:
-            just = done in actions and node.name.startswith(f"{source}-")
-            nodes.append(node._replace(color=GREEN if just else DIM))
+    def at(self, frame: TrialFrame) -> Graph:
+        """Return it for a frame: where the robot is, where it was, which behavior it executed."""
+        visited = {step.next_x for step in frame.trial.steps[: frame.number]}
+        visited |= {frame.trial.first_belief.x}
+        nodes = [
+            node._replace(
+                label=self._end_label(frame) if x == self._momdp.terminal else node.label,
+                color=ORANGE if x == frame.x else SKY if x in visited else GRAY,
+            )
+            for x, node in enumerate(self._states)
+        ]
+        done = -1 if frame.step is None else frame.step.decision.action
+        source = -1 if frame.step is None else frame.step.x
+        for actions, node in self._behaviors:
+            executed = done in actions and node.name.startswith(f"{source}-")
+            nodes.append(node._replace(color=GREEN if executed else DIM))
         return Graph(tuple(nodes), self._edges)
 
-    def _label(self, x: int, moment: Moment) -> str:
-        if x != self._momdp.terminal:
-            return self._momdp.x_names[x]
-        if moment.x != x:
+    def _end_label(self, frame: TrialFrame) -> str:
+        if frame.x != self._momdp.terminal:
             return "end"
-        return "end: answered" if moment.trial.report is not None else "end: no answer"
+        return "end: answered" if frame.trial.report is not None else "end: abstained"
 
 
-def search_tree(moment: Moment) -> Graph:
-    """Draw the top of the tree behind a decision: actions, and what follows each percept."""
-    step, momdp = moment.step, moment.trial.momdp
+def search_tree(frame: TrialFrame) -> Graph:
+    """Return the top of the tree behind a decision: actions, and what follows each percept."""
+    step, momdp = frame.step, frame.trial.momdp
     if step is None:
         return Graph((Node("root", "nothing is decided yet", 0, 0, GRAY),), ())
-    decision, end = step.decision, momdp.n_behaviors
-    actions = best_options(decision.values, min(decision.action, end), _ACTIONS)
+    decision, chosen = step.decision, min(step.decision.action, momdp.n_behaviors)
+    actions = best_options(decision.values, chosen, _ACTIONS)
     if not actions:
-        return Graph((Node("root", "a rule: no search", 0, 0, GRAY),), ())
-    nodes, edges, y = list[Node](), list[tuple[str, str]](), 0.0
-    leaves = _leaves(decision, actions)
-    for action in actions:
-        name, top = f"a{action}", y
-        for number, edge in enumerate(leaves.get(action, [])):
-            leaf = f"{name}-{number}"
-            nodes.append(Node(leaf, _leaf_label(momdp, edge), _COLUMNS[2], y, GRAY))
-            edges.append((name, leaf))
-            y += _ROW
-        color = ORANGE if action == min(decision.action, end) else SKY
-        middle = (top + max(y - _ROW, top)) / 2
-        y = max(y, top + _BOX)
-        nodes.append(Node(name, _action_label(momdp, decision, action), _COLUMNS[1], middle, color))
-        edges.append(("root", name))
+        return Graph((Node("root", "no search: a fixed rule", 0, 0, GRAY),), ())
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
-    nodes.append(Node("root", f"{momdp.x_names[step.x]}\n{count}", 0, (y - _BOX) / 2, GRAY))
+    root = f"{momdp.x_names[step.x]}\n{count}"
+    labels = {action: _action_label(momdp, decision, action) for action in actions}
+    left = box_size(root)[0] + _COLUMN_GAP
+    right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
+    leaves = _leaves(decision, actions)
+    row, y = box_size("")[1] + _ROW_GAP, 0.0
+    nodes, edges = list[Node](), list[tuple[str, str]]()
+    for action, label in labels.items():
+        below = [_leaf_label(momdp, edge) for edge in leaves.get(action, ())]
+        height = max(len(below) * row, box_size(label)[1] + _ROW_GAP)
+        top = y + (height - len(below) * row) / 2
+        for number, text in enumerate(below):
+            x = right + box_size(text)[0] / 2
+            nodes.append(Node(f"a{action}-{number}", text, x, top + (number + 0.5) * row, GRAY))
+            edges.append((f"a{action}", f"a{action}-{number}"))
+        x, color = left + box_size(label)[0] / 2, ORANGE if action == chosen else SKY
+        nodes.append(Node(f"a{action}", label, x, y + height / 2, color))
+        edges.append(("root", f"a{action}"))
+        y += height
+    nodes.append(Node("root", root, box_size(root)[0] / 2, y / 2, GRAY))
     return Graph(tuple(nodes), tuple(edges))
 
 
 def _moves(momdp: MOMDP) -> dict[tuple[int, int], list[int]]:
-    """Group legal behaviors by where they lead from where, when they succeed."""
+    """Return the legal behaviors by (state, most probable next state)."""
     moves = dict[tuple[int, int], list[int]]()
     for x, action in zip(*np.nonzero(momdp.legal), strict=True):
         if x != momdp.terminal:
@@ -123,28 +147,31 @@ def _moves(momdp: MOMDP) -> dict[tuple[int, int], list[int]]:
     return moves
 
 
-def _places(momdp: MOMDP, arrows: set[tuple[int, int]]) -> dict[int, tuple[float, float]]:
-    """Put every x in the column of its distance from the start."""
+def _place_states(momdp: MOMDP, moves: dict[tuple[int, int], str]) -> list[Node]:
+    """Return a node for every x, in the column of its distance from the start."""
     depth, queue = {momdp.start: 0}, deque([momdp.start])
     while queue:
         x = queue.popleft()
-        for source, target in sorted(arrows):
+        for source, target in sorted(moves):
             if source == x and target not in depth:
                 depth[target] = depth[x] + 1
                 queue.append(target)
-    places, used = dict[int, tuple[float, float]](), dict[int, int]()
-    for x in range(momdp.terminal):
+    labels = [*momdp.x_names[: momdp.terminal], "end: abstained"]
+    between = [text for (source, target), text in moves.items() if source != target] or [""]
+    wide = max(box_size(label)[0] for label in labels[:-1]) + 2 * _COLUMN_GAP
+    wide += max(box_size(text)[0] for text in between)
+    high = max(box_size(text)[1] for text in between) + 2 * box_size("")[1]
+    depth[momdp.terminal] = max(depth.values())
+    nodes, used = list[Node](), dict[int, int]()
+    for x, label in enumerate(labels):
         column = depth.get(x, 0)
-        lane = used.get(column, 0)
-        used[column] = lane + 1
-        places[x] = (column * _WIDE, lane * 1.5 * _HIGH)
-    right = max((u for u, _ in places.values()), default=0.0)
-    places[momdp.terminal] = (right, 1.5 * _HIGH)
-    return places
+        lane = used[column] = used.get(column, -1) + 1
+        nodes.append(Node(f"x{x}", label, column * wide, lane * high, GRAY))
+    return nodes
 
 
 def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]:
-    """Find the most visited second-level edges below the drawn actions."""
+    """Return the most visited second-level edges below the drawn actions."""
     first = {at: edge.action for at, edge in enumerate(decision.tree) if edge.level == 1}
     second = [e for e in decision.tree if e.level > 1 and first.get(e.parent) in actions]
     leaves = dict[int, list[TreeEdge]]()
@@ -156,10 +183,10 @@ def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]
 def _action_label(momdp: MOMDP, decision: Decision, action: int) -> str:
     value = f"{decision.values[action]:.1f}"
     visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
-    return f"{action_word(momdp, action)}\n{value}{visits}"
+    return f"{action_label(momdp, action)}\n{value}{visits}"
 
 
 def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:
-    words = level_words(momdp.levels)
-    seen = ", ".join(words[z] for z in edge.observation if 0 <= z < len(words)) or "nothing"
-    return f"{seen} → {action_word(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
+    names = level_names(momdp.levels)
+    percept = ", ".join(names[z] for z in edge.observation if 0 <= z < len(names)) or "nothing"
+    return f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"

@@ -1,4 +1,4 @@
-"""A run in progress, seen while its trials land."""
+"""A run in progress, shown while its trials are written."""
 
 import time
 from collections.abc import Callable
@@ -17,18 +17,18 @@ def follow(
     watching: Callable[[], bool],
     on_trials: Callable[[int], None] | None = None,
 ) -> Follower:
-    """Send the trials of a growing log, or of all logs of a folder, to a viewer as they land.
+    """Send the trials of a growing log, or of all logs of a folder, to a viewer.
 
     Parameters
     ----------
     path : file (also under the name it has while it is written) or folder; it may still be to come.
     to : address of the viewer, or the feed of a page.
-    watching : asked again and again; following ends when it says no, or when all files have ended.
+    watching : polled; following ends when it returns False, or when all files have ended.
     on_trials : called with the number of trials so far, when there are new ones.
 
     Returns
     -------
-    The follower, which knows what was wrong with the files, if anything.
+    The follower, whose `problems` are what was wrong with the files.
     """
     follower = Follower(path)
     try:
@@ -55,7 +55,7 @@ def _follow(
                 replay.add(trial)
                 if replay.trials == 1:
                     replay.flush()
-                    replay.lay_out(live=True)
+                    replay.send_layout(live=True)
                 new = True
             if new and replay is not None:
                 replay.flush()

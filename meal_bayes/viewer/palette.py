@@ -1,4 +1,4 @@
-"""Colors: those of Okabe and Ito, which color-blind readers tell apart, on dark and on light."""
+"""Colors of Okabe and Ito, which color-blind readers can distinguish, on dark and on light."""
 
 Color = int  # red, green, blue, opacity: 8 bits each, as rerun packs them
 
@@ -9,7 +9,7 @@ def rgb(red: int, green: int, blue: int) -> Color:
 
 
 def unpacked(color: Color) -> tuple[int, int, int, int]:
-    """Take a color apart: red, green, blue, opacity."""
+    """Return red, green, blue and opacity of a color."""
     return color >> 24, color >> 16 & 255, color >> 8 & 255, color & 255
 
 
@@ -26,12 +26,12 @@ _LEVELS = (BLUE, SKY, ORANGE, RED)  # from "surely no" to "surely yes"
 
 
 def series_color(index: int) -> Color:
-    """Color of the i-th of several series."""
+    """Return the color of the i-th of several series."""
     return SERIES[index % len(SERIES)]
 
 
 def level_color(level: int, levels: int) -> Color:
-    """Color of a percept level: blue says no, orange yes, the strong ones stronger."""
+    """Return the color of a percept level: blue for no, orange for yes."""
     if levels == 2:  # noqa: PLR2004
         return (BLUE, RED)[level]
     return _LEVELS[min(int(level * len(_LEVELS) / levels), len(_LEVELS) - 1)]

@@ -1,29 +1,28 @@
-"""Pictures with labels in them: beliefs as bars, and what is known of a behavior's percepts."""
+"""Pictures with labels: beliefs as bars, and the confusion matrices of a behavior."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.display import level_names, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.picture import truth_rows, viridis
-from meal_bayes.trial_log.words import level_words, percent
-from meal_bayes.viewer.moments import Moment
+from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
-from meal_bayes.viewer.words import plain
+from meal_bayes.viewer.trial_frames import TrialFrame
 
 _SHOWN = 8  # attributes
 _BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar
 _CELL_WIDE, _CELL_HIGH, _GAP = 4, 4, 2  # pixels of the matrices; labels are as large as ever
-_SHORT = {4: ("no!", "no", "yes", "yes!")}  # percepts, at the foot of a column
 _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
-_BRIGHTEST = 0.6  # of the color scale: white numbers must be seen, in a light theme as well
+_BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
 
 
 class Label(NamedTuple):
-    """A text at a place of the picture."""
+    """A text at a point of the picture, pixels."""
 
     text: str
     x: float
@@ -32,19 +31,24 @@ class Label(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """Pixels and labels."""
+    """Pixels and labels.
 
-    pixels: NDArray[np.uint8]  # (h,w,4)
+    Attributes
+    ----------
+    pixels : (h,w,4) RGBA.
+    """
+
+    pixels: NDArray[np.uint8]
     labels: tuple[Label, ...]
 
 
-def belief_bars(moment: Moment) -> Picture:
-    """Draw Pr(attribute is true) as bars from 0 to 100 %; a line marks what it was before."""
-    names = moment.trial.task.query.attributes[:_SHOWN]
+def belief_bars(frame: TrialFrame) -> Picture:
+    """Draw Pr(attribute is true) as bars from 0 to 100 %; a line marks it before the step."""
+    names = frame.trial.task.query.attributes[:_SHOWN]
     pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
     labels = []
     for i, name in enumerate(names):
-        now, before = float(moment.positive[i]), float(moment.before[i])
+        now, before = float(frame.positive[i]), float(frame.before[i])
         top = i * _LANE + (_LANE - _THICK) // 2
         color = GREEN if now > 0.5 else SKY  # noqa: PLR2004
         lane = np.tile(np.array(_BACK, float), (_BAR, 1))
@@ -56,13 +60,13 @@ def belief_bars(moment: Moment) -> Picture:
         lane[min(int(before * _BAR), _BAR - 1)] = unpacked(ORANGE)
         pixels[top : top + _THICK] = lane
         middle = (i + _MIDDLE + 0.1) * _LANE
-        labels.append(Label(plain(name), -12, middle, TEXT))
+        labels.append(Label(plain_text(name), -12, middle, TEXT))
         labels.append(Label(percent(now), _BAR + 9, middle, color))
     return Picture(pixels, tuple(labels))
 
 
 class Matrices:
-    """Pictures of the confusion matrices of one MOMDP, made once for each behavior."""
+    """Pictures of the confusion matrices of one MOMDP, each drawn once."""
 
     def __init__(self, momdp: MOMDP) -> None:
         self._momdp = momdp
@@ -73,23 +77,22 @@ class Matrices:
 
         Parameters
         ----------
-        sampled : (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; shown
-            as a band of M lanes beside the mean, what the robot thinks possible; the numbers are
-            the least and the largest of a level.
+        sampled : (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; drawn
+            as M lanes beside the mean, with the smallest and the largest probability of a level.
         """
         if action not in self._known:
             self._known[action] = self._draw(action)
         known = self._known[action]
-        if sampled is None:  # as wide as the others, so that the view stays where it is
-            room = ((0, 0), (0, _GAP + self._momdp.levels * _CELL_WIDE), (0, 0))
-            return Picture(np.pad(known.pixels, room), known.labels)
+        if sampled is None:  # as wide as the others, so that the view does not move
+            margin = ((0, 0), (0, _GAP + self._momdp.levels * _CELL_WIDE), (0, 0))
+            return Picture(np.pad(known.pixels, margin), known.labels)
         return _with_band(known, sampled[:, :_SHOWN])
 
     def _draw(self, action: int) -> Picture:
         momdp = self._momdp
         n, k = min(len(momdp.query), _SHOWN), momdp.levels
         mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
-        blocks = [(f"{plain(momdp.behavior_names[action])}: mean", mean, 1.0)]
+        blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
         blocks.append(("sd (rows known exactly)" if not sd.any() else "sd", sd, _SD_FULL))
         point = point_estimate(momdp)
         if point is not None:
@@ -98,9 +101,9 @@ class Matrices:
         width, high = k * _CELL_WIDE, _CELL_HIGH
         pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
         labels = [
-            Label(f"{word}{plain(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
+            Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
             for i, name in enumerate(momdp.query.attributes[:n])
-            for t, word in enumerate(("not ", ""))
+            for t, prefix in enumerate(("not ", ""))
         ]
         for number, (title, values, full) in enumerate(blocks):
             left = number * (width + _GAP)
@@ -126,14 +129,12 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
         at = left + (z + 0.5) * _CELL_WIDE
         for most, row in ((sampled[:, i, z].min(), 2 * i), (sampled[:, i, z].max(), 2 * i + 1)):
             labels.append(Label(f"{most:.2f}", at, (row + _MIDDLE) * _CELL_HIGH, WHITE))
-    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
-        at = left + (z + 0.5) * _CELL_WIDE
-        labels.append(Label(word, at, (2 * n + _MIDDLE) * _CELL_HIGH, TEXT))
+    labels += _level_labels(k, left, 2 * n * _CELL_HIGH)
     return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
 
 
 def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
-    """Give the paper's matrices (N,E,2,K), shares of the counted percepts, where a log has them."""
+    """Return the paper's matrices (N,E,2,K), fractions of counted percepts; None without counts."""
     counts = momdp.counts
     if not counts.any():
         return None
@@ -144,11 +145,18 @@ def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
 def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
     rows, k = values.shape
     labels = [Label(title, left + k * _CELL_WIDE / 2, -1.3 * high, TEXT)]
-    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
-        labels.append(Label(word, left + (z + 0.5) * _CELL_WIDE, (rows + _MIDDLE) * high, TEXT))
+    labels += _level_labels(k, left, rows * high)
     for row in range(rows):
         for z in range(k):
             at = left + (z + 0.5) * _CELL_WIDE, (row + _MIDDLE) * high
             text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
             labels.append(Label(text, *at, WHITE))
     return labels
+
+
+def _level_labels(k: int, left: float, y: float) -> list[Label]:
+    """Return the names of the levels below the columns of a block, staggered in two rows."""
+    return [
+        Label(name, left + (z + 0.5) * _CELL_WIDE, y + (_MIDDLE + z % 2) * _CELL_HIGH, TEXT)
+        for z, name in enumerate(level_names(k))
+    ]

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -13,12 +14,12 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.files import draft_of
 from meal_bayes.robots.frame import Frame
 from meal_bayes.viewer.blueprint import blueprint
-from meal_bayes.viewer.body import add_body
 from meal_bayes.viewer.feed import Feed
-from meal_bayes.viewer.moments import Clock
 from meal_bayes.viewer.recorder import Recorder, Time
+from meal_bayes.viewer.robot_view import add_robot
 from meal_bayes.viewer.run_view import RunView
 from meal_bayes.viewer.scene import Scene
+from meal_bayes.viewer.trial_frames import Clock
 
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
@@ -27,14 +28,14 @@ Target = Path | str | Feed
 
 
 class Replay:
-    """Puts trials one by one into a recording, as long as there are any.
+    """A recording to which trials are added one by one.
 
     Parameters
     ----------
     stream : of rerun, connected to a file or a viewer.
-    header : what the run was.
+    header : configuration of the run, as the log holds it.
     only : the one trial that is shown step by step, by its position; all of them by default. The
-        run's measures count every trial in either case.
+        run's plots count every trial in either case.
     """
 
     def __init__(
@@ -45,54 +46,54 @@ class Replay:
         self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
         self._clock = Clock()
         self._last: Time | None = None
-        self._body = False
+        self._shows_robot = False
         self.trials = 0
 
     def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
-        """Put the next trial into the recording, with what its body did, if that was watched."""
+        """Add the next trial, with the frames of its robot, if there are any."""
         number, self.trials = self.trials, self.trials + 1
         time = Time(number, self._clock.row, self._clock.seconds)
         if self._only is None or self._only == number:
-            for moment in self._clock.moments(number, trial):
-                self._scene.add(moment)
-                time = Time.of(moment)
+            for frame in self._clock.frames(number, trial):
+                self._scene.add(frame)
+                time = Time.of(frame)
             self._scene.close(trial, Time(number, self._clock.row - 1, self._clock.seconds))
             if frames:
-                add_body(self._recorder, trial, frames, number=number)
-                self._body = True
+                add_robot(self._recorder, trial, frames, number=number)
+                self._shows_robot = True
         self._run.add(number, trial, time)
         self._last = time
         if self.trials % _BATCH == 0:
             self.flush()
 
     def close(self) -> None:
-        """Send the rest, and the measures of the whole run."""
+        """Send the rest, and the table of the whole run."""
         self.flush()
         self._run.close()
 
     def flush(self) -> None:
-        """Send what is there."""
+        """Send the rows so far."""
         if self._last is not None:
-            self._run.tell(self._last)
+            self._run.write_table(self._last)
         self._recorder.flush()
 
-    def lay_out(self, *, run_first: bool = False, live: bool = False) -> None:
-        """Send the layout that fits what has come so far; the run's tab may be the first seen."""
+    def send_layout(self, *, run_first: bool = False, live: bool = False) -> None:
+        """Send the layout that fits the trials so far, the run's tab in front where wanted."""
         layout = blueprint(
             single=self._only is not None or (self.trials == 1 and not live),
             attributes=self._scene.attributes,
             evidence=self._run.shows_evidence,
             run_first=run_first,
             live=live,
-            body=self._body,
+            robot=self._shows_robot,
         )
-        send_layout(self._stream, layout)
+        _send_blueprint(self._stream, layout)
 
 
-def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
-    """Send a layout as `stream.send_blueprint` does, which leaves two threads behind each time.
+def _send_blueprint(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Send a layout as `stream.send_blueprint` does, without leaving two threads behind.
 
-    They belong to a stream in memory, which rerun 0.41 never disconnects.
+    These belong to a stream in memory that rerun 0.41 never disconnects.
     """
     made = rr.RecordingStream._from_native(
         rerun_bindings.new_blueprint(APPLICATION, make_default=False, make_thread_default=False)
@@ -106,9 +107,9 @@ def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
 
 @contextlib.contextmanager
 def recording(name: str, to: Target) -> Iterator[tuple[rr.RecordingStream, Callable[[], None]]]:
-    """Start a recording of our own; nothing of rerun's global state is touched.
+    """Yield a new stream, and a function that brings what was sent so far to the target.
 
-    Yields the stream, and a function that brings to the target what has been sent so far.
+    Rerun's global state stays untouched.
 
     Parameters
     ----------
@@ -139,25 +140,20 @@ def write_recording(
     trials: Iterable[Trial],
     path: str | Path,
     header: Mapping[str, object],
-    *,
-    name: str = "run",
-    only: int | None = None,
-    run_first: bool = False,
-    frames: Sequence[Frame] = (),
+    **options: Any,
 ) -> int:
     """Write trials into an .rrd file and return their number.
 
     Parameters
     ----------
-    frames : what the body did in the first trial.
+    options : as of `send_recording`.
 
     Raises
     ------
     OutputError : the file cannot be written; one that was there stays.
     """
-    shown = {"name": name, "only": only, "run_first": run_first}
     with draft_of(path) as draft:
-        return send_recording(trials, draft, header, **shown, frames=frames)  # type: ignore[arg-type]
+        return send_recording(trials, draft, header, **options)
 
 
 def send_recording(
@@ -170,7 +166,17 @@ def send_recording(
     run_first: bool = False,
     frames: Sequence[Frame] = (),
 ) -> int:
-    """Send trials to a file, a viewer or a feed (see `recording`), and return their number."""
+    """Send trials to a file, a viewer or a feed, and return their number.
+
+    Parameters
+    ----------
+    to : as of `recording`.
+    header : configuration of the run, as the log holds it.
+    name : of the recording.
+    only : as of `Replay`.
+    run_first : open the run's tab first.
+    frames : of the robot in the first trial.
+    """
     try:
         with recording(name, to) as (stream, bring):
             replay = Replay(stream, header, only=only)
@@ -179,12 +185,12 @@ def send_recording(
                 if replay.trials % _BATCH == 0:
                     bring()
             replay.close()
-            replay.lay_out(run_first=run_first)
+            replay.send_layout(run_first=run_first)
             return replay.trials
     finally:
         clean_up()
 
 
 def clean_up() -> None:
-    """End the threads of recordings that nobody holds any more; rerun leaves them running."""
+    """Stop the threads of recordings that nobody holds any more; rerun leaves them running."""
     rerun_bindings.flush_and_cleanup_orphaned_recordings()

@@ -1,4 +1,4 @@
-"""What is seen of a whole run: accuracy and cost so far, what was learned, the worst trials."""
+"""The entities of a whole run: accuracy and cost so far, the learning curve, the worst trials."""
 
 import json
 import math
@@ -10,9 +10,9 @@ import rerun as rr
 from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.words import NOT_TOLD, truth_words
+from meal_bayes.viewer.labels import plain_text, question, report_text
 from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time, part
-from meal_bayes.viewer.words import plain, question
 
 FACTS, TABLE = "/run/facts", "/run/table"
 ACCURACY, COST, CURVE, EVIDENCE = "/run/accuracy", "/run/cost", "/run/learning", "/run/evidence"
@@ -24,14 +24,21 @@ _EVERY = 25  # trials between two versions of the table
 
 @dataclass
 class _Tally:
-    """Sums over the trials of one agent so far."""
+    """Sums over the trials of one agent so far.
+
+    Attributes
+    ----------
+    judged : number of trials whose truth is known.
+    cost, squares : sums of the costs, s, and of their squares.
+    recent : success of the last judged trials.
+    """
 
     trials: int = 0
-    judged: int = 0  # of these, whose truth is known
+    judged: int = 0
     right: int = 0
     answered: int = 0
     cost: float = 0.0
-    squares: float = 0.0  # of costs
+    squares: float = 0.0
     reward: float = 0.0
     recent: list[bool] = field(default_factory=list)
 
@@ -48,7 +55,7 @@ class _Tally:
 
     @property
     def accuracy(self) -> tuple[float, float]:
-        """Share that was right, and its variance as a Beta(1, 1) posterior has it."""
+        """Fraction of right answers, and its variance in the posterior under Beta(1, 1)."""
         a, n = self.right + 1, self.judged + 2
         return self.right / self.judged, a * (n - a) / (n**2 * (n + 1))
 
@@ -61,7 +68,7 @@ class _Tally:
 
 
 class RunView:
-    """Puts the run's measures into a recording, one row a trial."""
+    """The measures of a run, one row a trial."""
 
     def __init__(self, recorder: Recorder, header: Mapping[str, object]) -> None:
         self._to = recorder
@@ -70,24 +77,19 @@ class RunView:
         self._evidence: set[str] = set()
         self._momdp: MOMDP | None = None
         for entity in (FACTS, TABLE):
-            recorder.fix(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
+            recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
         self._header(header)
 
     @property
-    def agents(self) -> tuple[str, ...]:
-        """Agents met so far."""
-        return tuple(self._tallies)
-
-    @property
     def shows_evidence(self) -> bool:
-        """Whether the log tells how many percepts the confusion matrices rest on."""
+        """Whether the log counts the percepts behind the confusion matrices."""
         return bool(self._evidence)
 
     def add(self, number: int, trial: Trial, time: Time) -> None:
-        """Count a trial that ended at this time."""
+        """Add a trial that ended at this time."""
         name = trial.agent or "agent"
         if name not in self._tallies:
-            self._introduce(name)
+            self._begin_agent(name)
         tally = self._tallies[name]
         tally.add(trial)
         measures = [(COST, tally.mean_cost)]
@@ -102,35 +104,34 @@ class RunView:
         if trial.judged:
             self._note_worst(number, trial)
         if number % _EVERY == 0 or tally.trials <= _EVERY:
-            self.tell(time)
+            self.write_table(time)
 
-    def tell(self, time: Time) -> None:
-        """Write the table as it stands."""
+    def write_table(self, time: Time) -> None:
+        """Write the table of the trials so far."""
         self._to.add(TABLE, rr.TextDocument, time, text=[self._table()])
 
     def close(self) -> None:
         """Write the table of the whole run, for all times."""
-        self._to.fix(TABLE, rr.TextDocument.from_fields(text=self._table()))
+        self._to.add_static(TABLE, rr.TextDocument.from_fields(text=self._table()))
 
-    def _introduce(self, name: str) -> None:
+    def _begin_agent(self, name: str) -> None:
         color = series_color(len(self._tallies))
         self._tallies[name] = _Tally()
         for entity in (ACCURACY, COST):
-            style = rr.Measurements.from_fields(names=plain(name), colors=color, widths=2)
-            self._to.fix(f"{entity}/{part(name)}", style)
-        line = rr.SeriesLines(names=plain(name), colors=color, widths=2)
-        self._to.fix(f"{CURVE}/{part(name)}", line)
+            style = rr.Measurements.from_fields(names=plain_text(name), colors=color, widths=2)
+            self._to.add_static(f"{entity}/{part(name)}", style)
+        self._to.add_line(f"{CURVE}/{part(name)}", plain_text(name), color)
 
     def _header(self, header: Mapping[str, object]) -> None:
         rows = ["|run||", "|---|---|"]
         for name, value in _flat(header).items():
-            text = plain(value)[:_LONG]
-            rows.append(f"|{plain(name)}|{text}|")
+            text = plain_text(value)[:_LONG]
+            rows.append(f"|{plain_text(name)}|{text}|")
             self._to.stream.send_property(name, rr.AnyValues(value=value[:_LONG]))
-        self._to.fix(FACTS, rr.TextDocument.from_fields(text="\n".join(rows)))
+        self._to.add_static(FACTS, rr.TextDocument.from_fields(text="\n".join(rows)))
 
     def _count_evidence(self, momdp: MOMDP, time: Time) -> None:
-        """Percepts behind a behavior's matrices, mean over the queried attributes."""
+        """Add the percepts behind each behavior's matrices, mean over the queried attributes."""
         counts = momdp.counts
         if momdp is self._momdp or not counts.any():
             return
@@ -140,26 +141,22 @@ class RunView:
             if name not in self._evidence:
                 color = series_color(len(self._evidence))
                 self._evidence.add(name)
-                self._to.fix(entity, rr.SeriesLines(names=plain(name), colors=color, widths=2))
+                self._to.add_line(entity, plain_text(name), color)
             self._to.add(entity, rr.Scalars, time, scalars=[float(total)])
 
     def _note_worst(self, number: int, trial: Trial) -> None:
-        """Keep the trials with the lowest reward, the surest of them first."""
-        sure = trial.last_belief.certainty
-        truth = plain(truth_words(trial.task.query.attributes, trial.truth))
-        said = "no answer"
-        if trial.report is not None:
-            said = plain(trial.task.query.report_name(trial.report))
+        """Keep the trials with the lowest reward, of equal ones the most certain first."""
+        truth = plain_text(truth_words(trial.task.query.attributes, trial.truth))
         row = (
-            f"|{number}|{plain(trial.agent)}|{question(trial)}|{plain(trial.task.object_name)}"
-            f"|{said}|{truth}|{trial.cost:.1f}|{trial.reward:.1f}|"
+            f"|{number}|{plain_text(trial.agent)}|{question(trial)}|{plain_text(trial.task.object_name)}"
+            f"|{report_text(trial, trial.report)}|{truth}|{trial.cost:.1f}|{trial.reward:.1f}|"
         )
-        self._worst.append((trial.reward - sure, row))
+        self._worst.append((trial.reward - trial.last_belief.certainty, row))
         self._worst = sorted(self._worst)[:_WORST]
 
     def _table(self) -> str:
         rows = [
-            "|agent|trials|accuracy|no answer|cost, s|reward|",
+            "|agent|trials|accuracy|abstained|cost, s|reward|",
             "|---|---|---|---|---|---|",
         ]
         for name, tally in self._tallies.items():
@@ -170,7 +167,7 @@ class RunView:
                 accuracy = f"{mean:.3f} ± {math.sqrt(variance):.3f}"
                 reward = f"{tally.reward / tally.judged:.1f}"
             rows.append(
-                f"|{plain(name)}|{tally.trials}|{accuracy}"
+                f"|{plain_text(name)}|{tally.trials}|{accuracy}"
                 f"|{tally.trials - tally.answered}|{cost:.1f} ± {math.sqrt(cost_variance):.1f}"
                 f"|{reward}|"
             )
@@ -181,7 +178,7 @@ class RunView:
 
 
 def _flat(header: Mapping[str, object], before: str = "") -> dict[str, str]:
-    """Give the header's entries by dotted names, as text."""
+    """Return the header's entries by dotted names, as text."""
     flat = dict[str, str]()
     for name, value in header.items():
         if isinstance(value, Mapping):

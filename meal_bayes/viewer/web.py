@@ -1,10 +1,9 @@
-"""The viewer as a page in a browser, kept at home.
+"""The viewer as a page in a browser of this machine.
 
-Rerun's web viewer reports to its makers from within the browser, and no setting of ours reaches it
-there; and its servers answer whoever asks. So rerun's program serves us its page once, and is
-ended. From then on everything comes from a server of our own: page and recording lie under a
-secret path, are given to requests of this host and origin only, and under a policy (CSP) by which
-the browser lets the page talk to nobody else.
+Rerun's web viewer sends telemetry from within the browser, which no setting of ours reaches, and
+its servers answer any client. So rerun's program serves its page once, and is ended. From then on
+a server of our own sends page and recording, under a secret path, to requests of this host and
+origin only, with a content security policy by which the browser connects the page to nothing else.
 """
 
 import secrets
@@ -14,7 +13,6 @@ import urllib.request
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from meal_bayes.viewer.feed import Feed
@@ -22,8 +20,8 @@ from meal_bayes.viewer.window import HERE, Viewer, ViewerError, free_ports
 
 _NAMES = ("", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico", "apple-touch-icon.png")
 _RECORDING = "run.rrd"
-_BLOCK = 1 << 18  # bytes handed on at once
-_PATIENCE = 30.0  # s
+_BLOCK = 1 << 18  # bytes sent at once
+_TIMEOUT = 30.0  # s
 _POLICY = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob:; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
@@ -33,16 +31,16 @@ _POLICY = (
 _HEADERS = {
     "Content-Security-Policy": _POLICY,
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",  # it would tell the secret
+    "Referrer-Policy": "no-referrer",  # it would disclose the secret
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
 
 
 class Asset(NamedTuple):
-    """A file of the page."""
+    """A file of the page, and its media type."""
 
-    kind: str  # media type
+    media_type: str
     content: bytes
 
 
@@ -60,19 +58,14 @@ class WebViewer:
 
     @property
     def address(self) -> str:
-        """Of the page, to be opened in a browser of this machine; who knows it can see all."""
+        """Address of the page, to be opened in a browser of this machine; it holds the secret."""
         return "" if self._page is None else self._page.address
 
     def __enter__(self) -> Self:
         self._page = Page(_assets(), self.recording)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.recording.close()
         if self._page is not None:
             self._page.close()
@@ -119,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        """Send what is asked for, to those who may have it."""
+        """Send a file to an allowed request."""
         name = self._allowed()
         if name is None:
             self._answer(HTTPStatus.FORBIDDEN)
@@ -127,7 +120,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._stream()
         elif name in self.server.assets:
             asset = self.server.assets[name]
-            self._answer(HTTPStatus.OK, asset.kind, len(asset.content))
+            self._answer(HTTPStatus.OK, asset.media_type, len(asset.content))
             self._send(asset.content)
         else:
             self._answer(HTTPStatus.NOT_FOUND)
@@ -139,7 +132,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_POST = do_PUT = do_DELETE = do_OPTIONS = do_PATCH = _refuse
 
     def _allowed(self) -> str | None:
-        """Name what is asked for; nothing where host, origin or secret are not ours."""
+        """Return the name of the file; None where host, origin or secret are not ours."""
         server = self.server
         if self.headers.get_all("Host") != [server.host]:  # another name may lead here (DNS)
             return None
@@ -149,9 +142,11 @@ class _Handler(BaseHTTPRequestHandler):
         home, name = path[: len(server.home)], path[len(server.home) :]
         return name if secrets.compare_digest(home.encode(), server.home.encode()) else None
 
-    def _answer(self, status: HTTPStatus, kind: str = "text/plain", size: int | None = 0) -> None:
+    def _answer(
+        self, status: HTTPStatus, media_type: str = "text/plain", size: int | None = 0
+    ) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
+        self.send_header("Content-Type", media_type)
         if size is not None:
             self.send_header("Content-Length", str(size))
         for name, value in _HEADERS.items():
@@ -159,7 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def _stream(self) -> None:
-        """Send the recording, and go on while it grows."""
+        """Send the recording, while it grows."""
         self._answer(HTTPStatus.OK, "application/octet-stream", None)
         sent = 0
         while block := self.server.recording.read(sent, _BLOCK):
@@ -175,25 +170,29 @@ class _Handler(BaseHTTPRequestHandler):
             return False
         return True
 
-    def log_message(self, *told: Any) -> None:
-        """Say nothing."""
+    def log_message(self, *message: Any) -> None:
+        """Print nothing."""
 
 
 def _assets() -> dict[str, Asset]:
-    """Fetch the page from rerun's program, which serves it on this machine for a moment."""
+    """Read the page from rerun's program, which serves it on this machine meanwhile."""
     (port,) = free_ports(1)
     # given a recording's address it serves the page alone, and no data
-    words = [f"http://{HERE}:{port}/{_RECORDING}", "--serve-web", "--web-viewer-port", str(port)]
+    arguments = [
+        f"http://{HERE}:{port}/{_RECORDING}",
+        "--serve-web",
+        "--web-viewer-port",
+        str(port),
+    ]
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # never by a proxy
     found = {}
-    with Viewer(words, port=port) as rerun:
+    with Viewer(arguments, port=port) as rerun:
         rerun.wait_until_ready()
         for name in _NAMES:
             address = f"http://{HERE}:{port}/{name}"
             try:
-                with opener.open(address, timeout=_PATIENCE) as answer:
-                    kind = answer.headers.get_content_type()
-                    found[name] = Asset(kind, answer.read())
+                with opener.open(address, timeout=_TIMEOUT) as answer:
+                    found[name] = Asset(answer.headers.get_content_type(), answer.read())
             except urllib.error.HTTPError as fault:  # an icon, perhaps
                 fault.close()
             except OSError as fault:

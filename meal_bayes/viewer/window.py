@@ -1,4 +1,4 @@
-"""The viewer's own program: a window, a picture without a display.
+"""The viewer's program: a window, or a picture without a display.
 
 It listens on 127.0.0.1 only, is started with its telemetry off, and ends with this process.
 """
@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Self
 
 from rerun.experimental import ViewerClient
@@ -26,7 +25,7 @@ _SIZE = (1920, 1080)
 _START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no longer changes
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
-_GROWN = 4000  # characters of a viewer's complaint
+_ERROR_LENGTH = 4000  # characters of a viewer's error output
 
 
 class ViewerError(MealBayesError):
@@ -58,48 +57,43 @@ class Viewer:
         if headless:
             self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
         self._process: subprocess.Popen[bytes] | None = None
-        self._said: IO[bytes]
+        self._errors: IO[bytes]
 
     def __enter__(self) -> Self:
-        # Telemetry is off where CI is set; a program in a CI phones nobody.
+        # Telemetry is off where CI is set; a program in a CI reports to nobody.
         environment = {**os.environ, "CI": "1", "RUST_LOG": os.environ.get("RUST_LOG", "error")}
-        self._said = tempfile.TemporaryFile()  # a pipe that nobody empties would stop it
+        self._errors = tempfile.TemporaryFile()  # a pipe that nobody empties would stop it
         self._process = start(
-            self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._said
+            self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._errors
         )
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-            self._said.close()
+            self._errors.close()
 
     @property
     def running(self) -> bool:
-        """Whether nobody has closed it."""
+        """Whether the process runs."""
         return self._process is not None and self._process.poll() is None
 
     def wait(self) -> None:
-        """Wait until somebody closes it.
+        """Wait until the user closes it.
 
         Raises
         ------
-        ViewerError : it has ended by a fault, such as a machine without a display.
+        ViewerError : it ended with an error, such as on a machine without a display.
         """
         if self._process is None:
             return
         if self._process.wait():
-            self._said.seek(0)
-            raise ViewerError(_complaint(self._said.read()))
+            self._errors.seek(0)
+            raise ViewerError(_error_message(self._errors.read()))
 
     def wait_until_ready(self) -> None:
-        """Wait until it listens; errors as in `wait`."""
+        """Wait until it listens; raises as `wait` does."""
         end = time.monotonic() + _START
         while time.monotonic() < end:
             if not self.running:
@@ -114,7 +108,7 @@ class Viewer:
         raise ViewerError(f"The viewer does not answer after {_START:.0f} s.")
 
     def client(self) -> ViewerClient:
-        """Connect to control it, once it is ready."""
+        """Return a client that controls it, once it is ready."""
         self.wait_until_ready()
         client, end = ViewerClient.connect(self.url), time.monotonic() + _START
         while True:
@@ -131,12 +125,12 @@ class Viewer:
 def take_picture(
     recording: str | Path, path: str | Path | None = None, *, row: int = 0, notices: bool = False
 ) -> tuple[bytes, Any]:
-    """Open a recording in a viewer without a window, and give its picture (PNG) and its state.
+    """Return a picture (PNG) of a recording in a viewer without a window, and the viewer's state.
 
     Parameters
     ----------
     recording : .rrd file.
-    path : where the picture is written, if anywhere.
+    path : file to write the picture to, if any.
     row : on the timeline `step`.
     notices : take the picture at once, though the viewer's greeting may still be in it.
 
@@ -148,15 +142,15 @@ def take_picture(
         client = viewer.client()
         client.open(str(Path(recording).resolve()))
         client.set_time("step", sequence=row, play_state="paused")
-        picture = _settled(client, 0.0 if notices else _NOTICE)
+        picture = _stable_picture(client, 0.0 if notices else _NOTICE)
         state = client.get_state()
     if path is not None:
         write_whole(path, picture)
     return picture, state
 
 
-def _settled(client: ViewerClient, quiet: float) -> bytes:
-    """Take pictures until they stay equal for so many seconds."""
+def _stable_picture(client: ViewerClient, quiet: float) -> bytes:
+    """Return the picture once it has not changed for so many seconds."""
     end, since, last = time.monotonic() + _SETTLE, time.monotonic(), b""
     while time.monotonic() < end:
         time.sleep(_POLL)
@@ -171,7 +165,7 @@ def _settled(client: ViewerClient, quiet: float) -> bytes:
 
 
 def viewer_program() -> Path:
-    """Find rerun's binary: its Python wrapper would leave it running when it is ended itself."""
+    """Return the path of rerun's binary, as its Python wrapper leaves it running when killed."""
     found = importlib.util.find_spec("rerun_cli")
     places = list(found.submodule_search_locations or ()) if found is not None else []
     for place in map(Path, places):
@@ -184,7 +178,7 @@ def viewer_program() -> Path:
 
 
 def free_ports(count: int) -> list[int]:
-    """Find ports that nobody listens on."""
+    """Return ports that nobody listens on."""
     sockets = [socket.socket() for _ in range(count)]
     try:
         for one in sockets:
@@ -196,14 +190,14 @@ def free_ports(count: int) -> list[int]:
 
 
 def check_recording_name(path: Path) -> Path:
-    """Check that a file is named as rerun's recordings are."""
+    """Check that the name of a recording ends in .rrd, and return it."""
     if path.suffix != ".rrd":
         raise LogError(f"A recording's name ends in .rrd; found {path.name!r}.")
     return path
 
 
-def _complaint(said: bytes) -> str:
-    text = " ".join(said.decode(errors="replace")[-_GROWN:].split())
+def _error_message(output: bytes) -> str:
+    text = " ".join(output.decode(errors="replace")[-_ERROR_LENGTH:].split())
     way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
@@ -211,4 +205,4 @@ def _complaint(said: bytes) -> str:
         return f"The viewer cannot open a window, as there is no display; {way}."
     if "adapter" in text:
         return f"The viewer finds no graphics driver (Vulkan); {way}."
-    return f"The viewer ended by a fault ({text[-300:] or 'it said nothing'}); {way}."
+    return f"The viewer ended with an error ({text[-300:] or 'no message'}); {way}."

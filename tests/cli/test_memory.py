@@ -94,7 +94,7 @@ def _without_report(trial):
 @pytest.mark.parametrize("reply", ["", "skip\n", "no\nskip\nskip\n"])
 def test_nothing_told_is_nothing_remembered(ask, reply):
     question = "Is it crimson, and is it full?"
-    assert "nothing is remembered" in ask(question, reply).stderr
+    assert "none are kept" in ask(question, reply).stderr
     assert read_memory("logs", "kitchen") == []
     assert len(list(Path("logs").glob("ask-*.mcap"))) == 1  # the trial is kept
 
@@ -107,14 +107,14 @@ def test_without_learn_nothing_is_asked_or_used(ask, run):
 
 
 def test_show_and_forget(ask, run):
-    assert "nothing was told yet" in run("memory", "show", *OWN).stderr
+    assert "no labels yet" in run("memory", "show", *OWN).stderr
     ask("Is it red?", "yes\n")
     ask("Is it full?", "yes\n", "blue_mug")
     shown = run("memory", "show", *OWN).stdout
     assert "red_jar" in shown
     assert "blue_mug" in shown
     told = json.loads(run("memory", "show", *OWN, "--json").stdout)["memory"]
-    assert [row["told"] for row in told] == [{"red": True}, {"full": True}]
+    assert [row["labels"] for row in told] == [{"red": True}, {"full": True}]
     before = {row["log"]: [t.cost for t in read_trials(row["log"])] for row in told}
     assert "in 1 trials" in run("memory", "forget", *OWN, "--object", "red_jar").stderr
     assert [t.object_name for t in read_memory("logs", "kitchen")] == ["blue_mug"]

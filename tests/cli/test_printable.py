@@ -7,8 +7,8 @@ from importlib import import_module
 import pytest
 
 from meal_bayes.agents import Morc, load_agent
-from meal_bayes.cli import screen
-from meal_bayes.cli.story import tell_trial
+from meal_bayes.cli.console import note, output
+from meal_bayes.cli.narration import print_trial
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.trial_log import write_trials
@@ -53,19 +53,19 @@ def test_errors_and_paths_are_shown(run, tmp_path):
 
 
 def test_the_console_keeps_its_own_styles(strange):
-    console = screen.output()
+    console = output()
     console.file, console._force_terminal, console._color_system = io.StringIO(), True, None
-    tell_trial(console, strange[1])
+    print_trial(console, strange[1])
     text = console.file.getvalue()
     assert "\x1b]0;owned" not in text
     assert "\N{RIGHT-TO-LEFT OVERRIDE}" not in text
 
 
 def test_notes_are_shown(capsys):
-    screen.note(f"warning: {ESCAPE}")
-    told = capsys.readouterr().err
-    assert safe(told)
-    assert SHOWN in told
+    note(f"warning: {ESCAPE}")
+    shown = capsys.readouterr().err
+    assert safe(shown)
+    assert SHOWN in shown
 
 
 def test_a_question_is_shown(monkeypatch, capsys):

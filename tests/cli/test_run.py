@@ -60,8 +60,7 @@ def test_the_table_fits_and_names_the_log(run):
         "reward",
         "NLL",
         "ECE",
-        "gave",
-        "up",
+        "abstained",
     ]
     assert lines[1].split()[0] == "greedy"
     assert lines[2].split()[0] == "predefined_plus"

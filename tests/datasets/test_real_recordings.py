@@ -84,4 +84,4 @@ def test_repairs_are_told(recordings: Path, caplog: pytest.LogCaptureFixture) ->
                  "cannedfood_tomato_paste_t1"):  # fmt: skip
         assert f"kept {copy}, a copy of" in told
     assert "medicine_calcium" in told
-    assert "no newline ends, of crush_flow" in told
+    assert "crush_flow.txt, which no newline ends" in told

@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from meal_bayes.datasets import (
     Dataset,
     ObjectSplit,
-    leave_one_object_out,
-    leave_two_objects_out,
     make_synthetic,
 )
 from meal_bayes.domain import load_domain
@@ -73,20 +71,3 @@ def test_minimum_that_cannot_be() -> None:
 def test_parts_must_be_disjoint() -> None:
     with pytest.raises(SettingsError, match="in two parts"):
         ObjectSplit([0, 1], [1], [2])  # type: ignore[arg-type]
-
-
-@given(st.sets(st.integers(0, 30), max_size=8))
-def test_leave_one_object_out(objects: set[int]) -> None:
-    folds = list(leave_one_object_out(objects))
-    assert [held_out for held_out, _ in folds] == sorted(objects)
-    for held_out, rest in folds:
-        assert set(rest) == objects - {held_out}
-
-
-@given(st.sets(st.integers(0, 30), max_size=6))
-def test_leave_two_objects_out(objects: set[int]) -> None:
-    folds = list(leave_two_objects_out(objects))
-    assert len(folds) == len(objects) * (len(objects) - 1) // 2
-    for first, second, rest in folds:
-        assert first < second
-        assert set(rest) == objects - {first, second}

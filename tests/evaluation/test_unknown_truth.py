@@ -12,8 +12,8 @@ from meal_bayes.evaluation.report import write_report
 from meal_bayes.learner.asking import ask
 from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trial_log.words import truth_words, verdict_word
-from meal_bayes.viewer.moments import Clock
-from meal_bayes.viewer.words import log_line, story
+from meal_bayes.viewer.labels import log_line, narrate
+from meal_bayes.viewer.trial_frames import Clock
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +72,8 @@ def test_the_viewer_says_so(trials):
         (trials[2], "truth: not heavy, not told", "not told"),
         (trials[3], "robot error: hot", None),
     ):
-        last = list(Clock().moments(0, trial))[-1]
-        assert words in story(last)
-        assert "WRONG" not in story(last)
+        last = list(Clock().frames(0, trial))[-1]
+        assert words in narrate(last)
+        assert "WRONG" not in narrate(last)
         if line is not None:
             assert line in log_line(last)

@@ -22,7 +22,7 @@ def test_the_compile_folder_is_the_users_own(tmp_path, home):
         **os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(shared), "HOME": str(cache),
         "XDG_CACHE_HOME": str(cache), "XDG_CONFIG_HOME": str(tmp_path / "config"),
     }  # fmt: skip
-    for name in ("PYTENSOR_FLAGS", "MEAL_BAYES_CACHE_TOLD"):
+    for name in ("PYTENSOR_FLAGS", "MEAL_BAYES_CACHE_WARNED"):
         environment.pop(name, None)
     done = subprocess.run(
         [sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=False

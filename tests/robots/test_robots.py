@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import Dataset, make_synthetic, make_synthetic_model
+from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.robots import CheckedRobot, Execution, RecordedRobot, SimulatedRobot
+from meal_bayes.robots import CheckedRobot, Execution, RecordedRobot
 
 RECORDINGS = 4
 OBJECTS = 6
@@ -41,14 +41,7 @@ def repeating(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRo
     return replaying(domain, seed, luck, o, repeats=True)
 
 
-def simulated(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
-    model = make_synthetic_model(domain, objects=OBJECTS, rng=np.random.default_rng(0))
-    return CheckedRobot(
-        SimulatedRobot(model, o, np.random.default_rng(luck)), domain, object_index=o
-    )
-
-
-MAKERS = [recorded, looked_up, repeating, simulated]
+MAKERS = [recorded, looked_up, repeating]
 
 
 def run(robot: CheckedRobot, behaviors: list[int]) -> list[Execution]:
@@ -131,10 +124,9 @@ def test_luck_of_an_execution_does_not_depend_on_the_others(make: Maker) -> None
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("make", [repeating, simulated])
-def test_failures_have_the_diagram_s_frequency(make: Maker) -> None:
+def test_failures_have_the_diagram_s_frequency() -> None:
     domain, n = load_domain("roc36"), 1500
-    robot = make(domain, 13, 14)
+    robot = repeating(domain, 13, 14)
     look, grasp = domain.behavior_index("look"), domain.behavior_index("grasp")
     successes = 0
     for _ in range(n):
@@ -250,30 +242,21 @@ def test_a_person_s_answer_has_no_features(make: Maker) -> None:
         assert execution.instance.recording == -1
 
 
-def test_simulated_instances_are_fresh() -> None:
-    trial = run(simulated(load_domain("toy"), 0, 29), [0] * 30)
-    values = {str(felt(execution)) for execution in trial}
-    assert len(values) == 30
-    assert [e.instance.recording for e in trial if e.instance is not None] == list(range(30))
-
-
 def test_mistakes_are_told() -> None:
     domain, rng = load_domain("toy"), np.random.default_rng(30)
-    model = make_synthetic_model(domain, objects=OBJECTS, rng=rng)
-    for robot in (RecordedRobot(domain, 0, 2, rng, rng), SimulatedRobot(model, 0, rng)):
-        with pytest.raises(SettingsError, match="call start"):
-            robot.execute("look")
-        robot.start()
-        with pytest.raises(SettingsError, match="Unknown behavior 'lok': did you mean 'look'"):
-            robot.execute("lok")
+    robot = RecordedRobot(domain, 0, 2, rng, rng)
+    with pytest.raises(SettingsError, match="call start"):
+        robot.execute("look")
+    robot.start()
+    with pytest.raises(SettingsError, match="Unknown behavior 'lok': did you mean 'look'"):
+        robot.execute("lok")
     with pytest.raises(SettingsError, match="Object -1"):
         RecordedRobot(domain, -1, 2, rng, rng)
 
 
 def test_object_beyond_the_data_set() -> None:
-    for make in (recorded, simulated):
-        with pytest.raises(SettingsError, match=f"Object {OBJECTS}"):
-            make(load_domain("toy"), 0, 0, OBJECTS)
+    with pytest.raises(SettingsError, match=f"Object {OBJECTS}"):
+        recorded(load_domain("toy"), 0, 0, OBJECTS)
 
 
 @pytest.mark.parametrize("recordings", [0, RECORDINGS + 1])

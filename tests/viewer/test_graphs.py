@@ -1,4 +1,4 @@
-"""Diagram and search tree: everything is there, and nothing lies on anything else."""
+"""Diagram and search tree: everything is shown, and no two boxes overlap."""
 
 import itertools
 
@@ -8,9 +8,9 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.viewer.graphs import Diagram, search_tree
-from meal_bayes.viewer.moments import Clock
+from meal_bayes.viewer.graphs import Diagram, Node, box_size, overlap, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
+from meal_bayes.viewer.trial_frames import Clock
 
 
 def momdp_of(name):
@@ -22,14 +22,16 @@ def momdp_of(name):
 
 def apart(nodes):
     for one, other in itertools.combinations(nodes, 2):
-        assert abs(one.x - other.x) > 20 or abs(one.y - other.y) > 20, (one, other)
+        assert not overlap(one, other), (one, other)
 
 
-@pytest.mark.parametrize("name", ["roc36", "roc36_published", "ispy32", "cy101", "toy"])
+@pytest.mark.parametrize(
+    "name", ["roc36", "roc36_published", "ispy32", "cy101", "simulated_arm", "toy"]
+)
 def test_the_diagram_shows_every_x_and_every_legal_behavior(name, trials):
     momdp = momdp_of(name)
-    moment = next(Clock().moments(0, trials[0]))
-    graph = Diagram(momdp).at(moment)
+    frame = next(Clock().frames(0, trials[0]))
+    graph = Diagram(momdp).at(frame)
     apart(graph.nodes)
     labels = "\n".join(node.label for node in graph.nodes).split("\n")
     assert set(momdp.x_names[:-1]) <= set(labels)
@@ -42,14 +44,23 @@ def test_the_diagram_shows_every_x_and_every_legal_behavior(name, trials):
 def test_the_diagram_shows_where_the_robot_is_and_what_it_did(trials):
     trial = trials[0]
     diagram = Diagram(trial.momdp)
-    for moment in Clock().moments(0, trial):
-        colors = {node.name: node.color for node in diagram.at(moment).nodes}
-        assert [name for name, color in colors.items() if color == ORANGE] == [f"x{moment.x}"]
-        done = [node.label for node in diagram.at(moment).nodes if node.color == GREEN]
-        behavior = moment.step is not None and moment.step.decision.action < trial.momdp.n_behaviors
-        if behavior and trial.momdp.legal[moment.step.x, moment.step.decision.action]:
+    for frame in Clock().frames(0, trial):
+        colors = {node.name: node.color for node in diagram.at(frame).nodes}
+        assert [name for name, color in colors.items() if color == ORANGE] == [f"x{frame.x}"]
+        done = [node.label for node in diagram.at(frame).nodes if node.color == GREEN]
+        behavior = frame.step is not None and frame.step.decision.action < trial.momdp.n_behaviors
+        if behavior and trial.momdp.legal[frame.step.x, frame.step.decision.action]:
             (label,) = done
-            assert trial.momdp.behavior_names[moment.step.decision.action] in label
+            assert trial.momdp.behavior_names[frame.step.decision.action] in label
+
+
+def decided(trial, values, tree):
+    """Return a frame whose decision has these values and this tree."""
+    frame = list(Clock().frames(0, trial))[1]
+    n = len(values)
+    decision = Decision(3, values, np.zeros(n), np.zeros(n, int), tree, 100)
+    step = type(frame.step)(0, decision, 1, None, 1.0, -1.0, trial.last_belief)
+    return frame._replace(step=step)
 
 
 def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
@@ -63,13 +74,34 @@ def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
         *(TreeEdge(2, 1, 4, (z, 0), 10 * z, float(z)) for z in range(4)),
         TreeEdge(2, 0, e, (), 7, 1.0),
     )
-    step = list(Clock().moments(0, trial))[1]
-    decision = Decision(3, values, np.zeros(e + 1), np.zeros(e + 1, int), tree, 100)
-    moment = step._replace(step=type(step.step)(0, decision, 1, None, 1.0, -1.0, trial.last_belief))
-    graph = search_tree(moment)
+    graph = search_tree(decided(trial, values, tree))
     labels = {node.name: node.label for node in graph.nodes}
     assert labels["root"].endswith("100 simulations")
     assert {name for name in labels if "-" not in name} == {"root", "a0", "a3", f"a{e}"}
     assert labels["a3-0"].endswith("3.0 · 30")  # the most visited first
     assert [node.name for node in graph.nodes if node.color == ORANGE] == ["a3"]
+    apart(graph.nodes)
+
+
+def test_boxes_of_long_labels_overlap_only_where_they_are_drawn():
+    wide, high = box_size("high_velocity_shake\n491.4 · 36")
+    one = Node("a", "high_velocity_shake\n491.4 · 36", 0, 0, ORANGE)
+    assert (wide, high) > box_size("shake")
+    assert overlap(one, one._replace(x=wide - 1))
+    assert not overlap(one, one._replace(x=wide + 1))
+    assert not overlap(one, one._replace(y=high + 1))
+
+
+def test_a_tree_with_long_names_does_not_overlap(trials):
+    trial = trials[0]
+    e = trial.momdp.n_behaviors
+    values = np.arange(e + 1.0)
+    first = [TreeEdge(1, -1, action, (), 50, 1.0) for action in range(e)]
+    second = [
+        TreeEdge(2, parent, action, (1, 0), 10 + action, 1.0)
+        for parent in range(e)
+        for action in range(e)
+    ]
+    graph = search_tree(decided(trial, values, (*first, *second)))
+    assert len(graph.nodes) == 11
     apart(graph.nodes)

@@ -98,7 +98,7 @@ def test_sim_time_is_when_a_step_began(messages, recorded):
 def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
     action = series(recorded, "/lanes/action", "StateChange:state")
     where = series(recorded, "/lanes/x", "StateChange:state")
-    story = series(recorded, "/story", "TextDocument:text")
+    narration = series(recorded, "/narration", "TextDocument:text")
     labels = series(recorded, "/diagram/nodes", "GraphNodes:labels")
     for (first, start, steps), trial in zip(starts(messages), trials, strict=True):
         for row, step in enumerate(steps, start=1):
@@ -106,11 +106,19 @@ def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
             report = step.action == trial.momdp.n_behaviors
             assert action[key] == ["report" if report else step.action_name]
             assert where[key] == [trial.momdp.x_names[step.next_x]]
-            assert f"trial {start.trial}, step {row}:" in story[key][0]
+            assert f"trial {start.trial}, step {row}:" in narration[key][0]
             assert set(labels[key]) >= set(trial.momdp.x_names[:-1])
         verdict = "**right**" if trial.success else "**WRONG"
-        assert trial.report is None or verdict in story[start.trial, first + len(steps)][0]
-        assert "now it would answer" in story[start.trial, first][0]
+        assert trial.report is None or verdict in narration[start.trial, first + len(steps)][0]
+        assert "now it would answer" in narration[start.trial, first][0]
+
+
+def test_log_lines_fit_their_column(messages, recorded):
+    rows = recorded["/log"]
+    lines = [text for (text,) in rows["TextLog:text"]]
+    assert len(set(rows["step"])) == sum(len(steps) + 1 for _, steps, _ in messages)
+    assert len(lines) > len(set(rows["step"]))
+    assert max(map(len, lines)) <= 38
 
 
 def test_measures_of_the_run_count_every_trial(trials, recorded):
@@ -176,7 +184,7 @@ def test_strange_names_break_nothing(trials, read_back, tmp_path):
         write_recording([odd, odd], tmp_path / "odd.rrd", {"a/b": {"c": ["x", None]}})
     rows = read_back(tmp_path / "odd.rrd")
     assert len([entity for entity in rows if entity.startswith("/belief/")]) == 2
-    text = rows["/story"]["TextDocument:text"][0][0]
+    text = rows["/narration"]["TextDocument:text"][0][0]
     assert "<b>" not in text
     assert "`" not in text
 

@@ -1,8 +1,8 @@
-"""An arm in physics (MuJoCo, extra `sim`): a robot that really touches objects without end.
+"""An arm in physics (MuJoCo, extra `sim`): a robot that touches objects without limit.
 
 In: a seed, which draws objects, where they lie, and the noise of the sensors. Out: `SimulatedArm`,
-a `Robot` that executes behaviors by name, and data sets of what it felt. No behavior reads a
-parameter or a label of its object: what is felt comes out of the physics and the sensors' noise.
+a `Robot` that executes behaviors by name, and data sets of its features. No behavior reads a
+parameter or a label of its object: features come from the physics and the sensors' noise alone.
 
 `objects` says what an object is, `model` builds its physics, `physics` steps it, `behaviors` holds
 the motions, `sensors` and `camera` make features, `arm` is the robot, `record` repeats behaviors.

@@ -1,4 +1,4 @@
-"""The robot: executes behaviors by name in the physics, and says what came of them."""
+"""The robot: executes behaviors by name in the physics, and returns their outcomes."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class SimulatedArm:
     """An arm in front of one object; implements `Robot`.
 
     The k-th execution of a behavior since `start` has the same sensor noise whatever else was
-    executed, so that agents that are compared meet the same luck.
+    executed, so that agents that are compared meet the same noise.
 
     Parameters
     ----------
@@ -48,13 +48,13 @@ class SimulatedArm:
 
     @property
     def scene(self) -> Scene:
-        """The physics of this trial, to be looked at."""
+        """The physics of this trial."""
         if self._scene is None:
             raise SettingsError("The robot has no object yet; call start() first.")
         return self._scene
 
     def start(self) -> str:
-        """Begin a trial with the object at its place, and return the state."""
+        """Start a trial with the object at its place, and return the state."""
         placing = stream(self._seed, *self._path, "placing", self._starts)
         self._scene = Scene(self._parameters, placing, self._on_frame)
         self._starts += 1
@@ -63,7 +63,7 @@ class SimulatedArm:
         return self._state
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute a behavior; a failure, as a slip, gives no features.
+        """Execute a behavior, and return its outcome; a failure, as a slip, has no features.
 
         Raises
         ------
@@ -84,6 +84,6 @@ class SimulatedArm:
             return Outcome(self._state, None)
         if behavior == "look":
             return Outcome(self._state, picture_features(scene, rng))
-        felt = [channels for motion, channels in pieces if motion.recorded]
-        features = features_of(behavior, np.concatenate(felt), rng) if felt else None
+        recorded = [channels for motion, channels in pieces if motion.recorded]
+        features = features_of(behavior, np.concatenate(recorded), rng) if recorded else None
         return Outcome(self._state, features)

@@ -1,4 +1,4 @@
-"""The behaviors: what the arm does, what of it is felt, and in which state it leaves things."""
+"""The behaviors: the arm's motions, which of them are recorded, and the states they end in."""
 
 from meal_bayes.errors import RobotError
 from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, Scene
@@ -60,11 +60,11 @@ SUCCEEDED: dict[str, tuple[str, ...]] = {  # the states that a success ends in
 _AT_PLACE = 0.008  # m, along x and y, where a grasp still reaches it
 _UPRIGHT = 0.98  # cosine of the tilt
 _OFF_TABLE = 0.01  # m, lifted
-_JAMMED = 0.01  # m, by which a finger misses an opening that it was told
+_JAMMED = 0.01  # m, by which a finger misses its commanded opening
 
 
 def duration(behavior: str) -> float:
-    """Return how long a behavior takes, s of simulated time."""
+    """Return the duration of a behavior, s of simulated time."""
     return sum(motion.seconds for motion in BEHAVIORS[behavior])
 
 
@@ -78,8 +78,8 @@ def observe_state(scene: Scene) -> str:
     place, home = scene.object_place, scene.home
     if scene.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
-    told, width = scene.opening
-    if told - width > _JAMMED:
-        raise RobotError(f"the gripper jams: told to open {told:.3f} m, it stands at {width:.3f} m")
+    commanded, width = scene.opening
+    if commanded - width > _JAMMED:
+        raise RobotError(f"the gripper jams: {width:.3f} m open, commanded {commanded:.3f} m")
     near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE
     return READY if near and scene.upright > _UPRIGHT else MOVED

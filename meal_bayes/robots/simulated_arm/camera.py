@@ -55,7 +55,7 @@ def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = 
 
 
 def picture_features(scene: "Scene", rng: np.random.Generator) -> dict[str, Floats]:
-    """Return what is seen of the object: its mean color, (3,), and height, width, area in pixels.
+    """Return the object's mean color, (3,), and its height, width and area in pixels, (3,).
 
     The object is where a noisy picture differs from the memory of the empty table.
     """

@@ -1,4 +1,4 @@
-"""The scene as an onlooker sees it: bodies as boxes and balls, contact forces, the camera."""
+"""Frames of the scene for the viewer: boxes and balls, contact forces, the camera."""
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ from meal_bayes.robots.simulated_arm.physics import Scene
 
 
 def frame_of(scene: Scene) -> Frame:
-    """Return what is seen now."""
+    """Return the present frame."""
     model, data = scene.model, scene.data
     ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
     sizes = np.where(ball[:, None], model.geom_size[:, :1], model.geom_size)
@@ -32,7 +32,7 @@ def frame_of(scene: Scene) -> Frame:
 
 
 def _quaternion(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn a rotation matrix (9,) into x, y, z, w."""
+    """Return the quaternion x, y, z, w of a rotation matrix (9,)."""
     found = np.empty(4)
     mujoco.mju_mat2Quat(found, matrix)
     return np.roll(found, -1)

@@ -92,12 +92,12 @@ class Scene:
 
     @property
     def opening(self) -> tuple[float, float]:
-        """How far each finger was told to open, and how far it is open, m."""
+        """Commanded and actual opening of each finger, m."""
         return float(self.data.ctrl[2]), float(self.data.qpos[_LEFT])
 
     @property
     def object_place(self) -> Floats:
-        """Where the object's middle is, (3,) m."""
+        """Position of the object's middle, (3,) m."""
         return np.array(self.data.xpos[self._object])
 
     @property
@@ -106,7 +106,7 @@ class Scene:
         return float(self.data.xmat[self._object, 8])
 
     def put_back(self) -> None:
-        """Reset the object to its place, as a person would, and wait until it rests; it is free."""
+        """Reset the object to its place, and simulate until it rests; this costs no time."""
         now = self.data.time
         mujoco.mj_resetData(self.model, self.data)
         turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
@@ -134,7 +134,7 @@ class Scene:
                 self.data.qpos[at + 3 : at + 7] = spin
 
     def held(self) -> bool:
-        """Whether the fingers are apart and both fingertips touch the object."""
+        """Return whether the fingers are apart and both fingertips touch the object."""
         if self.data.qpos[_LEFT] < _APART:
             return False
         pairs = self.data.contact.geom

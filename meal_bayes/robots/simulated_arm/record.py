@@ -1,4 +1,4 @@
-"""Recording: every behavior on every object, as often as asked; what went wrong is tried again."""
+"""Recording of every behavior on every object; what fails is tried again."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -25,12 +25,12 @@ _TOWARDS = {READY: "grasp", GRASPED: "lift"}  # what comes nearer to `LIFTED`
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What was felt of one object.
+    """The recordings of one object.
 
     Attributes
     ----------
     recordings : the features of each recording, without the behaviors that never succeeded.
-    happened : how often each behavior led from which state to which.
+    happened : counts of (state, behavior, next state).
     """
 
     name: str
@@ -47,7 +47,7 @@ def record_object(
     population: str = "training",
     alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
 ) -> Recorded:
-    """Draw the object of that number in a population, and record it.
+    """Record the object of that number in a population.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def _record(arm: SimulatedArm, happened: Happened) -> Recording:
 def _attempt(
     arm: SimulatedArm, state: str, behavior: str, happened: Happened
 ) -> tuple[str, Mapping[str, ArrayLike] | None]:
-    """Bring the object where the behavior is legal, and execute it; one slip ends the attempt."""
+    """Execute a behavior once it is legal; return the state, and the features of a success."""
     while True:
         here = state in LEGAL[behavior]
         step = behavior if here else _way(state, LEGAL[behavior])
@@ -95,7 +95,7 @@ def _attempt(
 
 
 def _way(state: str, goals: tuple[str, ...]) -> str:
-    """Choose what leads from a state towards one of the goals."""
+    """Return a behavior that leads from a state towards one of the goals."""
     reachable = state in _TOWARDS and READY not in goals
     return _TOWARDS[state] if reachable else "reinit"
 
@@ -105,7 +105,7 @@ def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
 
     Where a behavior never succeeded, the object has fewer recordings of it.
     """
-    contexts = [(kind.name, modality) for kind in domain.behaviors for modality in kind.modalities]
+    contexts = [(b.name, modality) for b in domain.behaviors for modality in b.modalities]
     features = {
         context: {
             one.name: rows

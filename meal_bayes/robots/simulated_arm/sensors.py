@@ -1,4 +1,4 @@
-"""The sensors: noise of a stated size, and features of ten bins a channel."""
+"""The sensors: their noise, and features of ten bins a channel."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -14,10 +14,16 @@ BINS = 10
 
 
 class Noise(NamedTuple):
-    """Standard deviations of a sensor's error."""
+    """Standard deviations of a sensor's error, in the sensor's unit.
 
-    white: float  # of each sample, 500 a second
-    bias: float  # of what stays the same during one behavior
+    Attributes
+    ----------
+    white : of each sample, 500 a second.
+    bias : of an error that is constant during one behavior.
+    """
+
+    white: float
+    bias: float
 
 
 NOISE: dict[str, Noise] = {
@@ -36,7 +42,7 @@ Channels = Mapping[str, Floats]
 
 
 def sense(channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
-    """Return what the sensors show of the true channels, (T, channels)."""
+    """Return noisy measurements (T,) of the true channels (T, channels), by name."""
     shown = {}
     for name, values in zip(CHANNELS, channels.T, strict=True):
         noise = NOISE[name]
@@ -60,12 +66,12 @@ def _force(sensed: Channels) -> Floats:
 
 
 def _slip(sensed: Channels) -> Floats:
-    """Bin how far the object slid in the fingers since the behavior began, m."""
+    """Compute how far the object slid in the fingers since the behavior began, (10,) m."""
     return _from_first(sensed["object_z"] - sensed["height"])
 
 
 def _depth(sensed: Channels) -> Floats:
-    """Bin how far the hand went since it felt a contact, m."""
+    """Compute how far the hand moved since the first contact, (10,) m."""
     smooth = np.convolve(sensed["force"], np.ones(_SMOOTH) / _SMOOTH, "same")
     touched = int(np.argmax(smooth < -_CONTACT))
     height = sensed["height"]
@@ -77,7 +83,7 @@ def _flow(sensed: Channels) -> Floats:
 
 
 def _vibration(sensed: Channels) -> Floats:
-    """Bin the spread of the force about its moving average, N."""
+    """Compute the standard deviation of the force about its moving average, (10,) N."""
     force = sensed["force"]
     smooth = np.convolve(force, np.ones(_SMOOTH) / _SMOOTH, "same")
     return _in_bins((force - smooth)[_SMOOTH:-_SMOOTH], np.std)
@@ -100,7 +106,7 @@ MODALITIES: dict[str, dict[str, Callable[[Channels], Floats]]] = {
 
 
 def features_of(behavior: str, channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
-    """Return the features of what was recorded, modality -> (10,); empty for `reinit`."""
+    """Return the features of recorded channels, modality -> (10,); empty for `reinit`."""
     if behavior not in MODALITIES:
         return {}
     sensed = sense(channels, rng)

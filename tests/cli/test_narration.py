@@ -1,4 +1,4 @@
-"""A trial in words: every outcome has its own, on every terminal."""
+"""A trial as text: every outcome has its own, on every terminal."""
 
 import io
 from dataclasses import replace
@@ -8,20 +8,19 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.agents import Step
-from meal_bayes.cli.screen import signs_of
-from meal_bayes.cli.story import (
+from meal_bayes.cli.console import print_facts, signs_of
+from meal_bayes.cli.narration import (
     bar,
-    best_options,
-    happened,
-    percept,
-    print_facts,
-    tell_briefly,
-    tell_trial,
+    outcome_text,
+    percept_text,
+    print_trial,
+    print_trial_table,
 )
+from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.asking import ask
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
-from meal_bayes.planners import Decision, unvalued
+from meal_bayes.planners import unvalued
 
 
 def console(width=80, encoding="utf-8"):
@@ -30,9 +29,9 @@ def console(width=80, encoding="utf-8"):
     )
 
 
-def printed(told):
-    told.file.seek(0)
-    return told.file.read()
+def printed(terminal):
+    terminal.file.seek(0)
+    return terminal.file.read()
 
 
 @pytest.fixture
@@ -53,24 +52,24 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
 def test_every_outcome_has_its_words(momdp):
     look, lift, reinit = range(3)
     yes = np.array([1, 0], np.int8)
-    assert happened(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 -> x0"
-    assert happened(momdp, step(momdp, lift, 0, 0)) == "failed, x0 -> x0; nothing perceived"
-    assert "no recording is left" in happened(momdp, step(momdp, look, 0, 0, None, 2))
-    assert happened(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
-    assert happened(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
-    assert happened(momdp, step(momdp, look, 1, 2)).startswith("not legal here, which ends")
-    assert percept(momdp, look, yes) == "red: yes, heavy: no"
+    assert outcome_text(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 -> x0"
+    assert outcome_text(momdp, step(momdp, lift, 0, 0)) == "failed, x0 -> x0; nothing perceived"
+    assert "no recording is left" in outcome_text(momdp, step(momdp, look, 0, 0, None, 2))
+    assert outcome_text(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
+    assert outcome_text(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
+    assert outcome_text(momdp, step(momdp, look, 1, 2)).startswith("not legal here, which ends")
+    assert percept_text(momdp, look, yes) == "red: yes, heavy: no"
 
 
 def test_levels_have_words(momdp):
     four, six = (
-        replace(momdp, confusion=np.tile(telling(k), (2, 3, 1, 1)), counts=None) for k in (4, 6)
+        replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1)), counts=None) for k in (4, 6)
     )
-    assert percept(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
-    assert percept(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
+    assert percept_text(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
+    assert percept_text(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
 
 
-def telling(k):
+def rows_of(k):
     rows = np.arange(1.0, k + 1) / np.arange(1.0, k + 1).sum()
     return np.stack([rows[::-1], rows])
 
@@ -79,16 +78,16 @@ def test_a_percept_without_information_says_nothing(momdp):
     rows = np.array(momdp.confusion)
     rows[1, 0] = 0.5  # of heavy, look tells nothing
     silent = replace(momdp, confusion=rows)
-    assert percept(silent, 0, np.array([1, 0])) == "red: yes, heavy: says nothing"
-    assert percept(silent, 1, np.array([1, 0])) == "red: yes, heavy: no"
+    assert percept_text(silent, 0, np.array([1, 0])) == "red: yes, heavy: says nothing"
+    assert percept_text(silent, 1, np.array([1, 0])) == "red: yes, heavy: no"
 
 
-def test_the_best_options_hold_the_chosen_one():
+def test_the_best_options_hold_the_chosen_one_and_the_report():
     values = np.array([5.0, np.nan, 9.0, 7.0, 6.0, 1.0])
-    decision = Decision(0, values, np.zeros(6), np.zeros(6))
-    assert best_options(decision) == [2, 3, 0, 5]
-    assert best_options(replace(decision, action=2)) == [2, 3, 4, 5]
-    assert best_options(replace(decision, values=np.full(6, np.nan))) == []
+    assert best_options(values, 0, 4) == [2, 3, 0, 5]
+    assert best_options(values, 2, 4) == [2, 3, 4, 5]
+    assert best_options(values, 5, 4) == [2, 3, 4, 5]
+    assert best_options(np.full(6, np.nan), 5, 4) == []
 
 
 def test_bars_go_from_empty_to_full():
@@ -99,41 +98,41 @@ def test_bars_go_from_empty_to_full():
 
 
 @pytest.mark.parametrize("agent", ["greedy", "predefined_plus", "random"])
-def test_a_trial_is_told_in_ascii_where_the_terminal_knows_no_more(agent):
+def test_a_trial_is_terminal_in_ascii_where_the_terminal_knows_no_more(agent):
     trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent=agent)
-    told = console(encoding="ascii")
-    tell_trial(told, trial)
-    tell_briefly(told, trial)
-    text = printed(told)
+    terminal = console(encoding="ascii")
+    print_trial(terminal, trial)
+    print_trial_table(terminal, trial)
+    text = printed(terminal)
     assert text.isascii()
     assert text.count("answer ") == 2
     assert ("compares nothing" in text) == (agent != "greedy")
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_a_trial_without_a_report_is_told():
+def test_a_trial_without_a_report_is_printed():
     trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="greedy")
-    told = console()
-    tell_trial(told, replace(trial, report=None))
-    text = printed(told)
-    assert "none; every report was too risky" in text
+    terminal = console()
+    print_trial(terminal, replace(trial, report=None))
+    text = printed(terminal)
+    assert "abstained; every report was too risky" in text
     assert "verdict" not in text
 
 
 def test_certainty_is_never_claimed():
     trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="predefined_plus")
     assert trial.last_belief.positive[0] > 0.9995
-    told = console()
-    tell_briefly(told, trial)
-    tell_trial(told, trial)
-    assert ">99.9 %" in printed(told)
-    assert "100.0" not in printed(told)
+    terminal = console()
+    print_trial_table(terminal, trial)
+    print_trial(terminal, trial)
+    assert ">99.9 %" in printed(terminal)
+    assert "100.0" not in printed(terminal)
 
 
 def test_long_facts_wrap_beside_their_label():
-    told = console(width=40)
-    print_facts(told, {"label": "word " * 20, "other": "one\ntwo"})
-    lines = printed(told).splitlines()
+    terminal = console(width=40)
+    print_facts(terminal, {"label": "word " * 20, "other": "one\ntwo"})
+    lines = printed(terminal).splitlines()
     assert max(map(len, lines)) <= 40
     assert lines[1].startswith(" " * 13 + "word")
     assert lines[-1] == " " * 13 + "two"

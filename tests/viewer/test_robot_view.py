@@ -1,4 +1,4 @@
-"""The body beside the beliefs: every frame stands in the row of its step."""
+"""The robot beside the beliefs: every frame is in the row of its step."""
 
 import numpy as np
 import pytest
@@ -9,15 +9,15 @@ from meal_bayes.viewer import write_recording
 
 def frame(seconds):
     rng = np.random.default_rng(int(seconds * 10))
-    kinds = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
-    shape = (len(kinds), 3)
+    shapes = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
+    shape = (len(shapes), 3)
     return Frame(
         seconds,
         rng.normal(size=shape).astype(np.float32),
         np.full(shape, 0.1, np.float32),
-        np.tile(np.array([0, 0, 0, 1], np.float32), (len(kinds), 1)),
+        np.tile(np.array([0, 0, 0, 1], np.float32), (len(shapes), 1)),
         np.full(shape, 0.5, np.float32),
-        kinds,
+        shapes,
         np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], np.float32)[: int(seconds > 0) * 2],
         np.array([[0.0, 0.0, 3.0], [0.0, 4.0, 0.0]], np.float32)[: int(seconds > 0) * 2],
         np.full((4, 6, 3), 0.5, np.float32),
@@ -28,12 +28,12 @@ def frame(seconds):
 def watched(trials, read_back, tmp_path_factory):
     trial = trials[0]
     frames = [frame(seconds) for seconds in np.arange(0.0, trial.cost + 1e-9, 0.5)]
-    path = tmp_path_factory.mktemp("body") / "body.rrd"
+    path = tmp_path_factory.mktemp("robot") / "robot.rrd"
     assert write_recording([trial], path, {}, frames=frames) == 1
     return trial, frames, read_back(path)
 
 
-def test_every_frame_stands_in_the_row_of_its_step(watched):
+def test_every_frame_is_in_the_row_of_its_step(watched):
     trial, frames, rows = watched
     load = rows["/contact_force"]
     ends = np.cumsum([step.cost for step in trial.steps])
@@ -45,17 +45,17 @@ def test_every_frame_stands_in_the_row_of_its_step(watched):
 
 def test_bodies_and_forces_are_the_frames(watched):
     _, frames, rows = watched
-    shells = rows["/body/object"]["Boxes3D:centers"]
-    balls = rows["/body/content"]["Points3D:positions"]
+    shells = rows["/robot/object"]["Boxes3D:centers"]
+    balls = rows["/robot/content"]["Points3D:positions"]
     for one, boxes, points in zip(frames, shells, balls, strict=True):
-        np.testing.assert_allclose(boxes, one.centers[one.kinds == SHELL])
-        np.testing.assert_allclose(points, one.centers[one.kinds == BALL])
+        np.testing.assert_allclose(boxes, one.centers[one.shapes == SHELL])
+        np.testing.assert_allclose(points, one.centers[one.shapes == BALL])
     strength = rows["/contact_force"]["Scalars:scalars"]
     assert strength[0] == [0.0]
     assert strength[1] == pytest.approx([4.0])
-    assert len(rows["/body/forces"]["Arrows3D:vectors"][1]) == 2
+    assert len(rows["/robot/forces"]["Arrows3D:vectors"][1]) == 2
 
 
-def test_a_trial_that_nobody_watched_has_no_body(trials, read_back, tmp_path):
+def test_a_trial_without_frames_shows_no_robot(trials, read_back, tmp_path):
     write_recording([trials[0]], tmp_path / "plain.rrd", {})
-    assert not any(entity.startswith("/body") for entity in read_back(tmp_path / "plain.rrd"))
+    assert not any(entity.startswith("/robot") for entity in read_back(tmp_path / "plain.rrd"))

@@ -1,11 +1,13 @@
-"""The terminal: consoles, signs that every terminal can show, progress, the planner's first run."""
+"""The terminal: consoles, characters that every terminal can show, progress."""
 
 import contextlib
-import itertools
+import functools
+import json
 import re
+import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import NamedTuple, NoReturn
 
 import click
@@ -15,26 +17,31 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    SpinnerColumn,
     TextColumn,
+    TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.segment import Segment
+from rich.table import Table
+from rich.text import Text
 
 _PICTURES, _CONTROLS = 0x2400, 0x20  # pictures of the control characters below it
 _NARROWEST, _USUAL = 20, 80  # columns
+_LABEL, _NARROW = 10, 20  # characters of a label, and the fewest of its text
 _PATIENCE = 2.0  # s until a wait is explained
-_EVERY = 15.0  # s between lines of progress where nobody watches
+_EVERY = 15.0  # s between lines of progress without a terminal
 
 Advance = Callable[[int, int], None]  # called with (done, in all)
 
 
 class Signs(NamedTuple):
-    """Characters beyond ASCII, and what stands for them where the output cannot show them."""
+    """Characters beyond ASCII, or their replacements where the output cannot show them."""
 
     full: str
     empty: str
     arrow: str
-    spread: str
+    interval: str
     chosen: str
 
 
@@ -49,10 +56,10 @@ _ASCII = Signs("#", ".", "->", "+-", ">")
 
 
 def printable(text: str) -> str:
-    r"""Show what would otherwise command the terminal: names come from files that others wrote.
+    r"""Replace the characters that would control the terminal; names come from files of others.
 
-    Control characters become their pictures; what turns text around or is no character, a sign for
-    the unknown. Line breaks stay.
+    Control characters become their pictures, other invisible ones the replacement character. Line
+    breaks stay.
 
     >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
     True
@@ -76,16 +83,16 @@ def _picture(found: re.Match[str]) -> str:
     return chr(_PICTURES + code) if code < _CONTROLS else "\N{REPLACEMENT CHARACTER}"
 
 
-class _Shown(RenderHook):
-    """Makes all that a console prints printable."""
+class _PrintableHook(RenderHook):
+    """Hook that makes all output of a console printable."""
 
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        """Wrap what is to be printed."""
+        """Return the renderables, wrapped."""
         return [_Printable(one) for one in renderables]
 
 
 class _Printable:
-    """One thing that is printed."""
+    """A renderable without control characters in its text."""
 
     def __init__(self, inside: ConsoleRenderable) -> None:
         self._inside = inside
@@ -97,36 +104,67 @@ class _Printable:
             yield Segment(text, segment.style, segment.control)
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        """Measure it."""
+        """Return its width."""
         return Measurement.get(console, options, self._inside)
 
 
-class _Screen(Console):
+class _Console(Console):
     def on_broken_pipe(self) -> NoReturn:
-        """Leave the broken pipe to the program, which knows the exit code."""
+        """Raise, as the program chooses the exit code."""
         raise BrokenPipeError
 
 
 def output() -> Console:
-    """Make the console of results."""
+    """Return the console of results."""
     return _console(stderr=False)
 
 
 def notes() -> Console:
-    """Make the console of progress and notes, on standard error."""
+    """Return the console of progress and notes, on standard error."""
     return _console(stderr=True)
 
 
 def _console(*, stderr: bool) -> Console:
-    console = _Screen(stderr=stderr, highlight=False, markup=False, emoji=False)
-    console.push_render_hook(_Shown())
-    if console.width < _NARROWEST:  # COLUMNS=0, or a terminal that does not tell
+    console = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console.push_render_hook(_PrintableHook())
+    if console.width < _NARROWEST:  # COLUMNS=0, or a terminal of unknown width
         console.width = _USUAL
     return console
 
 
+def new_table(*names: str, left: Collection[str] = ()) -> Table:
+    """Return an empty table of these columns, right-justified but for the first and `left`."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in names:
+        table.add_column(name, justify="left" if name in (names[0], *left) else "right")
+    return table
+
+
+def print_json(facts: Mapping[str, object]) -> None:
+    """Print one JSON object on standard output."""
+    click.echo(json.dumps(facts, allow_nan=False))
+
+
+def print_facts(
+    console: Console, facts: Mapping[str, str], styles: Mapping[str, str] | None = None
+) -> None:
+    """Print labels and their texts; long texts wrap beside their label."""
+    for label, value in facts.items():
+        head, style = label_text(label), (styles or {}).get(label, "")
+        width = max(console.width - len(head), _NARROW)
+        for line in value.splitlines():
+            for part in textwrap.wrap(line, width, break_long_words=False) or [""]:
+                console.print(head.append_text(Text(part, style)), soft_wrap=True)
+                head = label_text("")
+
+
+def label_text(label: str) -> Text:
+    """Return the label at the beginning of a line."""
+    return Text(f"  {label:<{_LABEL}} ", "dim")
+
+
 def signs_of(console: Console) -> Signs:
-    """Choose the signs that a console can show."""
+    """Return the characters that a console can show."""
     return _ASCII if console.options.ascii_only else _UNICODE
 
 
@@ -137,7 +175,7 @@ def note(text: str) -> None:
 
 @contextlib.contextmanager
 def patience(text: str) -> Iterator[None]:
-    """Explain a wait, if it turns out to be one."""
+    """Print a note if the block takes long."""
     timer = threading.Timer(_PATIENCE, note, (text,))
     timer.daemon = True
     timer.start()
@@ -149,7 +187,7 @@ def patience(text: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def progress(what: str, unit: str) -> Iterator[Advance]:
-    """Show how far the work is and how long it will take: a bar, or lines where nobody watches."""
+    """Show fraction done and time left: a bar on a terminal, else lines."""
     console = notes()
     if not console.is_terminal:
         yield _lines(console, what, unit)
@@ -175,7 +213,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
 
 @contextlib.contextmanager
 def resumed(units: str) -> Iterator[Advance]:
-    """Show how far a run is that goes on where it stopped; tell what is there, what is kept."""
+    """Show progress of a run that can be resumed; print what is there, and what is kept."""
     done = total = 0
     try:
         with progress(units, units) as bar:
@@ -213,49 +251,20 @@ def _lines(console: Console, what: str, unit: str) -> Advance:
 
 @contextlib.contextmanager
 def showing_compilation() -> Iterator[None]:
-    """Show a moving sign with seconds while kernels are compiled, once after an install."""
+    """Show a spinner and seconds while kernels are compiled, once after an install."""
     from meal_bayes.planners import watch_compilation
 
-    sign = _Sign("compiling the planner, once after an install")
+    text, console = "compiling the planner, once after an install", notes()
+    if not console.is_terminal:
+        announce = functools.cache(functools.partial(note, f"{text} ..."))
+        with watch_compilation(announce, lambda: None):
+            yield
+        return
+    columns = SpinnerColumn("line"), TextColumn(text), TimeElapsedColumn()
+    spinner = Progress(*columns, console=console, transient=True, redirect_stdout=False)
+    spinner.add_task(text, total=None)
     try:
-        with watch_compilation(sign.start, sign.stop):
+        with watch_compilation(spinner.start, spinner.stop):
             yield
     finally:
-        sign.stop()
-
-
-class _Sign:
-    """A line on standard error that counts seconds; where nobody watches, one line is all."""
-
-    def __init__(self, text: str) -> None:
-        self._text, self._console, self._ended = text, notes(), threading.Event()
-        self._began: float | None = None
-        self._thread: threading.Thread | None = None
-
-    def start(self) -> None:
-        if self._began is None:
-            self._began = time.monotonic()
-            if not self._console.is_terminal:
-                note(f"{self._text} ...")
-        if self._console.is_terminal and self._thread is None:
-            self._ended.clear()
-            self._thread = threading.Thread(target=self._move, args=(self._began,), daemon=True)
-            self._thread.start()
-
-    def _move(self, began: float) -> None:
-        for sign in itertools.cycle("-\\|/"):
-            seconds = time.monotonic() - began
-            self._write(f"\r{sign} {self._text}: {seconds:.0f} s ")
-            if self._ended.wait(0.1):
-                break
-        self._write("\r\033[K")
-
-    def _write(self, text: str) -> None:
-        self._console.file.write(text)
-        self._console.file.flush()
-
-    def stop(self) -> None:
-        self._ended.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        spinner.stop()

@@ -1,0 +1,220 @@
+"""A trial as text: beliefs as bars, the decision and its reasons, the outcome, the cost."""
+
+import math
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from meal_bayes.cli.console import Signs, label_text, print_facts, signs_of
+from meal_bayes.display import best_options, level_names, percent
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from meal_bayes.agents import Step, Task, Trial
+    from meal_bayes.momdp import MOMDP
+    from meal_bayes.planners import Decision
+
+_BAR = 30  # characters
+_OPTIONS = 4  # actions that are compared
+_SHOWN_ERROR = 0.05  # errors below it would print as 0.0
+_SILENT = "~"  # a percept without information, in a narrow column
+_UNBOUNDED = 10_000  # characters
+
+
+class Narrator:
+    """Printer of one trial on a console while it runs."""
+
+    def __init__(self, console: Console, task: "Task", momdp: "MOMDP") -> None:
+        self._console, self._momdp = console, momdp
+        self._names = task.query.attributes
+        self._signs = signs_of(console)
+        self._spent, self._steps = 0.0, 0
+        self._header_printed = False
+        self._print_heading("before any behavior")
+        self._print_belief(momdp.prior)
+
+    def step(self, step: "Step") -> None:
+        """Print one step."""
+        self._steps += 1
+        self._spent += step.cost
+        momdp, action = self._momdp, step.decision.action
+        name = momdp.behavior_names[action] if action < momdp.n_behaviors else "report"
+        self._console.print()
+        self._print_heading(f"{self._steps}  {name}")
+        self._print_values(step.decision, step.x)
+        if action >= momdp.n_behaviors:
+            return
+        facts = {"outcome": outcome_text(momdp, step, self._signs.arrow)}
+        if step.observation is not None:
+            facts["percept"] = percept_text(momdp, action, step.observation)
+        if step.warning:
+            facts["warning"] = step.warning
+        print_facts(self._console, facts, {"warning": "yellow"})
+        self._print_belief(step.belief.positive)
+        print_facts(self._console, {"cost": f"{step.cost:g} s, in all {self._spent:.1f} s"})
+
+    def end(self, trial: "Trial") -> None:
+        """Print the report, whether it is right, and the cost of the trial."""
+        self._console.print()
+        print_facts(self._console, final_facts(trial), verdict_style(trial))
+
+    def _print_values(self, decision: "Decision", x: int) -> None:
+        """Print the possible actions and their expected rewards, the chosen one marked."""
+        momdp, end = self._momdp, self._momdp.n_behaviors
+        possible = momdp.legal[x].nonzero()[0]
+        if len(possible) == 1:
+            only, here = momdp.behavior_names[possible[0]], momdp.x_names[x]
+            print_facts(self._console, {"possible": f"in {here} only {only}, or a report"})
+        chosen = min(decision.action, end)
+        options = best_options(decision.values, chosen, _OPTIONS)
+        if not options:
+            print_facts(self._console, {"why": "this agent follows a rule and compares nothing"})
+            return
+        names = [*momdp.behavior_names, "report now"]
+        width, label = max(len(names[option]) for option in options), "why"
+        if not self._header_printed:
+            self._header_printed = True
+            heads = "expected reward" + "   simulations" * (decision.simulations > 0)
+            self._print_row(label, Text(f"{'':<{width + 4}}{heads}", "dim"))
+            label = ""
+        for option in sorted(options, key=lambda option: option == end):
+            sign = self._signs.chosen if option == chosen else " "
+            line = f"{sign:<2}{names[option]:<{width}}  {self._value_text(decision, option)}"
+            self._print_row(label, Text(line.rstrip(), "bold" if option == chosen else ""))
+            label = ""
+
+    def _value_text(self, decision: "Decision", option: int) -> str:
+        error = decision.value_se[option]
+        interval = f"{self._signs.interval}{error:.1f}" if error >= _SHOWN_ERROR else ""
+        value = f"{decision.values[option]:8.1f} {interval:<7}"
+        simulated = option < self._momdp.n_behaviors and decision.simulations > 0
+        return f"{value}  {decision.visits[option]:12d}" if simulated else value
+
+    def _print_belief(self, positive: "NDArray[np.float64]") -> None:
+        width = max(map(len, self._names))
+        label = "belief"
+        for name, p in zip(self._names, positive, strict=True):
+            line = Text(f"{name:<{width}}  ").append_text(bar(p, self._signs))
+            self._print_row(label, line.append(f" {percent(p):>7}"))
+            label = ""
+
+    def _print_heading(self, text: str) -> None:
+        self._console.print(Text(text, "bold"))
+
+    def _print_row(self, label: str, text: Text) -> None:
+        self._console.print(label_text(label).append_text(text), no_wrap=True, overflow="ellipsis")
+
+
+def print_trial(console: Console, trial: "Trial") -> None:
+    """Print a finished trial, each step with its decision, outcome and belief."""
+    narrator = Narrator(console, trial.task, trial.momdp)
+    for step in trial.steps:
+        narrator.step(step)
+    narrator.end(trial)
+
+
+def print_trial_table(console: Console, trial: "Trial") -> None:
+    """Print a finished trial in a line a step: percept and belief of each attribute, in percent.
+
+    With more attributes than the console is wide for, print it as `print_trial` does.
+    """
+    from meal_bayes.trial_log.words import percept_words
+
+    names, momdp = trial.task.query.attributes, trial.momdp
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
+    table.add_column("", justify="right")
+    table.add_column("behavior")
+    table.add_column("s", justify="right")
+    for name in names:
+        table.add_column(f"{name} %")
+    width = max(map(len, level_names(momdp.levels)))
+    first = [_cell("", p, width) for p in trial.first_belief.positive]
+    table.add_row("", Text("before any", "dim"), "", *first)
+    silent = False
+    for number, step in enumerate(trial.steps, start=1):
+        action = step.decision.action
+        if action >= momdp.n_behaviors:
+            continue
+        percepts = ["-" if momdp.informative[action].max() > 0 else ""] * len(names)
+        if step.observation is not None:
+            percepts = percept_words(momdp, action, step.observation, _SILENT)
+        silent |= _SILENT in percepts
+        pairs = zip(percepts, step.belief.positive, strict=True)
+        cells = [_cell(name, p, width) for name, p in pairs]
+        table.add_row(str(number), momdp.behavior_names[action], f"{step.cost:.1f}", *cells)
+    whole = console.measure(table, options=console.options.update(max_width=_UNBOUNDED))
+    if whole.maximum > console.width:
+        print_trial(console, trial)
+        return
+    console.print(table)
+    if silent:
+        console.print(Text(f"  {_SILENT} a percept that says nothing of this attribute", "dim"))
+    console.print()
+    for number, step in enumerate(trial.steps, start=1):
+        if step.warning:
+            print_facts(console, {"warning": f"step {number}: {step.warning}"})
+    print_facts(console, final_facts(trial), verdict_style(trial))
+
+
+def _cell(percept: str, p: float, width: int) -> str:
+    return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
+
+
+def final_facts(trial: "Trial") -> dict[str, str]:
+    """Return texts of the report, its truth, the verdict and the cost."""
+    from meal_bayes.trial_log.words import truth_words, verdict_word
+
+    facts = {
+        "answer": "abstained; every report was too risky",
+        "truth": truth_words(trial.task.query.attributes, trial.truth),
+    }
+    if trial.ended:
+        facts["answer"] = f"none; {trial.ended}"
+    if trial.report is not None:
+        facts["answer"] = trial.task.query.report_name(trial.report)
+        if trial.success is not None:
+            facts["verdict"] = verdict_word(trial)
+    reward = "" if math.isnan(trial.reward) else f", reward {trial.reward:.1f}"
+    facts["cost"] = f"{trial.cost:.1f} s{reward}"
+    return facts
+
+
+def verdict_style(trial: "Trial") -> dict[str, str]:
+    """Return the styles of the answer and the verdict."""
+    return {"answer": "bold", "verdict": "bold green" if trial.success else "bold red"}
+
+
+def bar(p: float, signs: Signs) -> Text:
+    """Draw a probability; green where the attribute would be reported."""
+    full = round(p * _BAR)
+    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")  # noqa: PLR2004
+    return line.append(signs.empty * (_BAR - full), "dim")
+
+
+def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
+    """Return what a behavior led to, as text."""
+    action, x, next_x = step.decision.action, step.x, step.next_x
+    path = f"{momdp.x_names[x]} {arrow} {momdp.x_names[next_x]}"
+    if not momdp.legal[x, action]:
+        return f"not legal here{', which ends the trial' * (next_x == momdp.terminal)}: {path}"
+    if step.observation is not None:
+        return f"succeeded, {path}"
+    if step.warning:
+        return f"{path}; the features are no percept"
+    if momdp.informative[action].max() <= 0:
+        return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
+    if step.belief.seen[0, action].sum() >= momdp.limit[action]:
+        return f"{path}, but no recording is left to replay"
+    return f"failed, {path}; nothing perceived"
+
+
+def percept_text(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]") -> str:
+    """Return the percept of each attribute, as text."""
+    from meal_bayes.trial_log.words import percept_words
+
+    pairs = zip(momdp.query.attributes, percept_words(momdp, behavior, observation), strict=True)
+    return ", ".join(f"{name}: {percept}" for name, percept in pairs)

@@ -1,0 +1,140 @@
+"""The texts of the viewer, as Markdown: question, decision, outcome, answer."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from meal_bayes.agents.trial import Step, Trial
+from meal_bayes.display import best_options, percent
+from meal_bayes.momdp import MOMDP
+from meal_bayes.trial_log.words import percept_words, truth_words, verdict_word
+from meal_bayes.viewer.trial_frames import TrialFrame
+
+_OPTIONS = 8  # actions that are compared
+_ATTRIBUTES = 12  # that are listed
+_SHOWN_ERROR = 0.05  # errors below it would print as 0.0
+
+
+@lru_cache(maxsize=4096)
+def plain_text(text: str) -> str:
+    """Remove from a name the characters that Markdown would interpret."""
+    return "".join(" " if sign in "\\`*<>[]()|#!\n\r\t$" else sign for sign in text).strip()
+
+
+def question(trial: Trial) -> str:
+    """Return the question of a trial."""
+    return " and ".join(plain_text(name) for name in trial.task.query.attributes) + "?"
+
+
+def action_label(momdp: MOMDP, action: int) -> str:
+    """Return the name of a behavior, or "report"."""
+    return plain_text(momdp.behavior_names[action]) if action < momdp.n_behaviors else "report"
+
+
+def narrate(frame: TrialFrame) -> str:
+    """Return the text of a frame: question, step, outcome, beliefs, answer."""
+    trial, momdp, step = frame.trial, frame.trial.momdp, frame.step
+    about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
+    lines = [f"### {question(trial)}", about, "", *_executed(frame), ""]
+    lines += ["|attribute|belief|percept|", "|---|---|---|"]
+    percepts = [""] * len(trial.task.query)
+    if step is not None and step.observation is not None:
+        percepts = percept_words(momdp, step.decision.action, step.observation)
+    rows = list(zip(trial.task.query.attributes, frame.positive.tolist(), percepts, strict=True))
+    lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
+    return "\n".join([*lines, "", *_answer(frame)])
+
+
+def explain_decision(frame: TrialFrame) -> str:
+    """Return a table of the expected rewards of the actions when the step was chosen."""
+    step, momdp = frame.step, frame.trial.momdp
+    if step is None:
+        return "*Nothing is decided yet.*"
+    decision, end = step.decision, momdp.n_behaviors
+    chosen = min(decision.action, end)
+    options = best_options(decision.values, chosen, _OPTIONS)
+    if not options:
+        return "*This agent follows a fixed rule and compares nothing.*"
+    rows = ["|action|expected reward|visits|cost, s|", "|---|---|---|---|"]
+    for option in options:
+        error = decision.value_se[option]
+        interval = f" ± {error:.1f}" if error >= _SHOWN_ERROR else ""
+        cells = [
+            action_label(momdp, option),
+            f"{decision.values[option]:.1f}{interval}",
+            f"{decision.visits[option]}" if option < end and decision.simulations else "",
+            f"{momdp.cost[option]:g}" if option < end else "0",
+        ]
+        if option == chosen:
+            cells = [f"**{cell}**" if cell else cell for cell in cells]
+        rows.append(f"|{'|'.join(cells)}|")
+    searched = f"\n\n{decision.simulations} simulations" if decision.simulations else ""
+    return "\n".join(rows) + searched
+
+
+def log_line(frame: TrialFrame) -> str:
+    """Return a frame in one line."""
+    trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
+    if step is None:
+        return f"trial {frame.trial_number}: {question(trial)} {plain_text(trial.task.object_name)}"
+    action = step.decision.action
+    if action >= momdp.n_behaviors:
+        verdict = verdict_word(trial).replace("wrong", "WRONG")
+        return f"answers {report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
+    percept = "nothing"
+    if step.observation is not None:
+        percept = ", ".join(percept_words(momdp, action, step.observation))
+    path = f"{momdp.x_names[step.x]} → {momdp.x_names[step.next_x]}"
+    return f"{momdp.behavior_names[action]}, {path}, percept {percept}, H {frame.entropy:.2f}"
+
+
+def report_text(trial: Trial, values: np.ndarray | None) -> str:
+    """Return the values (N,) of a report by name, or "abstained"."""
+    return "abstained" if values is None else plain_text(trial.task.query.report_name(values))
+
+
+def _executed(frame: TrialFrame) -> Sequence[str]:
+    step, momdp, number = frame.step, frame.trial.momdp, frame.trial_number
+    if step is None:
+        return [f"**trial {number}, before any behavior**"]
+    action = step.decision.action
+    title = f"**trial {number}, step {frame.number}: {action_label(momdp, action)}**"
+    if action >= momdp.n_behaviors:
+        return [title, "", f"cost in all {frame.spent:g} s"]
+    path = f"{plain_text(momdp.x_names[step.x])} → {plain_text(momdp.x_names[step.next_x])}"
+    text = f"{path}, {_outcome(step, momdp)}, {step.cost:g} s ({frame.spent:g} s so far)"
+    return [title, "", text, *([f"**{plain_text(step.warning)}**"] if step.warning else [])]
+
+
+def _outcome(step: Step, momdp: MOMDP) -> str:
+    action = step.decision.action
+    if not momdp.legal[step.x, action]:
+        return "**not legal here**"
+    if step.observation is not None or (
+        momdp.informative[action].max() <= 0 and step.x != step.next_x
+    ):
+        return "succeeded"
+    if step.warning:
+        return "**no percept**"
+    if step.belief.seen[0, action].sum() >= momdp.limit[action]:
+        return "no recording left"
+    return "**failed**, nothing perceived"
+
+
+def _answer(frame: TrialFrame) -> Sequence[str]:
+    trial = frame.trial
+    if not frame.last:
+        best = report_text(trial, frame.positive > 0.5)  # noqa: PLR2004
+        probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
+        return [f"now it would answer **{best}** ({percent(probability)} sure)"]
+    truth = plain_text(truth_words(trial.task.query.attributes, trial.truth))
+    if trial.ended:
+        return ["### broken off", f"{plain_text(trial.ended)}; truth: {truth}"]
+    if trial.report is None:
+        return ["### abstained", f"every report was too risky; truth: {truth}"]
+    answer = f"### answer: {report_text(trial, trial.report)}"
+    if trial.success is None:
+        return [answer, f"truth: {truth}"]
+    verdict = "right" if trial.success else f"WRONG; truth: {truth}"
+    return [answer, f"**{verdict}**, reward {trial.reward:.1f}"]

@@ -1,0 +1,75 @@
+"""The rows of a recording: every trial before any behavior, then once after each step."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import entr
+
+from meal_bayes.agents.trial import Step, Trial
+
+
+class TrialFrame(NamedTuple):
+    """One row: the belief after a step, and the decision behind it.
+
+    Attributes
+    ----------
+    row : position on the timeline `step`.
+    trial_number : position of the trial in its log, on the timeline `trial`.
+    seconds : s of robot time when the step began, on the timeline `sim_time`.
+    number : 0 before any behavior, i after the i-th step.
+    step : None before any behavior.
+    before, positive : (N,) Pr(attribute is true) before and after the step.
+    x : index of the robot's state after the step.
+    spent : s, cost of the trial so far.
+    """
+
+    row: int
+    trial_number: int
+    seconds: float
+    trial: Trial
+    number: int
+    step: Step | None
+    before: NDArray[np.float64]
+    positive: NDArray[np.float64]
+    x: int
+    spent: float
+
+    @property
+    def last(self) -> bool:
+        """Whether the trial ends here."""
+        return self.number == len(self.trial.steps)
+
+    @property
+    def entropy(self) -> float:
+        """Entropy of the belief, bits."""
+        return float((entr(self.positive) + entr(1.0 - self.positive)).sum() / np.log(2))
+
+
+@dataclass
+class Clock:
+    """Counter of rows and robot time over the trials of a run.
+
+    One row is left free between two trials. `sim_time` adds up the seconds that behaviors took;
+    each row stands where its step began.
+    """
+
+    row: int = 0
+    seconds: float = 0.0
+
+    def frames(self, number: int, trial: Trial) -> Iterator[TrialFrame]:
+        """Yield the rows of the next trial, whose position in the log is `number`."""
+        start, before, spent = self.seconds, trial.first_belief.positive, 0.0
+        x = trial.first_belief.x
+        yield TrialFrame(self.row, number, start, trial, 0, None, before, before, x, spent)
+        for index, step in enumerate(trial.steps, start=1):
+            self.row += 1
+            began, spent, after = start + spent, spent + step.cost, step.belief.positive
+            yield TrialFrame(
+                self.row, number, began, trial, index, step, before, after, step.next_x, spent
+            )
+            before = after
+        self.row += 2
+        self.seconds = start + spent
