@@ -76,16 +76,15 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
 
 def one_step_ahead(momdp, problem, table, x, b):
     """Value of the best behavior or ending, by reading the table off."""
-    best = max(momdp.report_reward(np.maximum(b, 1 - b)), problem.exit_value[x])
+    best = max(momdp.report_reward(np.maximum(b, 1 - b)), problem.dynamics.exit_value[x])
     scratch = make_scratch(table, momdp.levels)
-    for e in np.flatnonzero(problem.legal[x]):
+    for e in np.flatnonzero(problem.dynamics.step["legal"][x]):
+        step = problem.dynamics.step[x, e]
         bonus = (1 - b) @ momdp.bonus[:, e, 0] + b @ momdp.bonus[:, e, 1]
-        value = problem.bonus_scale[x, e] * bonus - problem.cost[x, e]
-        for k in range(problem.branches[x, e]):
-            percept = e if problem.branch_sense[x, e, k] else -1
-            to = problem.branch_x[x, e, k]
-            after = value_after(table, momdp.confusion, to, percept, b, scratch)
-            value += problem.discount[x, e] * problem.branch_p[x, e, k] * after
+        value = step["bonus_scale"] * bonus - step["cost"]
+        for p, to, senses in problem.dynamics.outcomes(x, e):
+            after = value_after(table, momdp.confusion, to, e if senses else -1, b, scratch)
+            value += step["discount"] * p * after
         best = max(best, value)
     return best
 

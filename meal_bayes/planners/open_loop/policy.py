@@ -43,5 +43,5 @@ class OpenLoopPolicy:
         scratch.counts[:] = belief.seen
         scratch.total[:] = belief.seen[0].sum(axis=1)
         behavior_values(self.problem, plans, belief.x, np.exp(belief.weight), scratch)
-        exit_value = float(self.problem.exit_value[belief.x])
+        exit_value = float(self.problem.dynamics.exit_value[belief.x])
         return Decision.exact(*choose(self.momdp, belief, scratch.value, exit_value))

@@ -139,7 +139,7 @@ class POMCPPolicy:
         few = left.sum() <= 1
         if not few and self.tables is None:
             return None
-        exit_value = float(problem.exit_value[x])
+        exit_value = float(problem.dynamics.exit_value[x])
         action, values = choose(self.momdp, belief, lower, exit_value)
         chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
         if self.tables is not None:
@@ -180,7 +180,7 @@ class POMCPPolicy:
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0] = self._lower_bounds(belief, leaf), 0
             tree.edge["first"][0] = -1
-        exit_value = float(self.problem.exit_value[belief.x])
+        exit_value = float(self.problem.dynamics.exit_value[belief.x])
         action, values = choose(self.momdp, belief, tree.edge["value"][0], exit_value)
         visits = tree.edge["visits"][0]
         errors = np.where(np.isnan(values), np.nan, 0.0)
@@ -205,7 +205,7 @@ class POMCPPolicy:
         scratch = make_scratch(percepts, int(np.diff(plans.first).max()))
         tree.size[0] = 1
         tree.prob[0], tree.level[0] = prob, -1
-        stop = max(report_value(momdp, belief), float(self.problem.exit_value[belief.x]))
+        stop = max(report_value(momdp, belief), float(self.problem.dynamics.exit_value[belief.x]))
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
         table = _EMPTY if tables is None else tables.estimate
         return tree, Leaf(plans, table, scratch, grid.make_scratch(table, momdp.levels)), sampled
