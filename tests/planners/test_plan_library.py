@@ -29,7 +29,7 @@ def evaluated(problem, plans, x, weight, seen=None, floor=-np.inf):
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
     if seen is not None:
         scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
-    return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor)
+    return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor, False)
 
 
 def values_at(problem, plans, x, weight, seen=None):
