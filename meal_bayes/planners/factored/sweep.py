@@ -116,17 +116,18 @@ def _cubic(
 
 def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
-    beliefs = table.beliefs
-    reward = edges.reward[:, :1]
+    axes, reward = table.axes, edges.reward[:, :1]
     if edges.reward[:, 1:].any():
-        reward = reward + edges.reward[:, 1:] @ beliefs.T
+        slopes = edges.reward[:, 1:, None]
+        pay = [table.combined(map(np.multiply, slope, axes), np.add) for slope in slopes]
+        reward = reward + np.array(pay)
     shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
     for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size], weight[i, :, :size] = part
     point[~edges.moves, 0, 0] = -1
-    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
-    floor = np.maximum(report, edges.exit_value)
+    right = table.combined((np.maximum(axis, 1 - axis) for axis in axes), np.multiply)  # (B,)
+    floor = np.maximum(momdp.report_reward(right[:, None]), edges.exit_value)
     return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
 
 
