@@ -14,7 +14,7 @@ _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
 _CELL = "text-align:left;padding-right:1em;white-space:nowrap"
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
-_LEVELS = {2: ("no", "yes"), 4: ("strong no", "no", "yes", "strong yes")}
+_LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 
 
 def short_repr(instance: Any) -> str:
@@ -110,6 +110,6 @@ def level_names(levels: int) -> tuple[str, ...]:
     """Return the names of the K levels of a percept, the surest "no" first.
 
     >>> level_names(4)
-    ('strong no', 'no', 'yes', 'strong yes')
+    ('surely no', 'no', 'yes', 'surely yes')
     """
     return _LEVELS.get(levels) or tuple(f"level {k}" for k in range(levels))

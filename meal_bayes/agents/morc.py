@@ -61,7 +61,7 @@ class Morc:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
-        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
+        columns = self.table.domain.columns(task.query.attributes)
         momdp, policy = self.prepare(task)
         return run_trial(
             task,
@@ -81,7 +81,7 @@ class Morc:
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
             limit = self._recordings(task) if self.percepts == "recorded" else np.inf
-            columns = [self.table.domain.attribute_index(name) for name in key[1]]
+            columns = self.table.domain.columns(key[1])
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
                 task.query,

@@ -131,14 +131,15 @@ def tell_briefly(console: Console, trial: "Trial") -> None:
 
     With more attributes than the console is wide for, tell it as `tell_trial` does.
     """
-    from meal_bayes.trial_log.words import level_words, percept_words
+    from meal_bayes.display import level_names
+    from meal_bayes.trial_log.words import percept_words
 
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     table.add_column("", justify="right")
     table.add_column("behavior")
     table.add_column("s", justify="right")
-    words = _SHORT_LEVELS.get(momdp.levels) or level_words(momdp.levels)
+    words = _SHORT_LEVELS.get(momdp.levels) or level_names(momdp.levels)
     width = max(map(len, words))
     silent = False
     for name in names:

@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.files import write_whole
-from meal_bayes.trial_log.words import level_words
 
 __all__ = [
     "COLORS", "Axes", "Series", "bars", "behavior_use", "belief_trace", "confusion_matrices",
@@ -233,7 +233,7 @@ def confusion_matrices(
     with _axes(ax, height=1.2 + 0.5 * len(rows)) as to:
         image = to.imshow(rows, cmap="viridis", vmin=0, vmax=1, aspect="auto")
         _numbers(to, rows, image, 2, spread)
-        to.set_xticks(range(k), level_words(k))
+        to.set_xticks(range(k), level_names(k))
         names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
         to.set_yticks(range(len(rows)), names)
         to.set(xlabel="percept", ylabel="truth", title=title)

@@ -115,7 +115,7 @@ class Fitted:
         told : (P,) what people said of this object before; -1 nothing.
         """
         domain, agent = self.knowledge.domain, self.agent
-        columns = [domain.attribute_index(name) for name in task.query.attributes]
+        columns = domain.columns(task.query.attributes)
         momdp, policy = agent.prepare(
             task.query,
             self.knowledge,

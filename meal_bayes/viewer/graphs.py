@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meal_bayes.display import level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.trial_log.words import level_words
 from meal_bayes.viewer.moments import Moment
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, Color
 from meal_bayes.viewer.words import action_word, best_options
@@ -160,6 +160,6 @@ def _action_label(momdp: MOMDP, decision: Decision, action: int) -> str:
 
 
 def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:
-    words = level_words(momdp.levels)
+    words = level_names(momdp.levels)
     seen = ", ".join(words[z] for z in edge.observation if 0 <= z < len(words)) or "nothing"
     return f"{seen} → {action_word(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"

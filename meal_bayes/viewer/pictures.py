@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.display import level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.picture import truth_rows, viridis
-from meal_bayes.trial_log.words import level_words, percent
+from meal_bayes.trial_log.words import percent
 from meal_bayes.viewer.moments import Moment
 from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
 from meal_bayes.viewer.words import plain
@@ -126,7 +127,7 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
         at = left + (z + 0.5) * _CELL_WIDE
         for most, row in ((sampled[:, i, z].min(), 2 * i), (sampled[:, i, z].max(), 2 * i + 1)):
             labels.append(Label(f"{most:.2f}", at, (row + _MIDDLE) * _CELL_HIGH, WHITE))
-    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
+    for z, word in enumerate(_SHORT.get(k) or level_names(k)):
         at = left + (z + 0.5) * _CELL_WIDE
         labels.append(Label(word, at, (2 * n + _MIDDLE) * _CELL_HIGH, TEXT))
     return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
@@ -144,7 +145,7 @@ def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
 def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
     rows, k = values.shape
     labels = [Label(title, left + k * _CELL_WIDE / 2, -1.3 * high, TEXT)]
-    for z, word in enumerate(_SHORT.get(k) or level_words(k)):
+    for z, word in enumerate(_SHORT.get(k) or level_names(k)):
         labels.append(Label(word, left + (z + 0.5) * _CELL_WIDE, (rows + _MIDDLE) * high, TEXT))
     for row in range(rows):
         for z in range(k):
