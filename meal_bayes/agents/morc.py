@@ -17,6 +17,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
 
@@ -39,6 +40,7 @@ class Morc:
     percepts: str = "recorded"
     reward: float | None = None  # r+ = -r-, the domain's by default
     told: NDArray[np.int8] | None = None  # (O,P) what people told of objects met before; -1 nothing
+    given: ConfusionPosterior | None = None  # of one's own, in place of what the others' say
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
     _policies: OrderedDict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
         default_factory=OrderedDict
@@ -99,12 +101,15 @@ class Morc:
     def knowledge(self, held_out: int) -> Knowledge:
         """Learn from all objects but one, once."""
         if held_out not in self._knowledge:
-            self._knowledge[held_out] = knowledge_without(
+            known = knowledge_without(
                 self.table,
                 held_out,
                 levels=self.agent.levels,
                 object_level=self.agent.object_level,
             )
+            if self.given is not None:
+                known = replace(known, posterior=self.given)
+            self._knowledge[held_out] = known
         return self._knowledge[held_out]
 
     def _recordings(self, task: Task) -> NDArray[np.int64]:
