@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from calibration_misperception import misperception
 from numpy.typing import NDArray
 
 from meal_bayes.agents import knowledge_without
@@ -40,11 +41,10 @@ from meal_bayes.perception.confusion import by_truth
 from meal_bayes.posterior import (
     ConfusionPosterior,
     learn_degree,
-    log_likelihood,
-    misperception,
     truth_evidence,
 )
 from meal_bayes.posterior.dispersion import youden
+from meal_bayes.posterior.pointwise import log_likelihood
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]

@@ -27,15 +27,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from planner_bound import restrict, upper_bound
 from planner_costs import measure_costs, table_of
 from planner_models import LARGE, MODELS, momdp_of
 from planner_policies import PLANNERS, TABLED, Planner, believed_in, planners_for, solver_of
+from planner_rollouts import Rollouts, simulate
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, Policy
-from meal_bayes.planners.factored.bound import restrict, upper_bound
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.seeds import stream
 
 PIECE = 100  # episodes

@@ -20,6 +20,7 @@ import numpy as np
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import coverage, rank_statistics, simulate, uniformity
@@ -34,6 +35,12 @@ MASSES = (0.5, 0.8, 0.95)
 BATCHES = 20  # of draws, for the error of a standard deviation
 
 Row = dict[str, object]
+
+
+def _drawn(posterior: ConfusionPosterior, rng: np.random.Generator, size: int) -> np.ndarray:
+    """Draw mean matrices from a conjugate posterior, (size,P,E,2,K)."""
+    weight = posterior.concentration.sum(axis=-1)
+    return sample_rows(posterior.mean, weight, np.zeros((size, *posterior.mean.shape)), rng)
 
 
 def main() -> None:
@@ -111,7 +118,7 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
         prior = leaning(2, 4.0, 1, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5, independent=True)
         posterior = ConfusionPosterior.from_counts(made.counts, prior=prior)
-        drawn = posterior.sample(rng, 999)
+        drawn = _drawn(posterior, rng, 999)
         yield judged("conjugate", "m", yes(made.mean), yes(drawn), rng)
         for levels in (2, 4):
             prior = leaning(levels, 4.0, 4, behaviors)
@@ -123,7 +130,7 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
             yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)
             yield judged(kind, "s", made.dispersion[0], s[:, 0], rng)
             summed = ConfusionPosterior.from_objects(made.counts, prior=prior)
-            drawn = summed.sample(rng, 499)
+            drawn = _drawn(summed, rng, 499)
             kind = f"from_objects, {levels} levels"
             yield judged(kind, "m", yes(made.mean)[0], yes(drawn)[:, 0], rng)
             alpha = summed.precision[..., None] * summed.mean

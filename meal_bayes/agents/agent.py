@@ -76,7 +76,7 @@ class Agent:
         trust : Pr(what people said is right).
         """
         domain = knowledge.domain
-        columns = [domain.attribute_index(name) for name in query.attributes]
+        columns = domain.columns(query.attributes)
         confusion, precision, kinds = (self.observation_model or self._observation)(
             knowledge, columns
         )

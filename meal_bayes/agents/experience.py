@@ -130,7 +130,7 @@ class Experience:
     def absorb(self, domain: Domain, trial: Trial, told: NDArray[np.int8]) -> "Experience":
         """Add what a training trial showed and what was told of it, (N,) (Alg. 2, l. 18-23)."""
         o = trial.task.object_index
-        columns = np.array([domain.attribute_index(name) for name in trial.task.query.attributes])
+        columns = np.array(domain.columns(trial.task.query.attributes))
         columns, values = columns[told >= 0], told[told >= 0]
         used, labels, gathered = self.used.copy(), self.labels.copy(), self.gathered.copy()
         known, attempts = self.told.copy(), self.attempts.copy()

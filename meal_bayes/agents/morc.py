@@ -17,6 +17,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
 
@@ -39,6 +40,7 @@ class Morc:
     percepts: str = "recorded"
     reward: float | None = None  # r+ = -r-, the domain's by default
     told: NDArray[np.int8] | None = None  # (O,P) what people told of objects met before; -1 nothing
+    given: ConfusionPosterior | None = None  # of one's own, in place of what the others' say
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
     _policies: OrderedDict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
         default_factory=OrderedDict
@@ -61,7 +63,7 @@ class Morc:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
-        columns = [self.table.domain.attribute_index(name) for name in task.query.attributes]
+        columns = self.table.domain.columns(task.query.attributes)
         momdp, policy = self.prepare(task)
         return run_trial(
             task,
@@ -81,7 +83,7 @@ class Morc:
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
             limit = self._recordings(task) if self.percepts == "recorded" else np.inf
-            columns = [self.table.domain.attribute_index(name) for name in key[1]]
+            columns = self.table.domain.columns(key[1])
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
                 task.query,
@@ -99,12 +101,15 @@ class Morc:
     def knowledge(self, held_out: int) -> Knowledge:
         """Learn from all objects but one, once."""
         if held_out not in self._knowledge:
-            self._knowledge[held_out] = knowledge_without(
+            known = knowledge_without(
                 self.table,
                 held_out,
                 levels=self.agent.levels,
                 object_level=self.agent.object_level,
             )
+            if self.given is not None:
+                known = replace(known, posterior=self.given)
+            self._knowledge[held_out] = known
         return self._knowledge[held_out]
 
     def _recordings(self, task: Task) -> NDArray[np.int64]:

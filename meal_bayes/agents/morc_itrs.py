@@ -177,7 +177,7 @@ class MorcItrs:
         return self.world.dataset.recordings
 
     def _columns(self, task: Task) -> list[int]:
-        return [self.knowledge.domain.attribute_index(name) for name in task.query.attributes]
+        return self.knowledge.domain.columns(task.query.attributes)
 
     def _model(self, task: Task, told: NDArray[np.int8] | None) -> MOMDP:
         forever = "model_percepts" in self.world.published and told is None

@@ -277,13 +277,8 @@ class RunningTrial:
             step = self._execute(decision)
         self.steps.append(step)
         self.belief = step.belief
-        self.history = History(
-            step.belief,
-            (*history.actions, decision.action),
-            (*history.perceived, step.observation is not None),
-            (*history.moved, step.next_x),
-            history.cost + step.cost,
-        )
+        perceived = step.observation is not None
+        self.history = history.after(step.belief, decision.action, perceived, step.cost)
         return step
 
     def _report(self, decision: Decision) -> Step:
@@ -303,9 +298,7 @@ class RunningTrial:
         observation, warning = self._perceive(execution)
         transition = Transition(action, execution.next_x, observation)
         after = update_belief(belief, momdp, transition)
-        # Where illegal behaviors are self-loops (the published ROC36 diagram) they cost nothing.
-        free = not momdp.legal[belief.x, action] and execution.next_x == belief.x
-        cost = 0.0 if free else float(momdp.cost[action])
+        cost = momdp.step_cost(belief.x, action, execution.next_x)
         return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:

@@ -139,7 +139,7 @@ def _counted(logs: "Logs", advance: "Advance", total: int | None) -> "Iterator[T
 
 
 def _count(logs: "Logs") -> int | None:
-    """Return the number of trials with steps of whole logs; None where one is torn or unfinished."""
+    """Return the number of trials with steps of whole logs; None where one is damaged."""
     from meal_bayes.errors import LogError
     from meal_bayes.trial_log import log_info
     from meal_bayes.trial_log.schema import FULL

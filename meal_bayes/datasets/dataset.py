@@ -214,7 +214,7 @@ class Dataset:
         ------
         DataError : a queried attribute whose value for this object is unknown.
         """
-        columns = [self.domain.attribute_index(name) for name in query.attributes]
+        columns = self.domain.columns(query.attributes)
         values = self.labels[object_index, columns]
         for name, value in zip(query.attributes, values, strict=True):
             if value < 0:

@@ -62,7 +62,7 @@ class ObjectSplit:
                 "expected three numbers, each at least 1, that add to no more."
             )
         names = dataset.domain.attributes if attributes is None else tuple(attributes)
-        columns = [dataset.domain.attribute_index(name) for name in names]
+        columns = dataset.domain.columns(names)
         positive = (dataset.labels[:, columns] == 1).astype(np.intp)  # (O,P)
         _check_possible(positive, names, minimum)
         ends = np.cumsum(sizes)

@@ -138,6 +138,10 @@ class Domain:
             raise QueryError(unknown("attribute", name, self.attributes))
         return self.attributes.index(name)
 
+    def columns(self, names: Iterable[str]) -> list[int]:
+        """Return the positions of some attributes; raises as `attribute_index` does."""
+        return [self.attribute_index(name) for name in names]
+
     def transitions(self) -> TransitionArrays:
         """Compile the diagram over this domain's behaviors."""
         return self.diagram.compile(self.behavior_names)

@@ -45,7 +45,7 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
         )
     if trials < 1:
         raise SettingsError(f"{trials} trials asked; give at least 1.")
-    columns = [table.domain.attribute_index(name) for name in names]
+    columns = table.domain.columns(names)
     labelled = int((table.labels[:, columns] >= 0).sum(axis=1).max())
     if n_attributes > labelled:
         raise SettingsError(

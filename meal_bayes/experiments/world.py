@@ -50,7 +50,7 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     """Keep some of the attributes."""
     if attributes == dataset.domain.attributes:
         return dataset
-    columns = [dataset.domain.attribute_index(name) for name in attributes]
+    columns = dataset.domain.columns(attributes)
     groups = {
         name: members
         for name, members in dataset.domain.groups.items()

@@ -147,7 +147,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def _begin(self, task: Task, seed: int) -> None:
         momdp, _ = self._morc.prepare(task)
         runner = replace(self._morc, seed=seed)  # which shares what was learned
-        columns = [runner.table.domain.attribute_index(name) for name in task.query.attributes]
+        columns = runner.table.domain.columns(task.query.attributes)
         self._begun = RunningTrial(
             task,
             momdp,
@@ -161,7 +161,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def _observation(self) -> Observation:
         running, domain = self._running, self._morc.table.domain
-        asked = [domain.attribute_index(name) for name in running.task.query.attributes]
+        asked = domain.columns(running.task.query.attributes)
         return {
             "state": running.belief.x,
             "asked": np.array(asked),

@@ -22,6 +22,7 @@ from meal_bayes.perception import (
     fit_and_validate,
     with_classifier,
 )
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import CheckedRobot, Robot
 from meal_bayes.seeds import stream
 
@@ -44,6 +45,8 @@ class Fitted:
         Of planning.
     reward : float or None
         r+ = -r-, the domain's by default.
+    given : ConfusionPosterior or None
+        Of one's own, in place of what the recordings say; lessons are added to it.
     """
 
     dataset: Dataset
@@ -51,6 +54,7 @@ class Fitted:
     classifier: object
     seed: int
     reward: float | None
+    given: ConfusionPosterior | None
     perception: Perception = field(init=False)
     knowledge: Knowledge = field(init=False)
     _rows: dict[str, NDArray[np.int64]] = field(init=False)  # (P,E,2,K) of each object, counted
@@ -72,11 +76,25 @@ class Fitted:
         self.knowledge = knowledge_of(
             data.domain, counts, data.labels, object_level=self.agent.object_level
         )
+        if self.given is not None:
+            posterior = self._with_own(self.given, lessons)
+            self.knowledge = replace(self.knowledge, posterior=posterior)
         self._fitted = {
             name: (counts.counts[o], data.labels[o]) for o, name in enumerate(data.objects)
         }
         self._rows = {name: row for name, (row, _) in self._fitted.items()}
         self._labels = {name: labels for name, (_, labels) in self._fitted.items()}
+
+    def _with_own(
+        self, posterior: ConfusionPosterior, lessons: Sequence[Lesson]
+    ) -> ConfusionPosterior:
+        """Add the objects of lessons to a posterior, as rows of their own."""
+        domain, levels = self.dataset.domain, self.agent.levels
+        for name, labels in labels_of(lessons, domain).items():
+            own = [lesson for lesson in lessons if lesson.object_name == name]
+            row = level_counts(own, labels, domain, levels)
+            posterior = posterior.replace_object(np.zeros_like(row), row)
+        return posterior
 
     def learn(self, object_name: str, lessons: Sequence[Lesson]) -> None:
         """Take in all lessons of an object that came after the last refit."""
@@ -115,7 +133,7 @@ class Fitted:
         told : (P,) what people said of this object before; -1 nothing.
         """
         domain, agent = self.knowledge.domain, self.agent
-        columns = [domain.attribute_index(name) for name in task.query.attributes]
+        columns = domain.columns(task.query.attributes)
         momdp, policy = agent.prepare(
             task.query,
             self.knowledge,

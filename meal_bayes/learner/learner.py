@@ -17,6 +17,7 @@ from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Robot
 
 _KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
@@ -38,6 +39,10 @@ class Learner:
         Of planning, and of what is drawn in replays.
     classifier : scikit-learn classifier, optional
         Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
+    posterior : InferenceData, DataTree or ConfusionPosterior, optional
+        What percepts say of attributes, learned elsewhere (`meal-bayes posterior`, PyMC; see
+        `ConfusionPosterior.from_idata`), in place of what `fit` would learn of it. It needs the
+        levels of the agent, and should know nothing of the objects that are asked about.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
@@ -62,6 +67,7 @@ class Learner:
         *,
         agent: object = "bayes",
         classifier: object = None,
+        posterior: object = None,
         seed: int = 0,
         reward: float | None = None,
         percepts: str = "recorded",
@@ -74,7 +80,7 @@ class Learner:
             raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self.agent: Agent = as_agent(agent)
-        self.classifier = classifier
+        self.classifier, self.posterior = classifier, self._given(posterior)
         self.seed, self.reward, self.percepts = seed, reward, percepts
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
@@ -130,9 +136,9 @@ class Learner:
                 f"{self.domain.name!r}; load the data for this domain."
             )
         self._source = (
-            Replayed(data, self.agent, self.seed, self.percepts, self.reward)
+            Replayed(data, self.agent, self.seed, self.percepts, self.reward, self.posterior)
             if isinstance(data, PerceptTable)
-            else Fitted(data, self.agent, self.classifier, self.seed, self.reward)
+            else Fitted(data, self.agent, self.classifier, self.seed, self.reward, self.posterior)
         )
         return self.refit()
 
@@ -176,6 +182,7 @@ class Learner:
         object_name: str | None = None,
         on_step: Callable[[Step], None] | None = None,
         log: str | Path | None = None,
+        key: str | int | None = None,
     ) -> Trial:
         """Answer a question about the object in front of a robot.
 
@@ -191,6 +198,8 @@ class Learner:
             before is believed. Without a name it is an object of its own.
         on_step : called after every step.
         log : path of the trial's log (.mcap); one in the folder of logs by default.
+        key : names the random streams of this question, and what is told of it; by default the
+            number of questions so far, and in replays nothing, so that equal questions are equal.
 
         Raises
         ------
@@ -201,14 +210,14 @@ class Learner:
         query = question if isinstance(question, Query) else read_query(question, self.domain)
         source, header = self.source, self._header(question)
         if isinstance(robot, str):
-            task = replay_task(query, self._replayed().table, robot)
+            task = replay_task(query, self._replayed().table, robot, key)
             return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
         if isinstance(source, Replayed):
             raise SettingsError(
                 "A percept table holds no classifiers for what a robot feels; fit recordings "
                 "(load_dataset), or name an object of the table."
             )
-        task = live_task(query, self.domain, self.asked, object_name)
+        task = live_task(query, self.domain, self.asked if key is None else key, object_name)
         self.asked += 1
         told = self._told_of(task.object_name)
 
@@ -309,6 +318,21 @@ class Learner:
         from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
         return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
+
+    def _given(self, posterior: object) -> ConfusionPosterior | None:
+        """Return a posterior of one's own, laid out for the domain."""
+        if posterior is None:
+            return None
+        if not isinstance(posterior, ConfusionPosterior):
+            posterior = ConfusionPosterior.from_idata(posterior, self.domain)
+        shape, wanted = posterior.counts.shape, self.agent.levels
+        expected = (len(self.domain.attributes), len(self.domain.behaviors), 2, wanted)
+        if shape != expected:
+            raise SettingsError(
+                f"The posterior has shape {shape}, expected {expected}: attributes and behaviors "
+                f"of the domain, and the {wanted} levels of the agent {self.agent.name!r}."
+            )
+        return posterior
 
     def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
         if isinstance(source, Replayed):

@@ -75,12 +75,12 @@ class Witness:
         """Return percept levels of the queried attributes, (N,)."""
         levels = self._perceiver.observe(instance, self._every, rng)
         self.percepts.append(Percept(instance.behavior, levels, instance.features))
-        return levels[[self._domain.attribute_index(name) for name in query.attributes]]
+        return levels[self._domain.columns(query.attributes)]
 
 
 def percepts_of(trial: Trial, domain: Domain) -> tuple[Percept, ...]:
     """Return the percepts that a trial itself holds: levels of what was asked, no features."""
-    columns = [domain.attribute_index(name) for name in trial.task.query.attributes]
+    columns = domain.columns(trial.task.query.attributes)
     found = []
     for step in trial.steps:
         action = step.decision.action

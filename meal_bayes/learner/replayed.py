@@ -14,6 +14,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.lesson import Lesson, labels_of
 from meal_bayes.momdp import MOMDP
+from meal_bayes.posterior import ConfusionPosterior
 
 
 @dataclass(slots=True)
@@ -25,6 +26,7 @@ class Replayed:
     seed: int
     percepts: str
     reward: float | None
+    given: ConfusionPosterior | None
     _morc: Morc | None = field(default=None)
 
     def learn(self, lessons: Sequence[Lesson]) -> None:
@@ -34,7 +36,9 @@ class Replayed:
             told = np.full(self.table.labels.shape, -1, np.int8)
             for name, labels in labels_of(lessons, self.table.domain).items():
                 told[object_index(self.table.objects, name)] = labels
-        self._morc = Morc(self.table, self.agent, self.seed, self.percepts, self.reward, told)
+        self._morc = Morc(
+            self.table, self.agent, self.seed, self.percepts, self.reward, told, self.given
+        )
 
     def known(self, object_name: str | None) -> Knowledge:
         """Return what is known without an object."""

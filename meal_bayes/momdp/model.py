@@ -168,6 +168,14 @@ class MOMDP:
         gap = self.correct - self.incorrect
         return np.asarray(self.incorrect + gap * right.prod(axis=-1))
 
+    def step_cost(self, x: int, behavior: int, next_x: int) -> float:
+        """Return what one execution costs, s: nothing where an illegal behavior changes nothing.
+
+        So it is in the published ROC36 diagram, whose illegal behaviors are self-loops.
+        """
+        free = not self.legal[x, behavior] and next_x == x
+        return 0.0 if free else float(self.cost[behavior])
+
     def action_name(self, action: int) -> str:
         """Behavior name, or the words of a report."""
         if action < self.n_behaviors:

@@ -14,7 +14,7 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
 from meal_bayes.perception.modality import FeatureSpace, with_joint
-from meal_bayes.perception.perceiver import columns_of, person_says
+from meal_bayes.perception.perceiver import person_says
 
 Floats = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ class Perception:
         ------
         DataError : an instance without features of one of the behavior's modalities.
         """
-        columns = columns_of(self.domain, query)
+        columns = self.domain.columns(query.attributes)
         behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
         if behavior.answer_accuracy is not None:
             return np.full(len(query), np.nan)

@@ -23,11 +23,6 @@ class Perceiver(Protocol):
         ...
 
 
-def columns_of(domain: Domain, query: Query) -> list[int]:
-    """Positions of the queried attributes in the domain."""
-    return [domain.attribute_index(name) for name in query.attributes]
-
-
 def answer(
     labels: NDArray[np.int8], accuracy: float, levels: int, rng: np.random.Generator
 ) -> NDArray[np.int8]:
@@ -54,7 +49,9 @@ def person_says(
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
-    return answer(labels[instance.object_index, columns_of(domain, query)], accuracy, levels, rng)
+    return answer(
+        labels[instance.object_index, domain.columns(query.attributes)], accuracy, levels, rng
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +67,7 @@ class RecordedPercepts:
     def log_odds(self, instance: Instance, query: Query) -> NDArray[np.float64]:
         """Class-balanced log-odds, (N,); NaN where a person answers."""
         behavior = self.table.domain.behavior_index(instance.behavior)
-        columns = columns_of(self.table.domain, query)
+        columns = self.table.domain.columns(query.attributes)
         recorded = self.table.log_odds[instance.object_index, instance.recording, behavior, columns]
         return freeze(recorded, np.float64)
 
@@ -117,7 +114,10 @@ class FittedPercepts:
         said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
         if said is not None:
             return said
-        e, columns = self.domain.behavior_index(instance.behavior), columns_of(self.domain, query)
+        e, columns = (
+            self.domain.behavior_index(instance.behavior),
+            self.domain.columns(query.attributes),
+        )
         scored = self.log_odds[instance.object_index, instance.recording, e, columns]
         return levels_of(scored, BIN_EDGES, self.levels)
 
@@ -151,7 +151,7 @@ class ConfusionSampler:
         if said is not None:
             return said
         behavior = self.domain.behavior_index(instance.behavior)
-        columns = columns_of(self.domain, query)
+        columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
         rows = self.confusion[columns, behavior, truth]  # (N,K)

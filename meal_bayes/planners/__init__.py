@@ -4,7 +4,7 @@ In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decisio
 """
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
-from meal_bayes.planners.factored import Factored, batched_value_iteration, upper_bound
+from meal_bayes.planners.factored import Factored, batched_value_iteration
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
@@ -16,7 +16,6 @@ from meal_bayes.planners.point_based import (
     read_policy,
 )
 from meal_bayes.planners.pomcp import POMCP
-from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.planners.solver import (
     Decision,
     History,
@@ -44,15 +43,12 @@ __all__ = [
     "Random",
     "RandomLegal",
     "Remembering",
-    "Rollouts",
     "Sarsop",
     "Solver",
     "TreeEdge",
     "batched_value_iteration",
     "read_policy",
-    "simulate",
     "unvalued",
-    "upper_bound",
     "warm_up",
     "watch_compilation",
 ]

@@ -48,6 +48,10 @@ class Dynamics(NamedTuple):
     branch: NDArray[np.void]
     exit_value: Floats
 
+    def outcomes(self, x: int, e: int) -> list[tuple[float, int, bool]]:
+        """Return probability, next x, and whether a percept comes, of each outcome of a step."""
+        return [(p, to, senses) for p, to, senses in self.branch[x, e].tolist() if p > 0]
+
 
 class Percepts(NamedTuple):
     """What behaviors show.
@@ -93,51 +97,6 @@ class Compiled(NamedTuple):
     shaped: bool
     incorrect: float
     gap: float
-
-    @property
-    def legal(self) -> NDArray[np.bool_]:
-        """(X,E)."""
-        return np.asarray(self.dynamics.step["legal"])
-
-    @property
-    def cost(self) -> Floats:
-        """(X,E) s, summed over failures."""
-        return np.asarray(self.dynamics.step["cost"])
-
-    @property
-    def discount(self) -> Floats:
-        """(X,E), summed over failures."""
-        return np.asarray(self.dynamics.step["discount"])
-
-    @property
-    def bonus_scale(self) -> Floats:
-        """(X,E) expected discounted executions until success."""
-        return np.asarray(self.dynamics.step["bonus_scale"])
-
-    @property
-    def branches(self) -> NDArray[np.int64]:
-        """(X,E) how many outcomes a step has."""
-        return np.asarray((self.dynamics.branch["p"] > 0).sum(axis=2))
-
-    @property
-    def branch_p(self) -> Floats:
-        """(X,E,B) probabilities of the outcomes, given that something happens."""
-        return np.asarray(self.dynamics.branch["p"])
-
-    @property
-    def branch_x(self) -> NDArray[np.int64]:
-        """(X,E,B) next x of the outcomes."""
-        return np.asarray(self.dynamics.branch["x"])
-
-    @property
-    def branch_sense(self) -> NDArray[np.bool_]:
-        """(X,E,B) whether the outcomes come with a percept."""
-        return np.asarray(self.dynamics.branch["senses"])
-
-    @property
-    def exit_value(self) -> Floats:
-        """(X,) of the cheapest illegal behavior, -inf where none may end a trial."""
-        return self.dynamics.exit_value
 
 
 _known: dict[bytes, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one

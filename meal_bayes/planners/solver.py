@@ -62,6 +62,16 @@ class History:
     moved: tuple[int, ...] = ()  # the x after each action
     cost: float = 0.0  # s
 
+    def after(self, belief: Belief, action: int, perceived: bool, cost: float) -> "History":
+        """Return the history one step on, of a behavior that cost so much and led to a belief."""
+        return History(
+            belief,
+            (*self.actions, action),
+            (*self.perceived, perceived),
+            (*self.moved, belief.x),
+            self.cost + cost,
+        )
+
 
 class Policy(Protocol):
     """A plan of action for one MOMDP; online search happens in `decide`.

@@ -11,7 +11,6 @@ What draws, checks and saves has modules of its own, loaded when they are used: 
 from typing import TYPE_CHECKING
 
 from meal_bayes.posterior.degree import SharedDegree, learn_degree, truth_evidence
-from meal_bayes.posterior.dependence import log_likelihood, misperception
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
 from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
 
@@ -28,8 +27,6 @@ __all__ = [
     "fit_dispersion",
     "fit_hierarchical",
     "learn_degree",
-    "log_likelihood",
-    "misperception",
     "row_precision",
     "truth_evidence",
 ]

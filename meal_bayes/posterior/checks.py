@@ -13,8 +13,8 @@ from scipy.special import chdtrc, expit, logsumexp
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import dispersion as grid
-from meal_bayes.posterior.dependence import log_likelihood
 from meal_bayes.posterior.draws import Draws, replicate, sensing
+from meal_bayes.posterior.pointwise import log_likelihood
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ on a grid of M points that both truths share, and every percept depends on t alo
 as nearly as the spread allows. So a first percept is worth what the confusion matrix says (Eq. 8),
 and more of them, by whatever behavior, tell ever more of t, which tells only so much of the truth.
 Both truths must share the points: of points of their own, many percepts would single out one, and
-with it the truth. To a planner the points are kinds of object that truths share. Two points, and
-the wrong one with probability epsilon, are the latent class of `misperception`; as sigma goes to 0
+with it the truth. To a planner the points are latent classes that truths share. As sigma goes to 0
 percepts become independent given the truth.
 
 What repeats of one behavior share beyond the degree is its Dirichlet-multinomial, now about the row

@@ -219,12 +219,6 @@ class ConfusionPosterior:
         aged = self.prior + factor * (self.concentration - self.prior)
         return type(self)(self.prior, factor * self.counts, aged, self.dispersion)
 
-    def sample(self, rng: np.random.Generator, size: int) -> NDArray[np.float64]:
-        """Draw mean matrices from the posterior, (size,P,E,2,K)."""
-        gamma = rng.standard_gamma(self.concentration, (size, *self.concentration.shape))
-        gamma = np.maximum(gamma, np.finfo(float).tiny)  # parameters far below 1 underflow
-        return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))
-
     def interval(self, mass: float = 0.95) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Equal-tailed credible interval of each entry's mean: lower and upper, (P,E,2,K) each."""
         if not 0 < mass < 1:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
 
-from meal_bayes.posterior.dependence import log_likelihood
 from meal_bayes.posterior.draws import Draws, sensing
 
 Array = NDArray[np.float64]
@@ -61,3 +61,19 @@ def _evidence(
             scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
             evidence[:, members] += scores[:, place.ravel()]
     return evidence
+
+
+def log_likelihood(
+    counts: NDArray[np.float64], mean: NDArray[np.float64], precision: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compute the log-probability (...,P,E) of a sequence of percepts with counts (...,P,E,K).
+
+    Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with
+    the counts; inf takes percepts as independent (Eq. 8).
+    """
+    known = np.isinf(precision)
+    s = np.where(known, 1.0, precision)
+    alpha = s[..., None] * mean
+    urn = gammaln(s) - gammaln(s + counts.sum(axis=-1))
+    urn = urn + (gammaln(alpha + counts) - gammaln(alpha)).sum(axis=-1)
+    return np.asarray(np.where(known, (counts * np.log(mean)).sum(axis=-1), urn))

@@ -1,5 +1,7 @@
 """Percepts and probabilities in words, for whatever shows a log."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -16,6 +16,7 @@ from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import entry_kernel
 from meal_bayes.planners.open_loop.errors import make_scratch, plan_error
+from meal_bayes.planners.open_loop.policy import plan_values
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far
@@ -316,7 +317,8 @@ def search(
     policy = POMCP(simulations=simulations, capacity=capacity, **options).solve(momdp, rng)
     history = history or History(initial_belief(momdp))
     if always:
-        return policy._search(None, history.belief, *policy._prepare(history.belief), rng)
+        buffers = plan_values(policy.problem, policy.plans, history.belief)
+        return policy._search(None, history.belief, buffers, rng)
     return policy.decide(history, rng)
 
 

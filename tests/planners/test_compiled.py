@@ -5,7 +5,7 @@ import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners.compiled import class_prior, compile_momdp
+from meal_bayes.planners.compiled import class_prior, compile_momdp, dynamics_of
 
 FORK = Domain(
     name="fork",
@@ -30,111 +30,111 @@ def behavior(momdp, name):
     return momdp.behavior_names.index(name)
 
 
-def branches(problem, x, e):
+def branches(dynamics, x, e):
     """Set of (probability, next x, with a percept?)."""
-    return {
-        (round(float(problem.branch_p[x, e, k]), 12), int(problem.branch_x[x, e, k]),
-         bool(problem.branch_sense[x, e, k]))
-        for k in range(problem.branches[x, e])
-    }  # fmt: skip
+    return {(round(p, 12), to, senses) for p, to, senses in dynamics.outcomes(x, e)}
 
 
 def test_failures_of_a_move_are_summed_out(small):
     # c = 4.5 s, p = .95: c' = c / (1 - g (1 - p)), g' = g p / (1 - g (1 - p)).
     momdp = small.momdp("roc36", {"heavy": {}})
-    problem, grasp = compile_momdp(momdp), behavior(momdp, "grasp")
-    assert problem.cost[1, grasp] == pytest.approx(4.7344, abs=5e-5)
-    assert problem.discount[1, grasp] == pytest.approx(0.9895, abs=5e-5)
-    assert problem.bonus_scale[1, grasp] == pytest.approx(4.7344 / 4.5, abs=2e-5)
-    assert branches(problem, 1, grasp) == {(1.0, 2, True)}
+    dynamics, grasp = dynamics_of(momdp), behavior(momdp, "grasp")
+    assert dynamics.step["cost"][1, grasp] == pytest.approx(4.7344, abs=5e-5)
+    assert dynamics.step["discount"][1, grasp] == pytest.approx(0.9895, abs=5e-5)
+    assert dynamics.step["bonus_scale"][1, grasp] == pytest.approx(4.7344 / 4.5, abs=2e-5)
+    assert branches(dynamics, 1, grasp) == {(1.0, 2, True)}
 
 
 def test_failures_of_a_loop_are_summed_out(small):
     momdp = small.momdp("ispy32", {"heavy": {}})
-    problem, press = compile_momdp(momdp), behavior(momdp, "press")
-    assert problem.cost[1, press] == pytest.approx(22 / (1 - 0.99 * 0.05))
-    assert problem.discount[1, press] == pytest.approx(0.99 * 0.95 / (1 - 0.99 * 0.05))
-    assert branches(problem, 1, press) == {(1.0, 1, True)}
+    dynamics, press = dynamics_of(momdp), behavior(momdp, "press")
+    assert dynamics.step["cost"][1, press] == pytest.approx(22 / (1 - 0.99 * 0.05))
+    assert dynamics.step["discount"][1, press] == pytest.approx(0.99 * 0.95 / (1 - 0.99 * 0.05))
+    assert branches(dynamics, 1, press) == {(1.0, 1, True)}
 
 
 def test_what_never_fails_keeps_cost_and_discount(small):
     momdp = small.momdp("roc36", {"heavy": {}})
-    problem, look = compile_momdp(momdp), behavior(momdp, "look")
-    assert (problem.cost[0, look], problem.discount[0, look]) == (0.5, 0.99)
+    dynamics, look = dynamics_of(momdp), behavior(momdp, "look")
+    assert (dynamics.step["cost"][0, look], dynamics.step["discount"][0, look]) == (
+        0.5,
+        0.99,
+    )
 
 
 def test_moves_without_percept_are_silent_branches(small):
     momdp = small.momdp("roc36", {"heavy": {}})
-    problem, reinit = compile_momdp(momdp), behavior(momdp, "reinit")
-    assert branches(problem, 5, reinit) == {(1.0, 0, False)}
-    assert problem.cost[5, reinit] == pytest.approx(10 / (1 - 0.99 * 0.05))
+    dynamics, reinit = dynamics_of(momdp), behavior(momdp, "reinit")
+    assert branches(dynamics, 5, reinit) == {(1.0, 0, False)}
+    assert dynamics.step["cost"][5, reinit] == pytest.approx(10 / (1 - 0.99 * 0.05))
 
 
 def test_without_discount_a_failure_costs_a_repetition(small):
     momdp = small.momdp("roc36", {"heavy": {}}, discount=1.0)
-    problem, grasp = compile_momdp(momdp), behavior(momdp, "grasp")
-    assert problem.cost[1, grasp] == pytest.approx(4.5 / 0.95)
-    np.testing.assert_allclose(problem.discount[problem.legal], 1.0)
+    dynamics, grasp = dynamics_of(momdp), behavior(momdp, "grasp")
+    assert dynamics.step["cost"][1, grasp] == pytest.approx(4.5 / 0.95)
+    np.testing.assert_allclose(dynamics.step["discount"][dynamics.step["legal"]], 1.0)
 
 
 def test_published_shakes_are_repeated_until_the_object_falls(small):
     momdp = small.momdp("roc36_published", {"heavy": {}}, abstain=True)
-    problem, shake = compile_momdp(momdp), behavior(momdp, "shake")
-    assert branches(problem, 4, shake) == {(1.0, 5, True)}
-    assert problem.cost[4, shake] == pytest.approx(3.8 / (1 - 0.99 * 0.95))
-    assert problem.discount[4, shake] == pytest.approx(0.99 * 0.05 / (1 - 0.99 * 0.95))
+    dynamics, shake = dynamics_of(momdp), behavior(momdp, "shake")
+    assert branches(dynamics, 4, shake) == {(1.0, 5, True)}
+    assert dynamics.step["cost"][4, shake] == pytest.approx(3.8 / (1 - 0.99 * 0.95))
+    assert dynamics.step["discount"][4, shake] == pytest.approx(0.99 * 0.05 / (1 - 0.99 * 0.95))
     crush, hold, tap = (behavior(momdp, name) for name in ("crush", "hold", "tap"))
     for x in range(6):
-        assert branches(problem, x, crush) == {(1.0, x, True)}
-    assert problem.cost[3, hold] == pytest.approx(1.0 / (1 - 0.99 * 0.01))
-    assert problem.cost[1, tap] == pytest.approx(4.2 / (1 - 0.99 * 0.10))
+        assert branches(dynamics, x, crush) == {(1.0, x, True)}
+    assert dynamics.step["cost"][3, hold] == pytest.approx(1.0 / (1 - 0.99 * 0.01))
+    assert dynamics.step["cost"][1, tap] == pytest.approx(4.2 / (1 - 0.99 * 0.10))
 
 
 def test_where_illegal_changes_nothing_there_is_no_exit(small):
     momdp = small.momdp("roc36_published", {"heavy": {}}, abstain=True)
-    assert np.isneginf(compile_momdp(momdp).exit_value[:6]).all()
+    assert np.isneginf(dynamics_of(momdp).exit_value[:6]).all()
 
 
 def test_the_exit_is_the_cheapest_illegal_behavior(small):
     rates = {"heavy": {}}
-    problem = compile_momdp(small.momdp("roc36", rates, abstain=True))
-    np.testing.assert_array_equal(problem.exit_value[:6], [-1.0, -0.5, -0.5, -0.5, -0.5, -0.5])
-    assert np.isneginf(compile_momdp(small.momdp("roc36", rates)).exit_value).all()
+    dynamics = dynamics_of(small.momdp("roc36", rates, abstain=True))
+    np.testing.assert_array_equal(dynamics.exit_value[:6], [-1.0, -0.5, -0.5, -0.5, -0.5, -0.5])
+    assert np.isneginf(dynamics_of(small.momdp("roc36", rates)).exit_value).all()
 
 
 def test_where_everything_is_legal_there_is_no_exit(small):
     everywhere = TransitionDiagram(("x0", "term"), "x0", (Effect("*", "look", "*"),))
     domain = Domain("one", ("red",), (Behavior("look", 1.0, ("color",)),), everywhere)
-    assert compile_momdp(small.momdp(domain, {"red": {}}, abstain=True)).exit_value[0] == -np.inf
+    assert dynamics_of(small.momdp(domain, {"red": {}}, abstain=True)).exit_value[0] == -np.inf
 
 
 def test_each_outcome_is_a_branch(small):
     momdp = small.momdp(FORK, {"heavy": {}})
-    problem = compile_momdp(momdp)
-    assert branches(problem, 0, 0) == {(0.625, 1, True), (0.375, 2, False)}
-    assert problem.cost[0, 0] == pytest.approx(2 / (1 - 0.99 * 0.2))
-    assert problem.discount[0, 0] == pytest.approx(0.99 * 0.8 / (1 - 0.99 * 0.2))
+    dynamics = dynamics_of(momdp)
+    assert branches(dynamics, 0, 0) == {(0.625, 1, True), (0.375, 2, False)}
+    assert dynamics.step["cost"][0, 0] == pytest.approx(2 / (1 - 0.99 * 0.2))
+    assert dynamics.step["discount"][0, 0] == pytest.approx(0.99 * 0.8 / (1 - 0.99 * 0.2))
     p = round(0.4 / 0.9, 12)
-    assert branches(problem, 1, 0) == {(p, 0, True), (round(1 - p, 12), 1, True)}
-    assert problem.cost[1, 0] == pytest.approx(2 / (1 - 0.99 * 0.1))
+    assert branches(dynamics, 1, 0) == {(p, 0, True), (round(1 - p, 12), 1, True)}
+    assert dynamics.step["cost"][1, 0] == pytest.approx(2 / (1 - 0.99 * 0.1))
 
 
 def test_what_never_does_anything_is_not_legal(small):
     momdp = small.momdp(FORK, {"heavy": {}})
     assert momdp.legal[:3, 1].all()
-    problem = compile_momdp(momdp)
-    assert not problem.legal[:, 1].any()
-    assert problem.legal[2, 2]
+    dynamics = dynamics_of(momdp)
+    assert not dynamics.step["legal"][:, 1].any()
+    assert dynamics.step["legal"][2, 2]
 
 
 @pytest.mark.parametrize("name", ["toy", "roc36", "roc36_published", "ispy32", "cy101"])
 def test_outcomes_are_distributions(small, name):
     domain = load_domain(name)
-    problem = compile_momdp(small.momdp(domain, {domain.attributes[0]: {}}))
-    np.testing.assert_array_equal(problem.legal, domain.transitions().legal)
-    np.testing.assert_allclose(problem.branch_p.sum(axis=2), problem.legal)
-    assert (problem.cost >= 0).all()
-    assert ((problem.discount > 0) & (problem.discount <= 0.99 + 1e-12))[problem.legal].all()
+    dynamics = dynamics_of(small.momdp(domain, {domain.attributes[0]: {}}))
+    np.testing.assert_array_equal(dynamics.step["legal"], domain.transitions().legal)
+    np.testing.assert_allclose(dynamics.branch["p"].sum(axis=2), dynamics.step["legal"])
+    assert (dynamics.step["cost"] >= 0).all()
+    discount = dynamics.step["discount"][dynamics.step["legal"]]
+    assert ((discount > 0) & (discount <= 0.99 + 1e-12)).all()
 
 
 @pytest.mark.parametrize("options", [{"kinds": 2}, {"shared": 3}])

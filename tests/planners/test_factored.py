@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planner_bound import upper_bound
+from planner_rollouts import simulate
 from scipy.special import expit
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import ITRS, initial_belief, report_value, shape_reward
 from meal_bayes.planners import History
-from meal_bayes.planners.factored.bound import upper_bound
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 

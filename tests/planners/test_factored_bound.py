@@ -5,15 +5,15 @@ from itertools import product
 
 import numpy as np
 import pytest
+from planner_bound import upper_bound
+from planner_rollouts import simulate
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History
-from meal_bayes.planners.factored.bound import upper_bound
 from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 

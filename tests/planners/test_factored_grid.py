@@ -51,7 +51,7 @@ def test_axes(momdp):
 def test_expectations_are_those_over_every_percept(momdp, table):
     """As by the sum over all 16 percept vectors."""
     scratch = make_scratch(table, 4)
-    for e, b in product(range(2), table.beliefs[::7]):
+    for e, b in product(range(2), beliefs_of(table)[::7]):
         expected = sum(p * bilinear(table, 1, after) for p, after in possible(momdp, e, b))
         assert value_after(table, momdp.confusion, 1, e, b, scratch) == pytest.approx(expected)
 
@@ -69,23 +69,27 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
     found, work = value.copy(), np.zeros((4, value.shape[1]))
     sweep(backups, found, work, np.inf, 1, smooth)
     for x in reversed(range(momdp.terminal)):
-        best = [one_step_ahead(momdp, problem, table, x, b) for b in table.beliefs]
+        best = [one_step_ahead(momdp, problem, table, x, b) for b in beliefs_of(table)]
         value[x] = best if smooth else np.minimum(best, value[x])
         np.testing.assert_allclose(found[x], value[x])
 
 
+def beliefs_of(table):
+    """All points of the grid, (B,N)."""
+    return np.array(list(product(*table.axes)))
+
+
 def one_step_ahead(momdp, problem, table, x, b):
     """Value of the best behavior or ending, by reading the table off."""
-    best = max(momdp.report_reward(np.maximum(b, 1 - b)), problem.exit_value[x])
+    best = max(momdp.report_reward(np.maximum(b, 1 - b)), problem.dynamics.exit_value[x])
     scratch = make_scratch(table, momdp.levels)
-    for e in np.flatnonzero(problem.legal[x]):
+    for e in np.flatnonzero(problem.dynamics.step["legal"][x]):
+        step = problem.dynamics.step[x, e]
         bonus = (1 - b) @ momdp.bonus[:, e, 0] + b @ momdp.bonus[:, e, 1]
-        value = problem.bonus_scale[x, e] * bonus - problem.cost[x, e]
-        for k in range(problem.branches[x, e]):
-            percept = e if problem.branch_sense[x, e, k] else -1
-            to = problem.branch_x[x, e, k]
-            after = value_after(table, momdp.confusion, to, percept, b, scratch)
-            value += problem.discount[x, e] * problem.branch_p[x, e, k] * after
+        value = step["bonus_scale"] * bonus - step["cost"]
+        for p, to, senses in problem.dynamics.outcomes(x, e):
+            after = value_after(table, momdp.confusion, to, e if senses else -1, b, scratch)
+            value += step["discount"] * p * after
         best = max(best, value)
     return best
 

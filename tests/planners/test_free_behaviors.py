@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planner_rollouts import simulate
 
 from meal_bayes.planners import POMCP, Factored, Greedy, OpenLoop
-from meal_bayes.planners.rollout import simulate
 
 EPISODES = 20
 PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans

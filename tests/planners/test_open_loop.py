@@ -32,7 +32,7 @@ def values_of(problem, plans, belief):
         scratch = make_scratch(problem.percepts, 1)
         scratch.counts[:], scratch.total[:] = belief.seen, belief.seen[0].sum(axis=1)
         prob = np.exp(belief.weight)
-        values.append(evaluate_plans(problem, one, belief.x, prob, scratch, -np.inf))
+        values.append(evaluate_plans(problem, one, belief.x, prob, scratch, -np.inf, False))
     return np.array(values)
 
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.errors import SettingsError
@@ -22,7 +23,6 @@ from meal_bayes.momdp.pomdp_reader import read_pomdp
 from meal_bayes.momdp.reference import load_reference
 from meal_bayes.planners import History
 from meal_bayes.planners.point_based.pbvi import PBVI
-from meal_bayes.planners.rollout import simulate
 
 TIGER = """discount: 0.95
 values: reward

@@ -29,7 +29,7 @@ def evaluated(problem, plans, x, weight, seen=None, floor=-np.inf):
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
     if seen is not None:
         scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
-    return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor)
+    return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor, False)
 
 
 def values_at(problem, plans, x, weight, seen=None):
@@ -70,14 +70,14 @@ def exact_values(problem, plans, x, weights):
 
 def by_behavior(problem, plans, x, values):
     """Best of the plans' values by first behavior, (E,)."""
-    out = np.full(problem.legal.shape[1], -np.inf)
+    out = np.full(problem.dynamics.step["legal"].shape[1], -np.inf)
     np.maximum.at(out, plans.plan["action"][plans.first[x] : plans.first[x + 1]], values)
     return out
 
 
 def plans_of(problem, walks):
     """Plans from the first x, by (first behavior, cost, discount, uses), without tables."""
-    size, n_behaviors = problem.legal.shape
+    size, n_behaviors = problem.dynamics.step["legal"].shape
     n, _, classes, _ = problem.percepts.rows.shape
     return Plans(
         first=np.array([0] + [len(walks)] * size),
@@ -191,17 +191,17 @@ def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
     problem, plans = made(momdp)
     for x in range(momdp.terminal):
         values = values_at(problem, plans, x, small.weights(momdp, np.zeros(n)))
-        np.testing.assert_array_equal(np.isfinite(values), problem.legal[x])
+        np.testing.assert_array_equal(np.isfinite(values), problem.dynamics.step["legal"][x])
 
 
 def toy_paths(problem, x, uses_left):
     """All open-loop plans of `toy` from x that gather at most so many percepts: (path, x after)."""
     yield (), x
-    for a in np.flatnonzero(problem.legal[x]):
+    for a in np.flatnonzero(problem.dynamics.step["legal"][x]):
         if a < 2 and not uses_left[a]:
             continue
         left = tuple(u - (a == e) for e, u in enumerate(uses_left))
-        for path, end in toy_paths(problem, int(problem.branch_x[x, a, 0]), left):
+        for path, end in toy_paths(problem, int(problem.dynamics.branch["x"][x, a, 0]), left):
             yield (int(a), *path), end
 
 
@@ -209,10 +209,10 @@ def account(problem, x, path):
     """(first behavior, cost, discount, uses) of a plan, term by term."""
     cost, discount, uses = 0.0, 1.0, [0, 0, 0]
     for a in path:
-        cost += discount * problem.cost[x, a]
-        discount *= problem.discount[x, a]
+        cost += discount * problem.dynamics.step["cost"][x, a]
+        discount *= problem.dynamics.step["discount"][x, a]
         uses[a] += a < 2
-        x = int(problem.branch_x[x, a, 0])
+        x = int(problem.dynamics.branch["x"][x, a, 0])
     return path[0], round(cost, 9), round(discount, 9), tuple(uses)
 
 
@@ -290,20 +290,20 @@ def test_shaping_is_paid_for_what_can_be_perceived(small, toy):
 def test_ways_to_a_percept_are_cheapest(small, name):
     problem = compile_momdp(small.momdp(name, {load_domain(name).attributes[0]: {}}))
     ways = diagram_of(problem.dynamics).ways
-    price = np.full(problem.legal.shape, np.inf)  # undiscounted, by relaxation
-    for _ in range(problem.legal.shape[0]):
-        for x, a in np.argwhere(problem.legal):
-            after = problem.branch_x[x, a, 0]
-            if problem.branch_sense[x, a, 0]:
-                price[x, a] = problem.cost[x, a]
-            other = problem.cost[x, a] + price[after]
+    price = np.full(problem.dynamics.step["legal"].shape, np.inf)  # undiscounted, by relaxation
+    for _ in range(problem.dynamics.step["legal"].shape[0]):
+        for x, a in np.argwhere(problem.dynamics.step["legal"]):
+            after = problem.dynamics.branch["x"][x, a, 0]
+            if problem.dynamics.branch["senses"][x, a, 0]:
+                price[x, a] = problem.dynamics.step["cost"][x, a]
+            other = problem.dynamics.step["cost"][x, a] + price[after]
             price[x] = np.minimum(price[x], other)
     np.testing.assert_array_equal(ways.hop >= 0, np.isfinite(price))
     reached = ways.hop >= 0
     assert (ways.cost[reached] <= price[reached] + 1e-9).all()  # discounted, so never dearer
     assert (ways.cost[reached] >= price[reached] * 0.9).all()
     for x, e in np.argwhere(reached):
-        assert problem.legal[x, ways.hop[x, e]]
+        assert problem.dynamics.step["legal"][x, ways.hop[x, e]]
         assert ways.uses[x, e, e] >= 1
 
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import (
@@ -17,7 +18,6 @@ from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.open_loop.errors import OUTCOMES
 from meal_bayes.planners.open_loop.library import Candidates, _tabulated, diagram_of
 from meal_bayes.planners.pomcp import POMCPPolicy
-from meal_bayes.planners.rollout import simulate
 
 PROBLEMS = {
     "independent": {"seed": 0, "n": 2, "levels": 2, "finite": False, "limit": 3},

@@ -188,7 +188,7 @@ def plain(kernel):
     return lambda *arguments: kernel(*map(records, arguments))
 
 if numba.config.DISABLE_JIT:
-    for module in (library, search, values, leaf):
+    for module in (library, search, values, leaf, policy):
         for name in ("follow", "grow_plans", "judge_plans", "evaluate_plans", "search"):
             if hasattr(module, name):
                 setattr(module, name, plain(getattr(module, name)))

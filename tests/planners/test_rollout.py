@@ -4,12 +4,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
 from meal_bayes.planners import Decision, Greedy
-from meal_bayes.planners.rollout import simulate
 
 EPISODES = 500
 PROBLEMS = {

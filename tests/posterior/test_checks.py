@@ -3,6 +3,7 @@ import pytest
 from scipy.special import logit
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import (
     beliefs_without_itself,
@@ -12,8 +13,8 @@ from meal_bayes.posterior.checks import (
     simulate,
     uniformity,
 )
-from meal_bayes.posterior.dependence import log_likelihood
 from meal_bayes.posterior.draws import Draws, draw_grid
+from meal_bayes.posterior.pointwise import log_likelihood
 
 RANKED = 99
 BEHAVIORS = 100  # of two truths each: 200 simulations
@@ -29,6 +30,12 @@ def yes(mean):
     return mean[..., mean.shape[-1] // 2 :].sum(axis=-1)
 
 
+def draws_of(posterior, rng, size=RANKED):
+    """Rows drawn from a conjugate posterior, (size,P,E,2,K)."""
+    weight = posterior.concentration.sum(axis=-1)
+    return sample_rows(posterior.mean, weight, np.zeros((size, *posterior.mean.shape)), rng)
+
+
 def fit(made, prior, rng, draws=RANKED):
     names = {
         "attributes": [str(p) for p in range(made.counts.shape[1])],
@@ -42,7 +49,7 @@ def test_conjugate_rows_are_calibrated():
     rng, prior = np.random.default_rng(1), leaning(2, 1)
     made = simulate(rng, prior, objects=20, recordings=5, independent=True)
     posterior = ConfusionPosterior.from_counts(made.counts, prior=prior)
-    ranks = rank_statistics(made.mean, posterior.sample(rng, RANKED), rng)[..., 1]
+    ranks = rank_statistics(made.mean, draws_of(posterior, rng), rng)[..., 1]
     assert ranks.size == 200
     assert uniformity(ranks, RANKED) > 0.01
 
@@ -59,7 +66,7 @@ def test_the_object_level_is_calibrated(levels):
     assert uniformity(ranks, RANKED) > 0.01
     assert uniformity(rank_statistics(made.dispersion, s, rng)[0], RANKED) > 0.01
     summed = ConfusionPosterior.from_objects(made.counts, prior=prior)
-    drawn = yes(summed.sample(rng, 499))
+    drawn = yes(draws_of(summed, rng, 499))
     assert uniformity(rank_statistics(yes(made.mean), drawn[:RANKED], rng)[0], RANKED) > 0.01
     np.testing.assert_allclose(coverage(yes(made.mean), drawn), [0.5, 0.8, 0.95], atol=0.05)
 
@@ -69,7 +76,7 @@ def test_calibration_finds_the_paper_out():
     """Eq. 8 counts repeats of one object as new cases: far too narrow where objects differ."""
     rng, prior = np.random.default_rng(1), leaning(2, 1)
     made = simulate(rng, prior, objects=20, recordings=5)
-    drawn = yes(ConfusionPosterior.from_counts(made.counts, prior=prior).sample(rng, RANKED))
+    drawn = yes(draws_of(ConfusionPosterior.from_counts(made.counts, prior=prior), rng))
     assert uniformity(rank_statistics(yes(made.mean), drawn, rng), RANKED) < 1e-6
     assert coverage(yes(made.mean), drawn)[2] < 0.9
 

@@ -143,18 +143,6 @@ def test_intervals_nest(posterior):
     assert (inner[1] <= outer[1]).all()
 
 
-@pytest.mark.statistical
-def test_samples_have_the_dirichlets_moments():
-    posterior = ConfusionPosterior.from_counts([[[[8, 2, 0, 3], [1, 9, 4, 0]]]])
-    draws = posterior.sample(np.random.default_rng(1), 40_000)
-    mean, total = posterior.mean, posterior.concentration.sum(axis=-1, keepdims=True)
-    variance = mean * (1 - mean) / (total + 1)
-    assert draws.shape == (40_000, *mean.shape)
-    np.testing.assert_allclose(draws.sum(axis=-1), 1.0)
-    assert (np.abs(draws.mean(axis=0) - mean) < 5 * np.sqrt(variance / len(draws))).all()
-    np.testing.assert_allclose(draws.var(axis=0), variance, rtol=0.05)
-
-
 @pytest.mark.parametrize(
     ("s", "a", "expected"),
     [(2, 20, 40 / 23), (np.inf, 49.0, 49.0), (49.0, np.inf, 49.0), (np.inf, np.inf, np.inf)],

@@ -7,7 +7,8 @@ from scipy.special import betaln
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior, log_likelihood, truth_evidence
+from meal_bayes.posterior import ConfusionPosterior, truth_evidence
+from meal_bayes.posterior.pointwise import log_likelihood
 
 
 def repeats_nll(posteriors, table, columns, exact):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.compiled import Dynamics, dynamics_of
 from meal_bayes.planners.factored.grid import Floats
 
 _LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
@@ -41,17 +41,17 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
             f"rates and prior have shapes {yes.shape} and {start.shape}; "
             f"expected (B,{momdp.n_behaviors},2) and (B,)."
         )
-    problem = compile_momdp(momdp)
+    dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
     report = momdp.report_reward(np.maximum(belief, 1 - belief)[:, None])
-    floor = np.maximum(report, problem.exit_value[: momdp.terminal, None])  # (X-1,G)
+    floor = np.maximum(report, dynamics.exit_value[: momdp.terminal, None])  # (X-1,G)
     percepts = [_Percept(yes[:, e], grid, belief) for e in range(momdp.n_behaviors)]
     value = np.repeat(floor[:, None], len(start), axis=1)  # (X-1,B,G)
     settled = _SETTLED * (momdp.correct - momdp.incorrect)
     latest_first = range(len(floor))[::-1]
     for _ in range(_SWEEPS):
-        if max(_back_up(problem, percepts, floor, value, x) for x in latest_first) < settled:
+        if max(_back_up(dynamics, percepts, floor, value, x) for x in latest_first) < settled:
             break
     at = (np.log(start / (1 - start)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
     low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
@@ -83,18 +83,15 @@ class _Percept:
 
 
 def _back_up(
-    problem: Compiled, percepts: list[_Percept], floor: Floats, value: Floats, x: int
+    dynamics: Dynamics, percepts: list[_Percept], floor: Floats, value: Floats, x: int
 ) -> float:
     """Back one x up, in place; return the largest change."""
     new = np.broadcast_to(floor[x], value[x].shape).copy()
-    for e in np.flatnonzero(problem.legal[x]).tolist():
-        ahead = np.zeros_like(new)
-        for k in range(problem.branches[x, e]):
-            after = value[problem.branch_x[x, e, k]]
-            if problem.branch_sense[x, e, k]:
-                after = percepts[e].expectation(after)
-            ahead += problem.branch_p[x, e, k] * after
-        np.maximum(new, problem.discount[x, e] * ahead - problem.cost[x, e], out=new)
+    for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
+        step, ahead = dynamics.step[x, e], np.zeros_like(new)
+        for p, to, senses in dynamics.outcomes(x, e):
+            ahead += p * (percepts[e].expectation(value[to]) if senses else value[to])
+        np.maximum(new, step["discount"] * ahead - step["cost"], out=new)
     change = float(np.abs(new - value[x]).max())
     value[x] = new
     return change

@@ -4,7 +4,8 @@ The grid is a product of axes, one an attribute. Between its points, values are 
 linearly in each marginal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,18 +38,15 @@ class Table(NamedTuple):
         """Points of each axis, without the padding."""
         return [row[:size] for row, size in zip(self.points, self.size, strict=True)]
 
-    @property
-    def beliefs(self) -> Floats:
-        """All points, (B,N)."""
-        total, left = int(self.size.prod()), 1
-        out = np.empty((total, len(self.size)))
-        for i, axis in enumerate(self.axes):  # there may be more attributes than array dimensions
-            out[:, i] = np.tile(np.repeat(axis, total // (left * len(axis))), left)
-            left *= len(axis)
-        return out
+    def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
+        """Combine a number for each point of each axis into one for each point of the grid, (B,).
+
+        So a grid of many axes, most of one point, never takes B x N numbers.
+        """
+        return reduce(lambda left, part: combine.outer(left, part).ravel(), parts)
 
     def position(self, belief: Floats) -> int:
-        """Return the row of `beliefs` that is a belief (N,); it must be a point of the grid."""
+        """Return the point of the grid that a belief (N,) is; it must be one."""
         row = 0
         for axis, p in zip(self.axes, belief, strict=True):
             row = row * len(axis) + int(axis.searchsorted(p))

@@ -113,10 +113,10 @@ class ValueIteration:
         ------
         SettingsError : shaping that pays more than a behavior costs, undiscounted.
         """
-        problem, bonus = self.problem, self.momdp.bonus.max(axis=2).sum(axis=0)
-        best = max(self.momdp.correct, float(problem.exit_value[:-1].max()))
-        pay = (bonus * problem.bonus_scale - problem.cost)[problem.legal]
-        kept = 1 - problem.discount[problem.legal]
+        step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
+        best = max(self.momdp.correct, float(self.problem.dynamics.exit_value[:-1].max()))
+        pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
+        kept = 1 - step["discount"][step["legal"]]
         lasting = kept > 0
         if (pay[~lasting] > 0).any():
             raise SettingsError(

@@ -110,7 +110,7 @@ class FactoredPolicy:
         """
         momdp, x = self.iteration.momdp, self.iteration.momdp.start
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
-        ending = max(report, float(self.iteration.problem.exit_value[x]))
+        ending = max(report, float(self.iteration.problem.dynamics.exit_value[x]))
         free = compile_momdp(momdp, price=0.0)
         ahead = float(_values_ahead(momdp, free, self.bound, x, momdp.prior).max())
         return min(max(ending, ahead), self.value_at(x, momdp.prior))
@@ -133,7 +133,7 @@ class FactoredPolicy:
         ahead = _values_ahead(momdp, problem, table, belief.x, prob)
         if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
             ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
-        exit_value = float(problem.exit_value[belief.x])
+        exit_value = float(problem.dynamics.exit_value[belief.x])
         return Decision.exact(*choose(momdp, belief, ahead, exit_value))
 
     def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
@@ -168,15 +168,15 @@ def _rounded_up(table: Table) -> Table:
 
 def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
     """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
-    out = -problem.cost[x]
+    dynamics, step = problem.dynamics, problem.dynamics.step[x]
+    out = -step["cost"]
     if problem.shaped:
         bonus = (1 - prob) @ momdp.bonus[..., 0] + prob @ momdp.bonus[..., 1]
-        out += problem.bonus_scale[x] * bonus
+        out += step["bonus_scale"] * bonus
     scratch, prob = make_scratch(table, momdp.levels), np.array(prob)
-    for e in np.flatnonzero(problem.legal[x]).tolist():
-        for k in range(problem.branches[x, e]):
-            behavior = e if problem.branch_sense[x, e, k] and momdp.limit[e] > 0 else -1
-            to = problem.branch_x[x, e, k]
+    for e in np.flatnonzero(step["legal"]).tolist():
+        for p, to, senses in dynamics.outcomes(x, e):
+            behavior = e if senses and momdp.limit[e] > 0 else -1
             mean = value_after(table, problem.percepts.rows, to, behavior, prob, scratch)
-            out[e] += problem.discount[x, e] * problem.branch_p[x, e, k] * mean
-    return np.where(problem.legal[x], out, -np.inf)
+            out[e] += step["discount"][e] * p * mean
+    return np.where(step["legal"], out, -np.inf)

@@ -41,16 +41,18 @@ class Edges(NamedTuple):
     @classmethod
     def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
         """List the legal pairs of a problem."""
-        x, e = np.nonzero(problem.legal[: momdp.terminal])
-        p = problem.discount[x, e, None] * problem.branch_p[x, e]  # (M,B), 0 beyond the branches
+        dynamics = problem.dynamics
+        x, e = np.nonzero(dynamics.step["legal"][: momdp.terminal])
+        step, branch = dynamics.step[x, e], dynamics.branch[x, e]  # (M,), (M,B)
+        p = step["discount"][:, None] * branch["p"]  # 0 beyond the branches
         outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
-        at = rows[:, None], problem.branch_sense[x, e].astype(int), problem.branch_x[x, e]
+        at = rows[:, None], branch["senses"].astype(int), branch["x"]
         np.add.at(outcome, at, p)
         bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
-        reward = problem.bonus_scale[x, e, None] * bonus[:, e].T
-        reward[:, 0] -= problem.cost[x, e]
+        reward = step["bonus_scale"][:, None] * bonus[:, e].T
+        reward[:, 0] -= step["cost"]
         edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
-        exits = problem.exit_value[: momdp.terminal, None]
+        exits = dynamics.exit_value[: momdp.terminal, None]
         return cls(np.ascontiguousarray(edge), outcome, reward, exits, informative_pairs(momdp))
 
 
@@ -114,17 +116,18 @@ def _cubic(
 
 def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
-    beliefs = table.beliefs
-    reward = edges.reward[:, :1]
+    axes, reward = table.axes, edges.reward[:, :1]
     if edges.reward[:, 1:].any():
-        reward = reward + edges.reward[:, 1:] @ beliefs.T
+        slopes = edges.reward[:, 1:, None]
+        pay = [table.combined(map(np.multiply, slope, axes), np.add) for slope in slopes]
+        reward = reward + np.array(pay)
     shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
     for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size], weight[i, :, :size] = part
     point[~edges.moves, 0, 0] = -1
-    report = momdp.report_reward(np.maximum(beliefs, 1 - beliefs))  # (B,)
-    floor = np.maximum(report, edges.exit_value)
+    right = table.combined((np.maximum(axis, 1 - axis) for axis in axes), np.multiply)  # (B,)
+    floor = np.maximum(momdp.report_reward(right[:, None]), edges.exit_value)
     return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.open_loop.errors import make_scratch
+from meal_bayes.planners.open_loop.errors import Scratch, make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, behavior_values
+from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
 from meal_bayes.planners.solver import Decision, History, choose
 
 
@@ -38,10 +38,16 @@ class OpenLoopPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior of the best plan."""
-        belief, plans = history.belief, self.plans
-        scratch = make_scratch(self.problem.percepts, int(np.diff(plans.first).max()))
-        scratch.counts[:] = belief.seen
-        scratch.total[:] = belief.seen[0].sum(axis=1)
-        behavior_values(self.problem, plans, belief.x, np.exp(belief.weight), scratch)
-        exit_value = float(self.problem.exit_value[belief.x])
-        return Decision.exact(*choose(self.momdp, belief, scratch.value, exit_value))
+        belief = history.belief
+        exit_value = float(self.problem.dynamics.exit_value[belief.x])
+        values = plan_values(self.problem, self.plans, belief).value
+        return Decision.exact(*choose(self.momdp, belief, values, exit_value))
+
+
+def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
+    """Value the best plan of each first behavior -> `value` (E,) of the buffers that it returns."""
+    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    scratch.counts[:] = belief.seen
+    scratch.total[:] = belief.seen[0].sum(axis=1)
+    evaluate_plans(problem, plans, belief.x, np.exp(belief.weight), scratch, -np.inf, True)
+    return scratch

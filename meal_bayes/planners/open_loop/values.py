@@ -156,14 +156,29 @@ def _locate(model, plans, prob, scratch):
         scratch.chance[i], scratch.rule[i] = b, min(max(g, 0), rules - 2)
 
 
+@kernel
+def _is_idle(model, x, a, total):
+    """Whether a behavior can bring nothing: no other x, no percept that tells, no pay."""
+    if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
+        return False
+    if total[a] < model.percepts.limit[a]:
+        for i in range(model.percepts.informative.shape[0]):
+            if model.percepts.informative[i, a]:
+                return False
+    return True
+
+
 @entry_kernel
-def evaluate_plans(model, plans, x, prob, scratch, floor):
+def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     """Value of the best plan from x by first behavior -> `scratch.value`; return the best of all.
 
     `scratch.best` holds the plans; `scratch.counts` and `total` are the percepts so far. Above a
     `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it.
     Plans that the tables do not hold are computed in the order of what the tables say of them,
     which is nearly always too much, COMPUTED a behavior: to leave some out keeps a lower bound.
+
+    With `useful`, behaviors that can bring nothing are worth -inf. Their plans, computed in other
+    ways than what is left of them, may seem worth more; who followed them would go round for ever.
     """
     _locate(model, plans, prob, scratch)
     shared, best, out = floor > -np.inf, floor, scratch.value
@@ -194,32 +209,10 @@ def evaluate_plans(model, plans, x, prob, scratch, floor):
             value = _exact_value(model, plans, start + top, prob, scratch, lowest)
             if value > out[a]:
                 out[a], scratch.best[a], best = value, start + top, max(best, value)
+    for a in range(out.shape[0]):
+        if useful and _is_idle(model, x, a, scratch.total):
+            out[a] = -np.inf
     return best
-
-
-@kernel
-def _is_idle(model, x, a, total):
-    """Whether a behavior can bring nothing: no other x, no percept that tells, no pay."""
-    if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
-        return False
-    if total[a] < model.percepts.limit[a]:
-        for i in range(model.percepts.informative.shape[0]):
-            if model.percepts.informative[i, a]:
-                return False
-    return True
-
-
-@entry_kernel
-def behavior_values(model, plans, x, prob, scratch):
-    """Value of the best plan by first behavior -> `scratch.value`, -inf where it can bring nothing.
-
-    Of a behavior that brings nothing, plans that are computed in other ways than their rests may
-    seem worth more than these; who followed them would go round for ever.
-    """
-    evaluate_plans(model, plans, x, prob, scratch, -np.inf)
-    for a in range(scratch.value.shape[0]):
-        if _is_idle(model, x, a, scratch.total):
-            scratch.value[a] = -np.inf
 
 
 @entry_kernel
@@ -233,7 +226,7 @@ def judge_plans(model, plans, beliefs, scratch, out, wins):
         for a in range(out.shape[0]):
             out[a, 0], out[a, 1] = -np.inf, -1.0
         for b in range(beliefs.shape[0]):
-            best = evaluate_plans(model, plans, x, beliefs[b], scratch, -np.inf)
+            best = evaluate_plans(model, plans, x, beliefs[b], scratch, -np.inf, x < 0)
             for a in range(out.shape[0]):
                 if scratch.value[a] == best and best > -np.inf:
                     wins[scratch.best[a], 0] += 1

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, FlatPOMDP, initial_belief, percept_probabilities
-from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.compiled import Dynamics, dynamics_of
 
 _MAX_ENTRIES = 20_000_000  # of all outcome matrices, 160 MB
 
@@ -58,34 +58,30 @@ def problem_of(momdp: MOMDP) -> Problem:
             f"{len(momdp.query)} attributes make {size:.1g} entries of outcome matrices; "
             f"point-based solving ends at {_MAX_ENTRIES:.0e}. Ask fewer attributes, or use POMCP."
         )
-    folded = compile_momdp(momdp)
+    folded = dynamics_of(momdp)
     truth = momdp.query.values.astype(int)  # (Y,N)
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     choices = tuple(
-        tuple(
-            _choice(momdp, folded, x, int(e), bonus[:, e]) for e in np.flatnonzero(folded.legal[x])
-        )
-        for x in range(momdp.terminal)
+        tuple(_choice(momdp, folded, x, e, bonus[:, e]) for e in np.flatnonzero(legal).tolist())
+        for x, legal in enumerate(folded.step["legal"][: momdp.terminal])
     )
     known = tuple(_endings(momdp, folded, x) for x in range(momdp.terminal))
     return Problem(choices, known, momdp.start, initial_belief(momdp).joint)
 
 
-def _choice(momdp: MOMDP, folded: Compiled, x: int, e: int, bonus: Floats) -> Choice:
+def _choice(momdp: MOMDP, folded: Dynamics, x: int, e: int, bonus: Floats) -> Choice:
     n_y = len(bonus)
-    weights, next_x = [], []
-    for branch in range(int(folded.branches[x, e])):
-        p = folded.discount[x, e] * folded.branch_p[x, e, branch]
-        shown = percept_probabilities(momdp, e).T if folded.branch_sense[x, e, branch] else None
-        rows = p * (np.ones((1, n_y)) if shown is None else shown)  # (outcomes,Y)
-        weights.append(rows)
-        next_x += [int(folded.branch_x[x, e, branch])] * len(rows)
+    step, weights, next_x = folded.step[x, e], [], []
+    for p, to, senses in folded.outcomes(x, e):
+        shown = percept_probabilities(momdp, e).T if senses else np.ones((1, n_y))
+        weights.append(step["discount"] * p * shown)  # (outcomes,Y)
+        next_x += [to] * len(shown)
     outcome = np.concatenate(weights)[:, :, None] * np.eye(n_y)
-    reward = folded.bonus_scale[x, e] * bonus - folded.cost[x, e]
+    reward = step["bonus_scale"] * bonus - step["cost"]
     return Choice(e, reward, np.array(next_x), outcome)
 
 
-def _endings(momdp: MOMDP, folded: Compiled, x: int) -> Plans:
+def _endings(momdp: MOMDP, folded: Dynamics, x: int) -> Plans:
     """List reports, and the way out where the MOMDP lets a planner abstain."""
     truth = momdp.query.values
     vectors = momdp.report_reward((truth[:, None] == truth).astype(float))  # (reports,Y)

@@ -1,4 +1,4 @@
-"""What values a new node of the tree: the one place where the leaf evaluators meet.
+"""What values nodes of the tree: the one place where the leaf evaluators meet.
 
 Open-loop plans give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few
 enough, a table of factored value iteration estimates the optimum; on a grid that is too coarse for
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.values import Plans, behavior_values, evaluate_plans, stop_value
+from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
 
 
 class Leaf(NamedTuple):
@@ -33,36 +33,42 @@ class Leaf(NamedTuple):
 
 
 @kernel
-def leaf_value(model, leaf, x, prob):
-    """Value of a new node: ending now, the best plan, or what the table says."""
-    stop = stop_value(model, x, prob)
-    value = evaluate_plans(model, leaf.plans, x, prob, leaf.scratch, stop)
-    if leaf.table.value.shape[0] == 0:
-        return value
-    table, chance, nothing = leaf.table, leaf.scratch.chance, -leaf.table.size[0]
-    estimate = value_after(table, model.percepts.rows, x, nothing, chance, leaf.reading)
-    return max(value, estimate)
+def add_node(model, leaf, tree, child, x, a):
+    """Add the next free node, valued by ending now, the best plan, or what the table says."""
+    tree.size[0] += 1
+    node, prob, table = tree.node[child], tree.prob[child], leaf.table
+    node.x, node.visits = x, 0
+    count_percept(leaf.scratch, tree.level[child], a, 1.0)
+    node.stop = stop_value(model, x, prob)
+    node.value = evaluate_plans(model, leaf.plans, x, prob, leaf.scratch, node.stop, x < 0)
+    if table.value.shape[0] > 0:
+        chance, nothing = leaf.scratch.chance, -table.size[0]
+        estimate = value_after(table, model.percepts.rows, x, nothing, chance, leaf.reading)
+        node.value = max(node.value, estimate)
+    count_percept(leaf.scratch, tree.level[child], a, -1.0)
 
 
 @kernel
-def edge_values(model, leaf, x, prob):
-    """Value of every behavior of a visited node -> `leaf.scratch.value` (E,), -inf for none."""
-    scratch = leaf.scratch
-    behavior_values(model, leaf.plans, x, prob, scratch)
-    if leaf.table.value.shape[0] == 0:
-        return
-    for a in range(scratch.value.shape[0]):
-        if scratch.value[a] == -np.inf:
-            continue
-        mean = 0.0
-        for k in range(model.dynamics.branch.shape[2]):
-            branch = model.dynamics.branch[x, a, k]
-            behavior = a if branch.senses else -leaf.table.size[0]
-            mean += branch.p * value_after(
-                leaf.table, model.percepts.rows, branch.x, behavior, scratch.chance, leaf.reading
-            )
-        reward = step_reward(model, x, a, scratch.chance, scratch.total)
-        scratch.value[a] = max(scratch.value[a], reward + model.dynamics.step[x, a].discount * mean)
+def open_node(model, leaf, tree, node):
+    """Make the edges of a node that is visited; their values are -inf where nothing can come."""
+    x, scratch, table = tree.node[node].x, leaf.scratch, leaf.table
+    evaluate_plans(model, leaf.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+    for a in range(tree.edge.shape[1]):
+        value = scratch.value[a]
+        if value > -np.inf and table.value.shape[0] > 0:
+            mean = 0.0
+            for k in range(model.dynamics.branch.shape[2]):
+                branch = model.dynamics.branch[x, a, k]
+                behavior = a if branch.senses else -table.size[0]
+                mean += branch.p * value_after(
+                    table, model.percepts.rows, branch.x, behavior, scratch.chance, leaf.reading
+                )
+            reward = step_reward(model, x, a, scratch.chance, scratch.total)
+            value = max(value, reward + model.dynamics.step[x, a].discount * mean)
+        edge = tree.edge[node, a]
+        edge.visits, edge.first, edge.count = 0, -1, 0
+        edge.value = value
+        tree.node[node].value = max(tree.node[node].value, value)
 
 
 @kernel
@@ -75,3 +81,12 @@ def step_reward(model, x, a, chance, total):
             mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
             reward += model.dynamics.step[x, a].bonus_scale * mean
     return reward
+
+
+@kernel
+def count_percept(scratch, level, a, sign):
+    """Count a percept (N,) of a behavior, or take it back; -1 is none."""
+    if level[0] >= 0:
+        scratch.total[a] += sign
+        for i in range(level.shape[0]):
+            scratch.counts[i, a, level[i]] += sign

@@ -27,12 +27,13 @@ from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.iteration import spans_percepts
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
-from meal_bayes.planners.open_loop.errors import make_scratch
+from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, behavior_values
+from meal_bayes.planners.open_loop.policy import plan_values
+from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.leaf import Leaf
-from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
+from meal_bayes.planners.pomcp.sampled import KEPT, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose
@@ -127,50 +128,41 @@ class POMCPPolicy:
         certain = certain_behavior(self.momdp, belief)
         if certain is not None:
             return certain
-        tree, leaf, sampled = self._prepare(belief)
-        settled = self._settled(belief, leaf)
-        return settled or self._search(end, belief, tree, leaf, sampled, rng)
+        scratch = plan_values(self.problem, self.plans, belief)
+        settled = self._settled(belief, scratch.value)
+        return settled or self._search(end, belief, scratch, rng)
 
-    def _settled(self, belief: Belief, leaf: Leaf) -> Decision | None:
+    def _settled(self, belief: Belief, lower: NDArray[np.float64]) -> Decision | None:
         """Decide by bounds alone, where an action is worth at least what any other is at most."""
-        x, problem = belief.x, self.problem
-        lower = self._lower_bounds(belief, leaf)
+        x = belief.x
         left = np.isfinite(lower)  # what can bring anything
-        few = left.sum() <= 1
-        if not few and self.tables is None:
+        if left.sum() > 1 and self.tables is None:
             return None
-        exit_value = float(problem.exit_value[x])
-        action, values = choose(self.momdp, belief, lower, exit_value)
+        action, values = choose(self.momdp, belief, lower, self._exit_value(x))
         chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
         if self.tables is not None:
             upper = np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf)
-            others = np.append(upper, values[-1])
         elif chosen < 0 and left.any():
             return None  # the search may yet raise the behavior
         else:
-            others = np.append(np.full(len(lower), -np.inf), values[-1])
+            upper = np.full(len(lower), -np.inf)
+        others = np.append(upper, values[-1])
         others[chosen] = -np.inf
         return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
-    def _lower_bounds(self, belief: Belief, leaf: Leaf) -> NDArray[np.float64]:
-        """Value of the best plan by first behavior, (E,)."""
-        leaf.scratch.counts[:] = belief.seen
-        leaf.scratch.total[:] = belief.seen[0].sum(axis=1)
-        prob = np.exp(belief.weight)
-        behavior_values(self.problem, leaf.plans, belief.x, prob, leaf.scratch)
-        return leaf.scratch.value.copy()
+    def _exit_value(self, x: int) -> float:
+        return float(self.problem.dynamics.exit_value[x])
 
     def _search(
-        self,
-        end: float | None,
-        belief: Belief,
-        tree: Tree,
-        leaf: Leaf,
-        sampled: Sampled,
-        rng: np.random.Generator,
+        self, end: float | None, belief: Belief, scratch: Scratch, rng: np.random.Generator
     ) -> Decision:
-        settings = self.settings
-        exploration = 0.0 if leaf.table.value.size else settings.exploration * self.problem.gap
+        """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
+        settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
+        table = _EMPTY if self.tables is None else self.tables.estimate
+        leaf = Leaf(self.plans, table, scratch, grid.make_scratch(table, momdp.levels))
+        tree = self._planted(belief)
+        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
+        exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
         def grow(simulations: int) -> int:
@@ -178,10 +170,9 @@ class POMCPPolicy:
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
         if not done:
-            tree.edge["value"][0], tree.edge["visits"][0] = self._lower_bounds(belief, leaf), 0
-            tree.edge["first"][0] = -1
-        exit_value = float(self.problem.exit_value[belief.x])
-        action, values = choose(self.momdp, belief, tree.edge["value"][0], exit_value)
+            tree.edge["value"][0], tree.edge["visits"][0], tree.edge["first"][0] = lower, 0, -1
+        values = tree.edge["value"][0]
+        action, values = choose(momdp, belief, values, self._exit_value(belief.x))
         visits = tree.edge["visits"][0]
         errors = np.where(np.isnan(values), np.nan, 0.0)
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
@@ -189,26 +180,20 @@ class POMCPPolicy:
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
         return Decision(action, values, errors, visits, top_edges(tree), done, rows)
 
-    def _prepare(self, belief: Belief) -> tuple[Tree, Leaf, Sampled]:
-        """Make the buffers of one decision, and the root."""
-        momdp, settings, plans, tables = self.momdp, self.settings, self.plans, self.tables
-        percepts = self.problem.percepts
-        outcomes = int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
-        width = self.problem.dynamics.branch.shape[2] * outcomes
+    def _planted(self, belief: Belief) -> Tree:
+        """Make a tree with its root alone, and room for what one decision may add."""
+        settings, momdp = self.settings, self.momdp
+        branches = self.problem.dynamics.branch.shape[2]
         nodes = settings.capacity
         if settings.milliseconds is None:
+            width = branches * int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
-        spare = self.problem.dynamics.branch.shape[2] * ENUMERATE  # that an expansion may take
-        tree = make_tree(nodes + spare + 1, momdp.n_behaviors, *belief.weight.shape)
-        prob = np.exp(belief.weight)
-        sampled = make_sampled(percepts, prob, belief.seen.astype(np.float64))
-        scratch = make_scratch(percepts, int(np.diff(plans.first).max()))
-        tree.size[0] = 1
-        tree.prob[0], tree.level[0] = prob, -1
-        stop = max(report_value(momdp, belief), float(self.problem.exit_value[belief.x]))
+        nodes += branches * ENUMERATE + 1  # that an expansion may take
+        tree = make_tree(nodes, momdp.n_behaviors, *belief.weight.shape)
+        stop = max(report_value(momdp, belief), self._exit_value(belief.x))
+        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.weight), -1
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
-        table = _EMPTY if tables is None else tables.estimate
-        return tree, Leaf(plans, table, scratch, grid.make_scratch(table, momdp.levels)), sampled
+        return tree
 
 
 _EMPTY = Table(np.ones((1, 1)), np.ones(1, np.int64), np.zeros((0, 1), np.float32))

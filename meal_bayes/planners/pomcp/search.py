@@ -6,8 +6,8 @@ Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the lea
 import numpy as np
 
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.values import stop_value, true_chance
-from meal_bayes.planners.pomcp.leaf import edge_values, leaf_value, step_reward
+from meal_bayes.planners.open_loop.values import true_chance
+from meal_bayes.planners.pomcp.leaf import add_node, count_percept, open_node, step_reward
 from meal_bayes.planners.pomcp.sampled import DEPTH, condition, draw_object, draw_percept, note_rows
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
@@ -31,7 +31,7 @@ def search(model, leaf, tree, sampled, simulations, options, rng):
         node, depth, value = done * 0, 0, 0.0
         while depth < DEPTH:
             if tree.node[node].visits == 0:
-                _open(model, leaf, tree, node)
+                open_node(model, leaf, tree, node)
             tree.node[node].visits += 1
             a, value = _select(model, tree, node, options[0]), tree.node[node].stop
             if a < 0:
@@ -67,17 +67,6 @@ def _restart(scratch, counts):
             scratch.total[e] += counts[0, e, z]
             for i in range(counts.shape[0]):
                 scratch.counts[i, e, z] = counts[i, e, z]
-
-
-@kernel
-def _open(model, leaf, tree, node):
-    """Value the edges of a node that is visited."""
-    edge_values(model, leaf, tree.node[node].x, tree.prob[node])
-    for a in range(tree.edge.shape[1]):
-        edge = tree.edge[node, a]
-        edge.visits, edge.first, edge.count = 0, -1, 0
-        edge.value = leaf.scratch.value[a]
-        tree.node[node].value = max(tree.node[node].value, edge.value)
 
 
 @kernel
@@ -127,7 +116,7 @@ def _expand(model, leaf, tree, node, a, rng):
             else:
                 tree.node[child].p = branch.p if outcome == 0 else 0.0
             if tree.node[child].p > 0.0:
-                _add(model, leaf, tree, child, branch.x, a)
+                add_node(model, leaf, tree, child, branch.x, a)
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
@@ -151,27 +140,6 @@ def _perceive(model, leaf, tree, node, a, outcome, rng):
                 z += 1
                 u -= condition(percepts, scratch, tree.prob[node], i, a, z, tree.prob[child])
         tree.level[child, i] = z
-
-
-@kernel
-def _add(model, leaf, tree, child, x, a):
-    """Add the next free node to the tree, valued by the leaf."""
-    tree.size[0] += 1
-    node = tree.node[child]
-    node.x, node.visits = x, 0
-    _count(leaf.scratch, tree.level[child], a, 1.0)
-    node.stop = stop_value(model, x, tree.prob[child])
-    node.value = leaf_value(model, leaf, x, tree.prob[child])
-    _count(leaf.scratch, tree.level[child], a, -1.0)
-
-
-@kernel
-def _count(scratch, level, a, sign):
-    """Count a percept (N,) of a behavior, or take it back; -1 is none."""
-    if level[0] >= 0:
-        scratch.total[a] += sign
-        for i in range(level.shape[0]):
-            scratch.counts[i, a, level[i]] += sign
 
 
 @kernel
@@ -203,7 +171,7 @@ def _execute(model, leaf, tree, sampled, node, a, rng):
             break
         if rng.random() * here < 1.0:
             found = child
-    _count(leaf.scratch, tree.level[found], a, 1.0)
+    count_percept(leaf.scratch, tree.level[found], a, 1.0)
     return found
 
 

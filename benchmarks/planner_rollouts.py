@@ -1,4 +1,4 @@
-"""Value of any policy inside a MOMDP, by simulated episodes."""
+"""Value of any policy inside a MOMDP, by simulated episodes; for `planner.py` and the tests."""
 
 import time
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, Transition, best_report, initial_belief, update_belief
+from meal_bayes.momdp import MOMDP, Transition, best_report, initial_belief, update_belief
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.planners.solver import History, Policy
 
@@ -121,9 +121,8 @@ def _episode(
             won = bool((report == true).all())
             return total, float(right.prod()), won, paid, False, step + 1, simulations, cpu
         x, percept = _execute(world, known.x, action, rows, known.seen[0], world_rng)
-        free = not world.legal[known.x, action] and x == known.x
-        total -= 0.0 if free else scale * float(world.cost[action])
-        paid += 0.0 if free else float(world.cost[action])
+        cost = world.step_cost(known.x, action, x)
+        total, paid = total - scale * cost, paid + cost
         scale *= world.discount
         if x == world.terminal:
             break
@@ -133,7 +132,7 @@ def _episode(
             if believed is world
             else update_belief(belief, believed, Transition(action, x, percept))
         )
-        history = _longer(history, belief, action, percept is not None, x, paid)
+        history = history.after(belief, action, percept is not None, cost)
     return total, 0.0, False, paid, True, step + 1, simulations, cpu
 
 
@@ -168,15 +167,3 @@ def _execute(
 def _draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> int:
     index = int(np.searchsorted(probabilities.cumsum(), rng.random(), side="right"))
     return min(index, len(probabilities) - 1)
-
-
-def _longer(
-    history: History, belief: Belief, action: int, perceived: bool, x: int, cost: float
-) -> History:
-    return History(
-        belief,
-        (*history.actions, action),
-        (*history.perceived, perceived),
-        (*history.moved, x),
-        cost,
-    )

@@ -1,4 +1,4 @@
-"""How far an object's percepts err together: a latent class that all its percepts share.
+"""A latent class that all percepts of an object share: what `calibration.py` compares ours with.
 
 Behaviors of one object are not independent given the truth: an object that looks and sounds empty
 to one classifier does so to the next. Each object has, per attribute, one value it *seems* to have,
@@ -12,11 +12,11 @@ by the posterior's own Dirichlet-multinomial rows, under a Beta(1, 1 / TYPICAL) 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
-from scipy.special import gammaln
 
-from meal_bayes.posterior.dirichlet import ConfusionPosterior
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.pointwise import log_likelihood
 
 TYPICAL = 0.05  # prior scale of epsilon
 _BOUNDS = (-9.0, -0.1)  # of logit(epsilon)
@@ -58,19 +58,3 @@ def misperception(
         return TYPICAL
     best = minimize_scalar(loss, bounds=_BOUNDS, method="bounded").x
     return float(1 / (1 + np.exp(-best)))
-
-
-def log_likelihood(
-    counts: NDArray[np.float64], mean: NDArray[np.float64], precision: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Log-probability (...,P,E) of a sequence of percepts with counts (...,P,E,K).
-
-    Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with
-    the counts; inf takes percepts as independent (Eq. 8).
-    """
-    known = np.isinf(precision)
-    s = np.where(known, 1.0, precision)
-    alpha = s[..., None] * mean
-    urn = gammaln(s) - gammaln(s + counts.sum(axis=-1))
-    urn = urn + (gammaln(alpha + counts) - gammaln(alpha)).sum(axis=-1)
-    return np.asarray(np.where(known, (counts * np.log(mean)).sum(axis=-1), urn))

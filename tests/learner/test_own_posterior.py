@@ -1,0 +1,70 @@
+"""A posterior of one's own, of PyMC or the grid, is the agent's; a key names a question's luck."""
+
+import numpy as np
+import pytest
+
+from meal_bayes.datasets import load_percepts
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner import Learner
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.draws import draw_grid
+from meal_bayes.posterior.idata import to_idata
+
+
+@pytest.fixture(scope="module")
+def table():
+    return load_percepts("roc36")
+
+
+def drawn(dataset, levels, objects):
+    """An InferenceData of the grid's posterior of yes/no or graded percepts of some objects."""
+    rng, (p, e) = np.random.default_rng(4), (2, 3)
+    labels = dataset.labels[:objects]
+    counts = np.zeros((objects, p, e, 2, levels), np.int64)
+    for o, i, b in np.ndindex(objects, p, 2):
+        speaks = levels - 1 if labels[o, i] == (rng.random() < 0.9) else 0
+        counts[o, i, b, labels[o, i], speaks] += 3
+    domain = dataset.domain
+    draws = draw_grid(
+        counts, rng, attributes=domain.attributes, behaviors=domain.behavior_names, draws=50
+    )
+    dims = ("object", "attribute", "behavior", "truth", "level")
+    return to_idata(draws, observed={"counts": (dims, counts[:, :, :2])})
+
+
+class TestAPosteriorOfOnesOwn:
+    def test_is_what_the_agent_believes_and_lessons_are_added(self, dataset, make):
+        idata = drawn(dataset, 4, 8)
+        learner = make.learner(dataset, posterior=idata)
+        own = ConfusionPosterior.from_idata(idata, dataset.domain)
+        np.testing.assert_array_equal(learner.knowledge().posterior.mean, own.mean)
+        trial = learner.ask("red", make.arm())
+        learner.tell(trial, {"red": True})
+        learner.refit()
+        after = learner.knowledge().posterior
+        assert (after.counts.sum() > own.counts.sum()) == any(
+            step.observation is not None for step in trial.steps
+        )
+        learner.forget(trial)
+        np.testing.assert_allclose(learner.knowledge().posterior.mean, own.mean, atol=1e-12)
+
+    def test_other_levels_than_the_agent_s_are_told(self, dataset, make):
+        with pytest.raises(SettingsError, match="levels of the agent"):
+            make.learner(dataset, posterior=drawn(dataset, 2, 8))
+
+    def test_replays_believe_it_too(self, table):
+        own = (
+            Learner(table.domain, agent="greedy", logs=None).fit(table).knowledge(table.objects[0])
+        )
+        learner = Learner(table.domain, agent="greedy", logs=None, posterior=own.posterior)
+        found = learner.fit(table).knowledge(table.objects[3]).posterior
+        np.testing.assert_array_equal(found.mean, own.posterior.mean)
+
+
+def test_a_key_names_the_luck_of_a_question(table):
+    learner = Learner(table.domain, agent="random_legal", logs=None).fit(table)
+    asked = [learner.ask("heavy", table.objects[0], key=key) for key in ("a", "a", "b", None)]
+    actions = [[step.decision.action for step in trial.steps] for trial in asked]
+    assert actions[0] == actions[1]
+    assert asked[0].task.key != asked[2].task.key
+    assert asked[3].task.key == (table.domain.data, "ask", table.objects[0], "heavy")
