@@ -159,9 +159,8 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     try:
         with zipfile.ZipFile(file) as archive:
             arrays = {name: _member(archive, name, *kind) for name, kind in _MEMBERS.items()}
-            for name, kind in _OPTIONAL.items():
-                if f"{name}.npy" in archive.namelist():
-                    arrays[name] = _member(archive, name, *kind)
+            there = [name for name in _OPTIONAL if f"{name}.npy" in archive.namelist()]
+            arrays |= {name: _member(archive, name, *_OPTIONAL[name]) for name in there}
         meta = read_json(arrays.pop("meta").tobytes())
     except _UNREADABLE as error:
         raise DataError(
@@ -235,7 +234,7 @@ def _lay_out(
     objects, p, e = len(meta["objects"]), len(meta["attributes"]), len(meta["behaviors"])
     expected = ((objects, p), (objects, log_odds.shape[1], e, p))
     counts = arrays.get("recording_counts", np.full((objects, e), log_odds.shape[1], np.uint16))
-    groups = arrays.get("groups", np.arange(objects))
+    groups = arrays.get("groups", np.arange(objects)).astype(np.int64)
     found = (labels.shape, log_odds.shape, counts.shape, groups.shape)
     n_groups = int(groups.max(initial=-1)) + 1
     if (

@@ -8,6 +8,7 @@ on their number alone.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ def landmark_problem(
     for i in range(n_modalities):
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
-        for fold, (start, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
+        for fold, (start, end) in enumerate(pairwise(starts)):
             own = features[i, start:end]
             grams[i, 1 + fold], moments[i, 1 + fold] = own.T @ own, own.T @ targets[:, start:end].T
         grams[i, 0], moments[i, 0] = (

@@ -153,7 +153,8 @@ def all_recordings_of(
         rows = rows_of(dataset, training_set, behavior.name)
         if not len(rows) or not behavior.modalities:
             continue
-        objects, recordings = training_set.object[rows], training_set.recording[rows]
+        objects = training_set.object[rows].astype(np.int64)
+        recordings = training_set.recording[rows]
         spaces = tuple(
             fit_space(
                 dataset.features[behavior.name, modality][objects, recordings], settings.kernel

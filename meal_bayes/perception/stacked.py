@@ -5,6 +5,7 @@ A classifier for each modality, and one for all of them at once.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -137,8 +138,8 @@ def stacked_outputs(
     index = {name: h for h, name in enumerate(held.tolist())}
     rows = {
         name: part.rows[start:end]
-        for name, start, end in zip(
-            problem.groups.tolist(), problem.starts[:-1], problem.starts[1:], strict=True
+        for name, (start, end) in zip(
+            problem.groups.tolist(), pairwise(problem.starts), strict=True
         )
     }
     for (first, second), outputs in zip(problem.groups[pairs].tolist(), both, strict=True):

@@ -333,8 +333,9 @@ def fit_stackers(
 ) -> None:
     """Fit one stacker an attribute on decisions (M,P,n) on recordings of weight `base` (n,).
 
-    What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and slopes, and leaves what it finds
-    there, and the losses (P,); all zero where only one class remains.
+    What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and
+    slopes, and leaves what it finds there, and the losses (P,); all zero where only one class
+    remains.
     """
     n_modalities, n_targets, n = decisions.shape
     features, weight = np.empty((n_modalities, n)), np.empty(n)

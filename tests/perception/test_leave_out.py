@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from meal_bayes.perception.leave_out import (
-    full_stackers,
     each_group,
+    full_stackers,
     kernel_problem,
     known_patterns,
     leave_out,
