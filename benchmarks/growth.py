@@ -36,24 +36,16 @@ TASKS = ("table", "fit")
 
 
 def domain_of(behaviors: int, attributes: int) -> Domain:
-    """Return `toy` with so many behaviors that sense, each like its look, and so many attributes."""
+    """Return `toy` with so many attributes and sensing behaviors, further ones like its look."""
     toy = load_domain("toy")
     look, effect = toy.behaviors[0], toy.diagram.effects[0]
-    others = tuple(behavior for behavior in toy.behaviors if not behavior.modalities)
-    names = [look.name, *(f"look_{k}" for k in range(2, behaviors + 1))]
-    known = {behavior.name for behavior in others}
+    names = [f"look_{k}" for k in range(behaviors - 2)]
+    effects = (*toy.diagram.effects, *(replace(effect, behavior=name) for name in names))
     return replace(
         toy,
         attributes=tuple(f"attribute_{k}" for k in range(attributes)),
-        groups={},
-        behaviors=(*(replace(look, name=name) for name in names), *others),
-        diagram=replace(
-            toy.diagram,
-            effects=(
-                *(replace(effect, behavior=name) for name in names),
-                *(one for one in toy.diagram.effects if one.behavior in known),
-            ),
-        ),
+        behaviors=(*toy.behaviors, *(replace(look, name=name) for name in names)),
+        diagram=replace(toy.diagram, effects=effects),
     )
 
 
