@@ -1,5 +1,6 @@
 """`meal-bayes data`: list and fetch recordings, compute percept tables."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,14 @@ from meal_bayes.cli.console import (
     progress,
     say,
 )
-from meal_bayes.cli.options import json_option, named_value, perception_option, root_option
+from meal_bayes.cli.options import (
+    cluster_option,
+    jobs_option,
+    json_option,
+    named_value,
+    perception_option,
+    root_option,
+)
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
@@ -105,17 +113,27 @@ def verify(dataset: str) -> None:
 )  # fmt: skip
 @root_option
 @click.option("--out", type=click.Path(path_type=Path), help="Where to write the table (.npz).")
+@jobs_option
+@cluster_option
 def percepts(
-    dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None
+    dataset: str,
+    perception: str,
+    classifier: str | None,
+    root: Path | None,
+    out: Path | None,
+    jobs: int,
+    cluster: str | None,
 ) -> None:
     """Compute a percept table from recordings.
 
-    With --out it is written; a shipped data set's is compared with the one in the package.
+    With --out it is written; a shipped data set's is compared with the one in the package. Its
+    behaviors are computed at once by --jobs processes, or by a cluster: the table is the same.
     """
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError
+    from meal_bayes.experiments.parallel import in_parallel
     from meal_bayes.files import check_output
     from meal_bayes.perception import build_percept_table
 
@@ -139,7 +157,11 @@ def percepts(
         note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
     with progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
         table = build_percept_table(
-            recordings, perception=perception, classifier=estimator, progress=advance
+            recordings,
+            perception=perception,
+            classifier=estimator,
+            progress=advance,
+            each=partial(in_parallel, jobs=jobs, cluster=cluster),
         )
     if out is not None:
         save_percepts(table, out)

@@ -32,9 +32,12 @@ _MEMBERS = {  # name -> dtype, axes
     "labels": ("|i1", 2),  # (O,P)
     "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
     "edges": ("<f8", 1),  # (L-1,)
-    "training_bins": ("|u1", 5),  # (O,P,E',O,L) [o', ..., held-out o]: neighbors are alike
+    "training_bins": ("|u1", 5),  # (O,P,E',G,L) [o', ..., held-out g]: neighbors are alike
 }
-_COUNTS = "recording_counts"  # (O,E') <u2, a member more where recordings are ragged
+_OPTIONAL = {  # members more
+    "recording_counts": ("<u2", 2),  # (O,E'), where recordings are ragged
+    "groups": ("<u2", 1),  # (O,), where objects are left out by folds
+}
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
 _LARGEST = 2 << 24  # bytes that the training bins may unpack to
 _REST = 1 << 24  # and each other member
@@ -76,7 +79,10 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     }
     members = {name: dtype for name, (dtype, _) in _MEMBERS.items()}
     if table.ragged:
-        members[_COUNTS], arrays[_COUNTS] = "<u2", table.recording_counts[:, sensing]
+        arrays["recording_counts"] = table.recording_counts[:, sensing]
+    if (table.groups != np.arange(len(table.objects))).any():
+        arrays["groups"] = table.groups
+    members |= {name: dtype for name, (dtype, _) in _OPTIONAL.items() if name in arrays}
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
         for name, dtype in members.items():
             buffer = io.BytesIO()
@@ -153,8 +159,8 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     try:
         with zipfile.ZipFile(file) as archive:
             arrays = {name: _member(archive, name, *spec) for name, spec in _MEMBERS.items()}
-            if f"{_COUNTS}.npy" in archive.namelist():
-                arrays[_COUNTS] = _member(archive, _COUNTS, "<u2", 2)
+            there = [name for name in _OPTIONAL if f"{name}.npy" in archive.namelist()]
+            arrays |= {name: _member(archive, name, *_OPTIONAL[name]) for name in there}
         meta = read_json(arrays.pop("meta").tobytes())
     except _UNREADABLE as error:
         raise DataError(
@@ -227,16 +233,22 @@ def _in_domain_order(
     labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
     objects, p, e = len(meta["objects"]), len(meta["attributes"]), len(meta["behaviors"])
     expected = ((objects, p), (objects, log_odds.shape[1], e, p))
-    counts = arrays.get(_COUNTS, np.full((objects, e), log_odds.shape[1], np.uint16))
-    found = (labels.shape, log_odds.shape, counts.shape)
-    if found != (*expected, (objects, e)) or bins.shape[:4] != (objects, p, e, objects):
+    counts = arrays.get("recording_counts", np.full((objects, e), log_odds.shape[1], np.uint16))
+    groups = arrays.get("groups", np.arange(objects)).astype(np.int64)
+    found = (labels.shape, log_odds.shape, counts.shape, groups.shape)
+    n_groups = int(groups.max(initial=-1)) + 1
+    if (
+        found != (*expected, (objects, e), (objects,))
+        or bins.shape[:4] != (objects, p, e, n_groups)
+        or n_groups > objects
+    ):
         raise DataError(f"{where}: names and arrays differ in number; make the table again.")
     n_behaviors = len(domain.behaviors)
     if bins.size // max(p * e, 1) * len(columns) * n_behaviors > 2 * _LARGEST:
         raise DataError(f"{where}: {n_behaviors} behaviors make a table that fits in no memory.")
     all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
     all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
-    all_bins = np.zeros((objects, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
+    all_bins = np.zeros((n_groups, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
     all_bins[:, :, :, senses] = bins[:, columns][:, :, rows].transpose(3, 0, 1, 2, 4)
     all_counts = np.zeros((objects, n_behaviors), np.int64)
     all_counts[:, senses] = counts[:, rows]
@@ -249,4 +261,5 @@ def _in_domain_order(
         all_bins,
         meta["provenance"],
         all_counts,
+        groups,
     )

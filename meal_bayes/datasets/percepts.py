@@ -60,11 +60,14 @@ class PerceptTable:
     labels : (O,P) int8, 1 true, 0 false, -1 unknown.
     log_odds : (O,R,E,P) float16, of o's recordings, by classifiers that never saw o.
     edges : (L-1,) float64, of the fine bins; the middle one is the yes/no threshold.
-    training_bins : (O,O,P,E,L) uint8, [o, o']: how often o' fell in each bin, by classifiers that
-        saw neither o nor o'; the diagonal is zero.
+    training_bins : (G,O,P,E,L) uint8, [g, o']: how often o' fell in each bin, by classifiers that
+        saw neither o' nor group g; zero where o' is of g.
     provenance : versions, settings, checksums and the command that made it.
     recording_counts : (O,E) int64, how many recordings each object has of each behavior; R of all
         that sense by default.
+
+    groups : (O,) int64, which g each object is left out with: one of its own by default, or a fold
+        of objects where there are many.
 
     Raises
     ------
@@ -79,6 +82,7 @@ class PerceptTable:
     training_bins: NDArray[np.uint8]
     provenance: Mapping[str, str]
     recording_counts: NDArray[np.int64] = None  # type: ignore[assignment]
+    groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -88,6 +92,8 @@ class PerceptTable:
             edges=freeze(self.edges),
             training_bins=freeze(self.training_bins, np.uint8),
         )
+        own = np.arange(len(self.objects)) if self.groups is None else self.groups
+        set_frozen(self, groups=freeze(own, np.int64))
         self._check()
         if self.recording_counts is None:
             senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
@@ -107,13 +113,14 @@ class PerceptTable:
         expected = {
             "labels": (o, p),
             "log_odds": (o, self.log_odds.shape[1] if self.log_odds.ndim > 1 else 0, e, p),
-            "training_bins": (o, o, p, e, len(self.edges) + 1),
+            "groups": (o,),
+            "training_bins": (int(self.groups.max(initial=-1)) + 1, o, p, e, len(self.edges) + 1),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape
             if found != shape:
                 raise DataError(f"Percept table: {name} has shape {found}; expected {shape}.")
-        if self.training_bins[np.arange(o), np.arange(o)].any():
+        if self.training_bins[self.groups, np.arange(o)].any():
             raise DataError(
                 "Percept table: an object's own recordings stand among what is learned without it; "
                 "its training bins must be zero (build the table again)."
@@ -158,8 +165,8 @@ class PerceptTable:
         return levels_of(log_odds, self.edges, levels)
 
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
-        """Return the counts (O,P,E,K) of each level of each object but the held-out one."""
+        """Return the counts (O,P,E,K) of each level of objects outside the held-out one's group."""
         level_edges(self.edges, levels)
-        bins = self.training_bins[held_out]
+        bins = self.training_bins[self.groups[held_out]]
         merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)
         return freeze(merged, np.int64)

@@ -101,10 +101,7 @@ class _Trained:
 
 
 def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    features = recordings.rows
-    if features is None:
-        raise DataError("A classifier needs the recordings' features; these have kernels alone.")
-    truth = recordings.labels == 1
+    features, truth = recordings.features, recordings.labels == 1
     estimator = repeatable(settings.classifier)
 
     def train(rows: Rows) -> _Trained:
@@ -114,8 +111,8 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     def fit_pool(decisions: Floats, truth: Rows, objects: NDArray[np.int64]) -> Stacker:
         return _fit_pool(decisions, truth, objects, settings)
 
-    folds = folds_of(recordings, settings.folds)
-    return FoldProblem(truth, recordings.objects, folds, 1, train, fit_pool)
+    folds, units = folds_of(recordings, settings.folds)
+    return FoldProblem(truth, recordings.objects, folds, units, 1, train, fit_pool)
 
 
 def repeatable(classifier: Any) -> Any:
@@ -161,12 +158,11 @@ def _fit_pool(
         return Stacker(weights)
     scale = decisions.std(axis=0)  # (1,P)
     scale = np.where(scale > 0, scale, 1.0)
-    starts = np.append(np.unique(objects, return_index=True)[1], len(objects))
+    _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     fit_stackers(
-        np.empty(0, np.int64),
+        2.0 / sizes[place.ravel()],
         np.ascontiguousarray((decisions / scale).transpose(1, 2, 0)),
         np.ascontiguousarray(np.where(truth, 1.0, -1.0).T),
-        starts,
         settings.ridge,
         settings.nonnegative,
         settings.balanced,

@@ -29,8 +29,9 @@ def cross_validate(
 
     Nested over objects: for object o' both the classifiers and the rule that pools them are
     trained without o', and that rule learns only from decisions on objects that the classifiers
-    behind them never saw. Each labelled instance gives exactly one count; where the other objects
-    hold one class only its percept says nothing (the level around even odds).
+    behind them never saw. Above the settings' exact sizes, folds of objects take the place of
+    objects. Each labelled instance gives exactly one count; where the other objects hold one class
+    only its percept says nothing (the level around even odds).
     """
     return fit_and_validate(dataset, training_set, settings=settings)[1]
 
@@ -45,13 +46,15 @@ def fit_and_validate(
     domain, n_objects = dataset.domain, len(dataset.objects)
     shape = (n_objects, len(domain.attributes), len(domain.behaviors), 2, settings.levels)
     counts = np.zeros(shape, np.int64)
-    gathered = all_recordings_of(dataset, training_set, settings.kernel)
-    width, _ = learned_widths([recordings for recordings, _ in gathered.values()], settings)
+    gathered = all_recordings_of(dataset, training_set, settings)
+    width, _ = learned_widths(gathered.values(), settings)
     classifiers = {}
-    for name, (recordings, spaces) in gathered.items():
+    for name, recordings in gathered.items():
         fit, believed, own = fit_behavior(recordings.widened(width), settings, n_objects)
-        counts[:, :, domain.behavior_index(name)] = own.counts[:, :, 0]
-        wide = {modality: space.widened(width) for modality, space in spaces.items()}
+        e = domain.behavior_index(name)
+        counts[:, :, e] = own.counts[:, :, 0]
+        spaces = [space.widened(width) for space in recordings.compared]
+        wide = dict(zip(domain.behaviors[e].modalities, spaces, strict=True))
         classifiers[name] = BehaviorClassifier(wide, fit, believed)
     perception = Perception(domain, classifiers, dataset.labels, settings.levels)
     return perception, ConfusionCounts(counts)

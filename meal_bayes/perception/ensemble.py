@@ -50,7 +50,7 @@ class KernelFit(NamedTuple):
 
     Attributes
     ----------
-    dual : (M,P,n) weight of each recording in the classifiers' decisions.
+    dual : (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
     bias : (M,P).
     pool : makes log-odds of the decisions.
     nested : (n,P), see `BehaviorFit`.
@@ -67,7 +67,7 @@ class KernelFit(NamedTuple):
         return self.log_odds(np.stack(kernels))
 
     def log_odds(self, kernels: Floats) -> Floats:
-        """Log-odds of "true", (B,P), from the modalities' kernels with the recordings, (.,B,n)."""
+        """Log-odds of "true", (B,P), from the modalities' kernels with these, (.,B,m)."""
         across = with_joint(kernels) if len(self.dual) > len(kernels) else kernels
         decisions = across @ self.dual.transpose(0, 2, 1) + self.bias[:, None]
         return self.pool.log_odds(decisions.transpose(1, 0, 2))

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.perception.recordings import BehaviorRecordings
+from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]  # (n,)
+Folds = NDArray[np.int64]  # (n,)
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
 UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
@@ -32,6 +33,7 @@ class FoldProblem:
     truth : (n,P) labels, of rows whose fold is not `UNKNOWN`.
     objects : (n,) rising.
     folds : (n,) of each recording's object.
+    units : (n,) what a percept table holds out: objects, or folds where there are many.
     machines : M, the classifiers an attribute.
     train : from rows to what decides (B,M,P) of any rows; it must look at no other rows' labels.
     fit_pool : from decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those
@@ -42,7 +44,8 @@ class FoldProblem:
 
     truth: Rows
     objects: NDArray[np.int64]
-    folds: NDArray[np.int64]
+    folds: Folds
+    units: Folds
     machines: int
     train: Callable[[Rows], Any]
     fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Any]
@@ -67,13 +70,18 @@ class FoldProblem:
         return decisions
 
 
-def folds_of(recordings: BehaviorRecordings, folds: int) -> NDArray[np.int64]:
-    """Deal the objects whose labels are known to folds one by one, as neighbors are alike."""
-    known = recordings.labels[:, 0] >= 0
-    dealt = np.full(len(known), UNKNOWN)
-    rank = np.unique(recordings.objects[known], return_inverse=True)[1].ravel()
-    dealt[known] = rank % folds
-    return dealt
+def folds_of(recordings: BehaviorRecordings, folds: int) -> tuple[Folds, Folds]:
+    """Deal the objects whose labels are known to folds; return the folds (n,) and units (n,).
+
+    Few are dealt one by one, as neighbors are alike; many the same for every behavior.
+    """
+    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
+    if recordings.large:
+        units = dealt(objects, folds)
+        return np.where(known, units, UNKNOWN), units
+    found = np.full(len(known), UNKNOWN)
+    found[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % folds
+    return found, objects
 
 
 def nested_outputs(problem: FoldProblem) -> tuple[Floats, Any, Any]:
@@ -109,10 +117,9 @@ def table_outputs(
         side = _nested(problem, decisions, frozenset([h]))
         inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
         side[inside] = own[inside]
-        members = np.flatnonzero(np.isin(held, problem.objects[inside]))
-        training[members] = side
-    for index, o in enumerate(held):
-        training[index, problem.objects == o] = np.nan
+        training[np.isin(held, problem.units[inside])] = side
+    for index, unit in enumerate(held):
+        training[index, problem.units == unit] = np.nan
     if by_object:
         _decide_anew(problem, held, pools, own)
     if not problem.known.all():

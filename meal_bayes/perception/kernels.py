@@ -4,7 +4,7 @@ A robot at work refits its classifiers after every batch. Its feature spaces (me
 widths, whitening) need no labels: they may be laid out once, or anew as recordings come in.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from meal_bayes.perception.confusion import ConfusionCounts
 from meal_bayes.perception.cross_validation import fit_behavior
 from meal_bayes.perception.ensemble import BehaviorFit, KernelFit
 from meal_bayes.perception.modality import FeatureSpace, fit_space, widened
-from meal_bayes.perception.recordings import BehaviorRecordings, rows_of
+from meal_bayes.perception.recordings import BehaviorRecordings, rows_of, with_landmarks
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.width import learned_widths
 
@@ -60,15 +60,9 @@ class Kernels:
                 spaces[behavior, modality] = space.over(values.reshape(n, -1))
         return cls(dataset, spaces)
 
-    def between(
-        self, behavior: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """Kernels of a behavior's modalities between some recordings and others, (M,r,c)."""
-        return np.stack([space.between(rows, columns) for space in self.spaces_of(behavior)])
-
-    def spaces_of(self, behavior: str) -> list[FeatureSpace]:
-        """Return the spaces of a behavior's modalities."""
-        return [space for (name, _), space in self.spaces.items() if name == behavior]
+    def spaces_of(self, behavior: str, rows: NDArray[np.int64]) -> tuple[FeatureSpace, ...]:
+        """Return the spaces of a behavior's modalities with some recordings (r,)."""
+        return tuple(space.at(rows) for (name, _), space in self.spaces.items() if name == behavior)
 
 
 def fit_and_score(
@@ -101,32 +95,26 @@ def fit_and_score(
             continue
         names = training_set.object[rows].astype(np.int64)
         place = names * dataset.recordings + training_set.recording[rows]
-        own, labels = kernels.between(behavior.name, place, place), training_set.labels[rows]
-        beside = None
-        if settings.classifier is not None:
-            beside = np.hstack([space.rows[place] for space in kernels.spaces_of(behavior.name)])
-        gathered[e] = place, BehaviorRecordings(names, labels, own, beside)
-    width, _ = learned_widths([recordings for _, recordings in gathered.values()], settings)
-    for e, (place, recordings) in gathered.items():
-        fit, believed, told = fit_behavior(recordings.widened(width), settings, shape[0])
-        counts[:, :, e] = told.counts[:, :, 0]
-        said = _scored(kernels, domain.behaviors[e].name, fit, (scored, place), width)
-        outputs = round_log_odds(np.where(believed, said, 0.0))
+        spaces = kernels.spaces_of(behavior.name, place)
+        gathered[e] = BehaviorRecordings(names, training_set.labels[rows], spaces)
+    gathered = with_landmarks(gathered, settings)
+    width, _ = learned_widths(gathered.values(), settings)
+    for e, recordings in gathered.items():
+        fit, believed, nested = fit_behavior(recordings.widened(width), settings, shape[0])
+        counts[:, :, e] = nested.counts[:, :, 0]
+        others = kernels.spaces_of(domain.behaviors[e].name, scored)
+        outputs = round_log_odds(np.where(believed, _scored(fit, recordings, others, width), 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     log_odds[np.arange(dataset.recordings)[:, None] >= dataset.recording_counts[:, None]] = np.nan
     return log_odds, ConfusionCounts(counts)
 
 
 def _scored(
-    kernels: Kernels,
-    behavior: str,
-    fit: BehaviorFit,
-    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
-    width: float,
+    fit: BehaviorFit, recordings: BehaviorRecordings, others: Sequence[FeatureSpace], width: float
 ) -> NDArray[np.float64]:
-    """Score some recordings (B,) by what was fitted to others (n,), (B,P)."""
-    scored, place = rows
-    if isinstance(fit, KernelFit):
-        return fit.log_odds(widened(kernels.between(behavior, scored, place), width))
-    spaces = kernels.spaces_of(behavior)
-    return fit.scored(spaces, [space.rows[scored] for space in spaces])
+    """Score other recordings (B,) by what was fitted to these, (B,P)."""
+    rows = [space.rows for space in others]
+    if not isinstance(fit, KernelFit):
+        return fit.scored(recordings.compared, rows)
+    pairs = zip(recordings.compared, rows, strict=True)
+    return fit.log_odds(widened(np.stack([space.similarity(own) for space, own in pairs]), width))

@@ -1,10 +1,12 @@
-"""Leave-objects-out outputs of a behavior in closed form: no classifier is ever refitted.
+"""Outputs on groups of recordings by classifiers and stackers that never saw them.
 
-With C = gram + noise and targets y of +-1, the kernel-ridge classifier trained without the
-recordings G decides y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]. One inverse a modality
-serves every attribute, fold and nested fold.
+Groups are objects, or folds of objects where there are many. With C = gram + noise and targets y of
++-1, the kernel-ridge classifier trained without the recordings G decides
+y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]: one inverse a modality serves every attribute,
+object and pair of objects. Where recordings are compared with landmarks, see `landmarks`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,91 +18,134 @@ from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stackers, score_without
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-NOBODY = np.empty((1, 0), np.int64)  # one set, of no objects
+NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
 
 
 @dataclass(frozen=True, slots=True)
-class KernelProblem:
-    """Recordings of one behavior whose labels are known, object by object."""
+class Problem(ABC):
+    """Recordings of one behavior whose labels are known, group by group.
 
-    objects: NDArray[np.int64]  # (k,) the objects, rising
-    starts: NDArray[np.int64]  # (k+1,) where each object's recordings start
-    targets: Floats  # (P,n) +-1
-    inverses: Floats  # (M,n,n) C^-1
-    duals: Floats  # (M,P,n) C^-1 y
+    Attributes
+    ----------
+    groups : (k,) names, rising.
+    starts : (k+1,) where each group's recordings start.
+    weights : (n,) of each recording in a stacker's loss, 2 an object.
+    targets : (P,n) +-1.
+    duals : (M,P,m) weights of what recordings are compared with, of a robot that has seen all.
+    """
+
+    groups: Ints
+    starts: Ints
+    weights: Floats
+    targets: Floats
+    duals: Floats
+
+    @abstractmethod
+    def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
+        """Decide on groups that are left out (s,), and on every other one by itself left out too.
+
+        Parameters
+        ----------
+        nested : whether those who decide on the others did not see `left_out` either.
+
+        Returns
+        -------
+        Decisions on the recordings left out, (M,P,q), in the order of `rows`; those on the others,
+        (M,P,n), 0 where they are left out.
+        """
+
+    def rows(self, groups: Ints) -> Ints:
+        """Return the rows of some groups (s,), one group after the other."""
+        ranges = [np.arange(self.starts[g], self.starts[g + 1]) for g in groups]
+        return np.concatenate([NOBODY[0], *ranges])
+
+
+@dataclass(frozen=True, slots=True)
+class KernelProblem(Problem):
+    """The recordings are compared with each other: duals are C^-1 y.
+
+    Attributes
+    ----------
+    inverses : (M,n,n) C^-1.
+    """
+
+    inverses: Floats
+
+    def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
+        """See `Problem`."""
+        own = np.empty((*self.duals.shape[:2], np.diff(self.starts)[left_out].sum()))
+        decisions = np.empty(self.duals.shape)
+        score_without(
+            left_out,
+            self.inverses,
+            self.duals,
+            self.targets,
+            self.starts,
+            nested,
+            own,
+            decisions,
+        )
+        return own, decisions
 
 
 def kernel_problem(
-    grams: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64], noise: float
+    grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise: float
 ) -> KernelProblem:
-    """Invert C of each modality: grams (M,n,n), truth (n,P), objects (n,) rising."""
-    names, starts = np.unique(objects, return_index=True)
+    """Invert C of each modality: grams (M,n,n), truth (n,P), groups (n,) rising."""
+    names, starts, sizes = np.unique(groups, return_index=True, return_counts=True)
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
-    inverses = np.linalg.inv(grams + noise * np.eye(len(objects)))
+    inverses = np.linalg.inv(grams + noise * np.eye(len(groups)))
     inverses = (inverses + inverses.transpose(0, 2, 1)) / 2
     return KernelProblem(
-        names, np.append(starts, len(objects)), targets, inverses, targets @ inverses
+        names,
+        np.append(starts, len(groups)),
+        np.repeat(2.0 / sizes, sizes),
+        targets,
+        targets @ inverses,
+        inverses,
     )
 
 
 class LeftOut(NamedTuple):
-    """Stackers that never saw some sets S of objects, and what they say of these objects."""
+    """Stackers that never saw some sets S of groups, and what they say of these groups.
 
-    weights: Floats  # (S,P,1+M) intercept and slopes of each stacker
-    log_odds: Floats  # (S,P,s,R) of the sets' recordings, R the most that an object has
-    losses: Floats  # (S,P) of each stacker on the decisions it learned from, ridge included
-
-
-def problems(
-    grams: Floats, labels: NDArray[np.int8], groups: NDArray[np.int64], noise: float
-) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64], KernelProblem]]:
-    """Yield (rows (n,), attributes, problem) for attributes whose labels (n,P) are known together.
-
-    `groups` (n,), rising, are what is left out as one.
+    Attributes
+    ----------
+    weights : (S,P,1+M) intercept and slopes of each stacker.
+    log_odds : (S,P,s,R) of the sets' recordings, R the most that a group has.
+    losses : (S,P) of each stacker on the decisions it learned from, ridge included.
     """
-    for known, attributes in known_patterns(labels >= 0):
-        truth = labels[np.ix_(known, attributes)] == 1
-        gram = grams[:, known][:, :, known]
-        yield known, attributes, kernel_problem(gram, truth, groups[known], noise)
+
+    weights: Floats
+    log_odds: Floats
+    losses: Floats
 
 
 def leave_out(
-    problem: KernelProblem,
-    sets: NDArray[np.int64],
-    settings: PerceptionSettings,
-    warm: Floats | None = None,
+    problem: Problem, sets: Ints, settings: PerceptionSettings, warm: Floats | None = None
 ) -> LeftOut:
-    """Leave out each of the sets (S,s) of objects, numbered as in the problem.
+    """Leave out each of the sets (S,s) of groups, numbered as in the problem.
 
     `warm` (P,1+M) is where the search for the stackers starts; the same ones are found from
     anywhere.
     """
-    n_modalities, n_targets, n = problem.duals.shape
+    n_modalities, n_targets, _ = problem.duals.shape
     sizes = np.diff(problem.starts)
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
     losses = np.zeros((len(sets), n_targets))
     log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
-    decisions = np.empty((n_modalities, n_targets, n))
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
-        own = np.empty((n_modalities, n_targets, sizes[left_out].sum()))
-        score_without(
-            left_out,
-            problem.inverses,
-            problem.duals,
-            problem.targets,
-            problem.starts,
-            settings.nested,
-            own,
-            decisions,
-        )
+        own, decisions = problem.score_without(left_out, nested=settings.nested)
+        remaining = problem.weights.copy()
+        remaining[problem.rows(left_out)] = 0.0
         if warm is not None:
             weights[index] = warm
         fit_stackers(
-            left_out,
+            remaining,
             decisions,
             problem.targets,
-            problem.starts,
             settings.ridge,
             settings.nonnegative,
             settings.balanced,
@@ -113,16 +158,16 @@ def leave_out(
     return LeftOut(weights, log_odds, losses)
 
 
-def all_objects(problem: KernelProblem, settings: PerceptionSettings) -> Floats:
-    """Stackers of a robot that has seen every object, (P,1+M)."""
+def full_stackers(problem: Problem, settings: PerceptionSettings) -> Floats:
+    """Fit the stackers of a robot that has seen every group, (P,1+M)."""
     return np.asarray(leave_out(problem, NOBODY, settings).weights[0])
 
 
-def each_object(
-    problem: KernelProblem, settings: PerceptionSettings, warm: Floats | None = None
+def each_group(
+    problem: Problem, settings: PerceptionSettings, warm: Floats | None = None
 ) -> Floats:
-    """Score every recording by classifiers and stackers that never saw its object, (n,P)."""
-    sets = np.arange(len(problem.objects))[:, None]
+    """Score every recording by classifiers and stackers that never saw its group, (n,P)."""
+    sets = np.arange(len(problem.groups))[:, None]
     log_odds = leave_out(problem, sets, settings, warm).log_odds[:, :, 0]  # (k,P,R)
     present = np.arange(log_odds.shape[2]) < np.diff(problem.starts)[:, None]
     outputs: Floats = log_odds.transpose(0, 2, 1)[present]
@@ -131,10 +176,10 @@ def each_object(
 
 def known_patterns(
     known: NDArray[np.bool_],
-) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64]]]:
+) -> Iterator[tuple[NDArray[np.bool_], Ints]]:
     """Group attributes by the rows whose label is known: (rows (n,), attributes) of `known` (n,P).
 
-    Attributes of one group share their inverses; where all labels are known there is one group.
+    Attributes of one group share their classifiers; where all labels are known there is one group.
     """
     patterns, group = np.unique(known, axis=1, return_inverse=True)
     for index in range(patterns.shape[1]):

@@ -10,6 +10,7 @@ from meal_bayes.arrays import freeze, set_frozen
 _FAR = 5.0  # standard deviations; features beyond are drawn in
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
 _CONSTANT = 1e-9  # relative spread below which a feature says nothing
+_COMPARED = 2048  # recordings whose distances are compared for a median
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +61,9 @@ class FeatureSpace:
             return (1.0 + product / max(len(self.kept), 1)) ** 2
         return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
 
-    def between(
-        self, some: NDArray[np.integer], others: NDArray[np.integer]
-    ) -> NDArray[np.float64]:
-        """Kernel between some of this space's recordings and others of them, (r,c)."""
-        return replace(self, rows=self.rows[others]).similarity(self.rows[some])
+    def at(self, rows: NDArray[np.integer]) -> "FeatureSpace":
+        """Keep some of the recordings (r,)."""
+        return replace(self, rows=self.rows[rows])
 
     def gram(self) -> NDArray[np.float64]:
         """Kernel between the recordings themselves, (n,n)."""
@@ -138,7 +137,11 @@ def _squared_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray
 
 
 def _median_distance(rows: NDArray[np.float64]) -> float:
-    """Median distance of two recordings; their mean where most coincide, 1 where all do."""
+    """Return the median distance of two recordings, of an even choice where there are many.
+
+    It is their mean where most recordings coincide, and 1 where all do.
+    """
+    rows = rows[:: -(-len(rows) // _COMPARED) or 1]
     upper = np.triu_indices(len(rows), 1)
     distance = np.sqrt(_squared_distance(rows, rows)[upper])
     for width in (np.median(distance), np.mean(distance)) if len(distance) else ():

@@ -92,11 +92,13 @@ def _train(
 
 def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
     """Set the fold problem of recordings of which all labels are known, or none, up."""
-    grams, truth = recordings.grams, recordings.labels == 1
+    grams, truth = recordings.kernels(), recordings.labels == 1
+    folds, units = folds_of(recordings, settings.folds)
     return FoldProblem(
         truth=truth,
         objects=recordings.objects,
-        folds=folds_of(recordings, settings.folds),
+        folds=folds,
+        units=units,
         machines=len(grams),
         train=lambda rows: _train(grams, truth, rows, settings.box),
         fit_pool=_fit_pool,
@@ -142,7 +144,7 @@ def _expit(log_odds: Floats) -> Floats:
 
 def fit_paper(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
     """Fit one behavior by the paper's recipe; as `fit_stacked`, nested outputs by folds."""
-    n_modalities, (n, n_attributes) = len(recordings.grams), recordings.labels.shape
+    n_modalities, (n, n_attributes) = len(recordings.spaces), recordings.labels.shape
     dual, bias = np.zeros((n_modalities, n_attributes, n)), np.zeros((n_modalities, n_attributes))
     sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros_like(bias)
     nested = np.full((n, n_attributes), np.nan)
@@ -160,7 +162,7 @@ def paper_outputs(
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables; as `stacked_outputs`, by folds.
 
-    The machine that scores held-out o has seen all other objects; everything else for o (its
-    sigmoids and weights, the training side) leaves o's whole fold out.
+    The machine that scores held-out o has seen all other objects, where they are few; everything
+    else for o (its sigmoids and weights, the training side) leaves o's whole fold out.
     """
-    return table_outputs(_problem(recordings, settings), held, by_object=True)
+    return table_outputs(_problem(recordings, settings), held, by_object=not recordings.large)

@@ -7,7 +7,7 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, by_truth
 from meal_bayes.perception.recipes import recipe_of
-from meal_bayes.perception.recordings import all_recordings_of, number_in_object
+from meal_bayes.perception.recordings import all_recordings_of, groups_of, number_in_object
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.width import learned_widths
 
@@ -22,13 +22,11 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     domain, everything = dataset.domain, TrainingSet.everything(dataset)
     shape = (len(dataset.objects), dataset.recordings, len(domain.attributes))
     outputs = np.full((*shape[:2], len(domain.behaviors), shape[2]), np.nan)
-    gathered = {
-        name: recordings
-        for name, (recordings, _) in all_recordings_of(dataset, everything, settings.kernel).items()
-    }
-    _, widths = learned_widths(list(gathered.values()), settings, range(shape[0]))
+    gathered = all_recordings_of(dataset, everything, settings)
+    groups = groups_of(gathered, shape[0], settings)
+    _, widths = learned_widths(gathered.values(), settings, np.unique(groups))
     for width in np.unique(widths):
-        held = widths == width
+        held = (widths == width)[groups]
         for name, recordings in gathered.items():
             nested = recipe_of(settings).fit(recordings.widened(width), settings).nested
             rows = held[recordings.objects]

@@ -26,7 +26,11 @@ class PerceptionSettings:
     noise : lambda of C = K + lambda I.
     ridge : on the stacker's slopes.
     levels : K, what an observed percept tells: 2 yes or no; 4 and how surely.
-    folds : "paper" and "classifier": grouped folds, an object never split.
+    exact_objects, exact_recordings : up to so many objects, and recordings of a behavior, the
+        stacked recipe leaves every object out alone, and compares all recordings with each other.
+    landmarks : above these, recordings are compared with so many of them.
+    folds : "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that
+        are left out together, an object never split.
     box : "paper" only: the support vector machine's C.
     by_object : cross-validate over objects; False: over samples, as published.
     nested : stackers learn from decisions that saw none of the objects left out.
@@ -43,7 +47,10 @@ class PerceptionSettings:
     noise: float = 0.15
     ridge: float = 0.5
     levels: int = 2
-    folds: int = 5
+    exact_objects: int = 128
+    exact_recordings: int = 1500
+    landmarks: int = 512
+    folds: int = 10
     box: float = 10.0
     by_object: bool = True
     nested: bool = True
@@ -72,12 +79,14 @@ class PerceptionSettings:
         if self.joint and (self.recipe, self.kernel) == ("stacked", "polynomial"):
             raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
         level_edges(BIN_EDGES, self.levels)
-        if self.folds < 2:  # noqa: PLR2004
-            raise SettingsError(f"folds is {self.folds}; give at least 2.")
+        least = {"folds": 2, "landmarks": 1, "exact_objects": 0, "exact_recordings": 0}
+        for name, lowest in least.items():
+            if getattr(self, name) < lowest:
+                raise SettingsError(f"{name} is {getattr(self, name)}; give at least {lowest}.")
 
 
 DEFAULT = PerceptionSettings()
-PAPER = PerceptionSettings(recipe="paper", kernel="polynomial", joint=False)
+PAPER = PerceptionSettings(recipe="paper", kernel="polynomial", joint=False, folds=5)
 
 
 def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
@@ -88,13 +97,14 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
     classifier : any scikit-learn classifier, or pipeline that ends in one, with `predict_proba` or
         `decision_function`. A clone an attribute and behavior learns from the features of all
         modalities side by side, squashed, standardized and clipped.
-    others : further settings, such as ``levels=4`` or ``folds=10``.
+    others : further settings, such as ``levels=4`` or ``folds=10``; 5 folds by default.
 
     Raises
     ------
     SettingsError : what cannot be cloned, fitted, or asked for a decision.
     """
-    return PerceptionSettings(recipe="classifier", joint=False, classifier=classifier, **others)
+    given = {"folds": 5, **others}
+    return PerceptionSettings(recipe="classifier", joint=False, classifier=classifier, **given)
 
 
 def _check_classifier(classifier: Any) -> None:

@@ -3,23 +3,26 @@
 A classifier for each modality, and one for all of them at once.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.perception.ensemble import KernelFit
+from meal_bayes.perception.landmarks import landmark_problem
 from meal_bayes.perception.leave_out import (
-    KernelProblem,
-    all_objects,
-    each_object,
+    Problem,
+    each_group,
+    full_stackers,
     kernel_problem,
+    known_patterns,
     leave_out,
-    problems,
 )
-from meal_bayes.perception.modality import with_joint
-from meal_bayes.perception.recordings import BehaviorRecordings
+from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 
 Floats = NDArray[np.float64]
@@ -41,23 +44,69 @@ class Stacker:
         return slopes + self.weights[:, 0]
 
 
+class Part(NamedTuple):
+    """Attributes whose labels are known together.
+
+    Attributes
+    ----------
+    rows : (r,) recordings whose labels are known, group by group.
+    attributes : (a,).
+    columns : (c,) what the problem's duals weigh, of what recordings are compared with.
+    problem : of these rows.
+    """
+
+    rows: Ints
+    attributes: Ints
+    columns: Ints
+    problem: Problem
+
+
+def parts(
+    recordings: BehaviorRecordings,
+    kernels: Floats,
+    settings: PerceptionSettings,
+    *,
+    by_object: bool = True,
+) -> Iterator[Part]:
+    """Yield the problems of one behavior, by which labels are known together.
+
+    What is left out as one are objects, or folds of them where there are many; not `by_object`,
+    recordings or folds of recordings.
+    """
+    n, landmarks = len(recordings.objects), recordings.landmarks
+    objects = recordings.objects if by_object else np.arange(n)
+    groups = objects if landmarks is None else dealt(objects, settings.folds)
+    for known, attributes in known_patterns(recordings.labels >= 0):
+        rows = np.flatnonzero(known)
+        rows = rows[np.argsort(groups[rows], kind="stable")]
+        truth = recordings.labels[np.ix_(rows, attributes)] == 1
+        if landmarks is None:
+            gram = kernels[:, rows][:, :, rows]
+            problem: Problem = kernel_problem(gram, truth, groups[rows], settings.noise)
+            yield Part(rows, attributes, rows, problem)
+        else:
+            among = kernels[:, landmarks]
+            of = groups[rows], objects[rows]
+            problem = landmark_problem(kernels[:, rows], among, truth, of, settings.noise)
+            yield Part(rows, attributes, np.arange(len(landmarks)), problem)
+
+
 def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
     """Fit one behavior: its classifiers, their stackers, and the nested outputs.
 
     The nested output on a recording comes from classifiers and stackers that never saw its object;
     it is NaN where the label is unknown.
     """
-    labels = recordings.labels
-    groups = recordings.objects if settings.by_object else np.arange(len(labels))
-    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
-    n_kernels, (n, n_attributes) = len(grams), labels.shape
-    dual = np.zeros((n_kernels, n_attributes, n))
+    kernels = recordings.kernels(joint=settings.joint)
+    (n_kernels, _, m), (n, n_attributes) = kernels.shape, recordings.labels.shape
+    dual = np.zeros((n_kernels, n_attributes, m))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
-    for known, attributes, problem in problems(grams, labels, groups, settings.noise):
-        weights[attributes] = all_objects(problem, settings)
-        nested[np.ix_(known, attributes)] = each_object(problem, settings, weights[attributes])
-        dual[np.ix_(np.arange(n_kernels), attributes, known)] = problem.duals
+    for part in parts(recordings, kernels, settings, by_object=settings.by_object):
+        attributes, problem = part.attributes, part.problem
+        weights[attributes] = full_stackers(problem, settings)
+        nested[np.ix_(part.rows, attributes)] = each_group(problem, settings, weights[attributes])
+        dual[np.ix_(np.arange(n_kernels), attributes, part.columns)] = problem.duals
     return KernelFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
 
 
@@ -69,42 +118,46 @@ def stacked_outputs(
     Parameters
     ----------
     recordings : all of the behavior; of each object all labels are known, or none.
-    held : (H,) the objects to hold out.
+    held : (H,) what to hold out: objects, or folds of them where there are many (see `dealt`).
 
     Returns
     -------
-    The outputs on held-out objects, (n,P), and for each held-out one those on the others, (H,n,P);
-    NaN where none was computed.
+    The outputs on what is held out, (n,P), and for each of it those on the others, (H,n,P); NaN
+    where none was computed.
     """
-    grams = with_joint(recordings.grams) if settings.joint else recordings.grams
-    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
-    truth = recordings.labels[known] == 1
-    problem = kernel_problem(grams[:, known][:, :, known], truth, objects[known], settings.noise)
-    weights = all_objects(problem, settings)
+    kernels = recordings.kernels(joint=settings.joint)
+    (part,) = parts(recordings, kernels, settings)
+    problem = part.problem
+    weights = full_stackers(problem, settings)
     own = np.full(recordings.labels.shape, np.nan)
-    own[known] = each_object(problem, settings, weights)
+    own[part.rows] = each_group(problem, settings, weights)
     # An object without labels or recordings is in no training set: what serves others serves it.
     training = np.tile(own, (len(held), 1, 1))
     pairs = _pairs(problem, held)
     both = leave_out(problem, pairs, settings, weights).log_odds  # (S,P,2,R)
     index = {name: h for h, name in enumerate(held.tolist())}
-    rows = {name: np.flatnonzero(objects == name) for name in np.unique(objects).tolist()}
-    for (first, second), outputs in zip(problem.objects[pairs].tolist(), both, strict=True):
+    rows = {
+        name: part.rows[start:end]
+        for name, (start, end) in zip(
+            problem.groups.tolist(), pairwise(problem.starts), strict=True
+        )
+    }
+    for (first, second), outputs in zip(problem.groups[pairs].tolist(), both, strict=True):
         for out, other, side in ((first, second, 1), (second, first, 0)):
             if out in index:
                 there = rows[other]
                 training[index[out], there] = outputs[:, side, : len(there)].T
     for name, h in index.items():
         training[h, rows.get(name, [])] = np.nan
-    across = grams[:, ~known][:, :, known]
-    pooled = Stacker(weights).log_odds(np.einsum("mbn,mpn->bmp", across, problem.duals))
-    own[~known] = pooled
+    unknown = np.setdiff1d(np.arange(len(own)), part.rows)
+    across = kernels[:, unknown][:, :, part.columns]
+    own[unknown] = Stacker(weights).log_odds(np.einsum("mbn,mpn->bmp", across, problem.duals))
     return own, training
 
 
-def _pairs(problem: KernelProblem, held: Ints) -> Ints:
-    """Unordered pairs of the problem's objects of which at least one is held out, (S,2)."""
-    first, second = np.triu_indices(len(problem.objects), 1)
-    wanted = np.isin(problem.objects, held)
+def _pairs(problem: Problem, held: Ints) -> Ints:
+    """Unordered pairs of the problem's groups of which at least one is held out, (S,2)."""
+    first, second = np.triu_indices(len(problem.groups), 1)
+    wanted = np.isin(problem.groups, held)
     chosen = wanted[first] | wanted[second]
     return np.stack([first[chosen], second[chosen]], axis=1)

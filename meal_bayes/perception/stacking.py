@@ -1,9 +1,9 @@
-"""The compiled core: leave-objects-out decisions and the stackers trained on them.
+"""The compiled core: leave-groups-out decisions and the stackers trained on them.
 
-For a set S of left-out objects, every other object k is scored by kernel classifiers trained
-without S and without k; a logistic regression (the stacker) learns from those decisions how to
-pool the modalities, and is applied to the objects of S, scored by classifiers trained without S.
-S empty gives the stacker of a robot that has seen all objects, S = {o} the held-out outputs on o,
+For a set S of left-out groups, every other group k is scored by kernel classifiers trained without
+S and without k; a logistic regression (the stacker) learns from those decisions how to pool the
+modalities, and is applied to the groups of S, scored by classifiers trained without S. S empty
+gives the stacker of a robot that has seen all groups, S = {o} the held-out outputs on o,
 S = {o, o'} the training-side outputs of the tables for o and for o'.
 """
 
@@ -181,14 +181,13 @@ def fit_stacker(
 
 
 @_kernel
-def _weigh(target: Floats, starts: Ints, out: Ints, balanced: bool, weight: Floats) -> bool:
-    """Weigh recordings 2/R and classes n/(2 n_c), left-out ones 0; tell if both classes remain."""
+def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool:
+    """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
     positive, negative = 0.0, 0.0
-    for k in range(len(out)):
-        for i in range(starts[k], starts[k + 1]):
-            weight[i] = 0.0 if out[k] else 2.0 / (starts[k + 1] - starts[k])
-            positive += weight[i] if target[i] > 0 else 0.0
-            negative += weight[i] if target[i] < 0 else 0.0
+    for i in range(len(target)):
+        weight[i] = base[i]
+        positive += weight[i] if target[i] > 0 else 0.0
+        negative += weight[i] if target[i] < 0 else 0.0
     if positive == 0.0 or negative == 0.0:
         return False
     if balanced:
@@ -323,27 +322,25 @@ def score_without(
 
 @_kernel
 def fit_stackers(
-    left_out: Ints,
+    base: Floats,
     decisions: Floats,
     targets: Floats,
-    starts: Ints,
     ridge: float,
     nonnegative: bool,
     balanced: bool,
     weights: Floats,
     losses: Floats,
 ) -> None:
-    """Fit one stacker an attribute on the decisions (M,P,n) on the objects that remain.
+    """Fit one stacker an attribute on decisions (M,P,n) on recordings of weight `base` (n,).
 
-    Newton's method starts from `weights` (P,1+M), intercept and slopes, and leaves what it finds
-    there, and the losses (P,); all zero where only one class remains.
+    What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and
+    slopes, and leaves what it finds there, and the losses (P,); all zero where only one class
+    remains.
     """
     n_modalities, n_targets, n = decisions.shape
     features, weight = np.empty((n_modalities, n)), np.empty(n)
-    out = np.zeros(len(starts) - 1, np.int64)
-    out[left_out] = 1
     for p in range(n_targets):
-        if _weigh(targets[p], starts, out, balanced, weight):
+        if _weigh(targets[p], base, balanced, weight):
             features[:] = decisions[:, p]
             losses[p] = fit_stacker(features, targets[p], weight, ridge, nonnegative, weights[p])
         else:

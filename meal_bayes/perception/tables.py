@@ -3,7 +3,7 @@
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from importlib import metadata
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet, object_index
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
@@ -23,12 +24,12 @@ from meal_bayes.perception.recipes import recipe_of
 from meal_bayes.perception.recordings import (
     BehaviorRecordings,
     all_recordings_of,
+    groups_of,
     number_in_object,
 )
 from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
-from meal_bayes.perception.width import learned_widths
+from meal_bayes.perception.width import Map, learned_widths
 
-Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
 
 _MOST = 255  # recordings of an object and behavior that a bin can count
@@ -44,6 +45,7 @@ def build_percept_table(
     attributes: Iterable[str] | None = None,
     objects: Iterable[str] | None = None,
     progress: Progress | None = None,
+    each: Map = map,
 ) -> PerceptTable:
     """Compute the percept table of a data set.
 
@@ -51,7 +53,8 @@ def build_percept_table(
     training-side outputs on o' for held-out o from ones that saw neither, so that the stacker
     behind them learned from decisions on o'' that saw none of the three. Means, spreads and median
     distances are those of all recordings (labels play no part in them); by which factor kernels
-    are wider is learned from all labels but those of o.
+    are wider is learned from all labels but those of o. Above the settings' exact sizes, the folds
+    of o, o' and o'' take their place: what is learned without o is learned without its whole fold.
 
     The paper's recipe scores the training side, and learns its calibration and weights, by grouped
     folds of objects rather than by single objects; all that is done for held-out o leaves o's
@@ -64,6 +67,7 @@ def build_percept_table(
     classifier : any scikit-learn classifier, in place of a recipe; see `with_classifier`.
     attributes, objects : what to compute; all by default. The rest is NaN.
     progress : called with (behaviors done, behaviors in all).
+    each : calls a function on every behavior, perhaps at once; results may come in any order.
     """
     settings = _settings(perception, classifier)
     domain = dataset.domain
@@ -72,32 +76,35 @@ def build_percept_table(
     n_objects, n_attributes = dataset.labels.shape
     if dataset.recordings > _MOST:
         raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
-    n_bins = len(BIN_EDGES) + 1
-    log_odds = np.full(
-        (n_objects, dataset.recordings, len(domain.behaviors), n_attributes), np.nan, np.float16
-    )
-    bins = np.zeros((n_objects, n_objects, n_attributes, len(domain.behaviors), n_bins), np.uint8)
     everything = TrainingSet.everything(dataset)
     gathered = {
         domain.behavior_index(name): recordings
-        for name, (recordings, _) in all_recordings_of(dataset, everything, settings.kernel).items()
+        for name, recordings in all_recordings_of(dataset, everything, settings).items()
     }
-    _, widths = learned_widths(list(gathered.values()), settings, held)
-    for done, (index, recordings) in enumerate(gathered.items()):
-        for width in np.unique(widths):
-            some = held[widths == width]
-            wide = recordings.of(columns).widened(width)
-            own, training = _behavior_outputs(wide, some, settings)
-            rows = np.flatnonzero(np.isin(recordings.objects, some))
-            place = recordings.objects[rows, None], number_in_object(recordings.objects)[rows, None]
-            log_odds[:, :, index][*place, columns] = own[rows]
-            bins[:, :, :, index][np.ix_(some, np.arange(n_objects), columns)] = _histograms(
-                training, recordings.objects, n_objects
-            )
+    groups = groups_of(gathered, n_objects, settings)
+    held_groups = np.unique(groups[held])
+    _, widths = learned_widths(gathered.values(), settings, held_groups, each)
+    shape = (dataset.recordings, len(domain.behaviors), n_attributes)
+    log_odds = np.full((n_objects, *shape), np.nan, np.float16)
+    n_bins = len(BIN_EDGES) + 1
+    bins = np.zeros((groups.max() + 1, n_objects, *shape[:0:-1], n_bins), np.uint8)
+    score = partial(
+        _score_behavior,
+        columns=columns,
+        groups=groups,
+        widths=dict(zip(held_groups.tolist(), widths.tolist(), strict=True)),
+        settings=settings,
+    )
+    for done, (e, own, shown) in enumerate(each(score, gathered.items())):
+        recorded = gathered[e].objects
+        rows = np.flatnonzero(np.isin(recorded, held))
+        place = recorded[rows, None], number_in_object(recorded)[rows, None]
+        log_odds[:, :, e][*place, columns] = own[rows]
+        bins[:, :, :, e][np.ix_(held_groups, np.arange(n_objects), columns)] = shown
         if progress is not None:
             progress(done + 1, len(gathered))
     if settings.believable_only:
-        _silence(log_odds, bins, dataset.labels)
+        _silence(log_odds, bins, dataset.labels, groups)
     provenance = _provenance(dataset, settings)
     return PerceptTable(
         domain,
@@ -108,6 +115,7 @@ def build_percept_table(
         bins,
         provenance,
         dataset.recording_counts,
+        groups,
     )
 
 
@@ -128,14 +136,46 @@ def _positions(
     return np.array(found)
 
 
-def _behavior_outputs(
-    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
-) -> tuple[Halves, Halves]:
+def _score_behavior(
+    piece: tuple[int, BehaviorRecordings],
+    columns: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    widths: Mapping[int, float],
+    settings: PerceptionSettings,
+) -> tuple[int, Halves, NDArray[np.uint8]]:
     """Score one behavior.
 
-    Returns the held-out outputs, (n,P), and for each of the held-out objects (H,) those on the
-    others, (H,n,P); NaN where none was computed.
+    Parameters
+    ----------
+    piece : its number and its recordings.
+    columns : (p,) attributes.
+    groups : (O,) what each object is left out with.
+    widths : by what is held out (H,).
+
+    Returns
+    -------
+    The behavior's number, the held-out outputs (n,p), and for each that is held out how often the
+    objects showed each fine bin, (H,O,p,L).
     """
+    index, recordings = piece
+    held, factors = np.array(list(widths)), np.array(list(widths.values()))
+    own = np.full((len(recordings.objects), len(columns)), np.nan, np.float16)
+    shown = np.zeros((len(held), len(groups), len(columns), len(BIN_EDGES) + 1), np.uint8)
+    with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
+        for width in np.unique(factors):
+            some = factors == width
+            wide = recordings.of(columns).widened(width)
+            outputs, training = _outputs(wide, held[some], settings)
+            rows = np.isin(groups[recordings.objects], held[some])
+            own[rows] = outputs[rows]
+            shown[some] = _histograms(training, recordings.objects, len(groups))
+    return index, own, shown
+
+
+def _outputs(
+    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
+) -> tuple[Halves, Halves]:
+    """Score one behavior by kernels of one width, rounded; see `stacked_outputs`."""
     n, n_attributes = recordings.labels.shape
     own = np.full((n, n_attributes), np.nan, np.float16)
     training = np.full((len(held), n, n_attributes), np.nan, np.float16)
@@ -160,21 +200,24 @@ def _histograms(training: Halves, objects: NDArray[np.int64], n_objects: int) ->
     return counts
 
 
-def _silence(log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8]) -> None:
+def _silence(
+    log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8], groups: NDArray[np.int64]
+) -> None:
     """Let percepts say nothing where the training side does not support them, in place.
 
-    Decided for each held-out object from the other objects alone.
+    Decided for each held-out group from the other groups alone.
     """
     n_bins = bins.shape[-1]
     nothing = int(np.searchsorted(BIN_EDGES, 0.0))
-    for o in range(len(labels)):
-        levels = bins[o].reshape(*bins.shape[1:-1], 2, n_bins // 2).sum(axis=-1)
+    for group, own in enumerate(bins):
+        levels = own.reshape(*own.shape[:-1], 2, n_bins // 2).sum(axis=-1)
         silent = ~believable(by_truth(levels.astype(np.int64), labels))  # (P,E)
-        computed = ~np.isnan(log_odds[o])
-        log_odds[o][computed & silent.T] = 0.0
-        recordings = bins[o].sum(axis=-1)
-        bins[o][:, silent] = 0
-        bins[o][:, silent, nothing] = recordings[:, silent]
+        for o in np.flatnonzero(groups == group):
+            computed = ~np.isnan(log_odds[o])
+            log_odds[o][computed & silent.T] = 0.0
+        recordings = own.sum(axis=-1)
+        own[:, silent] = 0
+        own[:, silent, nothing] = recordings[:, silent]
 
 
 def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:

@@ -9,13 +9,18 @@ import sys
 import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from meal_bayes.datasets import make_synthetic, save_percepts
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
 from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.perception import DEFAULT, build_percept_table
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCAL = "127.0.0.1"
@@ -125,6 +130,22 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     assert workers[1].poll() is None
     assert contents(run.folder) == expected
     assert len(list(run.results())) == 2 * 2 * 3
+
+
+def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(cluster, tmp_path):
+    address, _ = cluster
+    domain = load_domain("toy")
+    dataset = make_synthetic(domain, objects=14, recordings=2, rng=np.random.default_rng(0))
+    written = []
+    for exact in (7, 20):
+        settings = replace(DEFAULT, exact_objects=exact)
+        for jobs, there in ((1, None), (2, None), (1, address)):
+            each = partial(in_parallel, jobs=jobs, cluster=there)
+            table = build_percept_table(dataset, perception=settings, each=each)
+            save_percepts(table, tmp_path / "table.npz")
+            written.append((tmp_path / "table.npz").read_bytes())
+    assert len(set(written[:3])) == len(set(written[3:])) == 1
+    assert written[0] != written[3]
 
 
 @pytest.mark.long

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from meal_bayes.perception.leave_out import (
-    all_objects,
-    each_object,
+    each_group,
+    full_stackers,
     kernel_problem,
     known_patterns,
     leave_out,
@@ -147,15 +147,15 @@ def test_log_odds_equal_everything_done_by_hand(left_out):
 def test_a_warm_start_changes_nothing():
     grams, truth, objects = some_problem(5, [2] * 8)
     problem = kernel_problem(grams, truth, objects, NOISE)
-    warm = all_objects(problem, SETTINGS)
-    cold = each_object(problem, SETTINGS)
-    np.testing.assert_allclose(each_object(problem, SETTINGS, warm), cold, atol=1e-6)
+    warm = full_stackers(problem, SETTINGS)
+    cold = each_group(problem, SETTINGS)
+    np.testing.assert_allclose(each_group(problem, SETTINGS, warm), cold, atol=1e-6)
 
 
 def test_one_class_left_says_nothing():
     grams, _, objects = some_problem(1, [2, 2, 2])
     truth = np.repeat([[True], [False], [False]], 2, axis=0)
-    outputs = each_object(kernel_problem(grams, truth, objects, NOISE), SETTINGS)
+    outputs = each_group(kernel_problem(grams, truth, objects, NOISE), SETTINGS)
     assert (outputs[objects == 0] == 0).all()  # without the only positive object
     assert np.isfinite(outputs).all()
 

@@ -16,7 +16,7 @@ from meal_bayes.perception import (
     build_percept_table,
     with_classifier,
 )
-from meal_bayes.perception.leave_out import each_object, kernel_problem
+from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.modality import fit_space, widened, with_joint
 from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
 from meal_bayes.perception.recordings import all_recordings_of
@@ -52,14 +52,14 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     )
     objects = np.repeat(np.arange(8), 2)
     truth = np.repeat(dataset.labels == 1, 2, axis=0)
-    gathered = all_recordings_of(dataset, TrainingSet.everything(dataset), "rbf").values()
-    _, widths = learned_widths([recordings for recordings, _ in gathered], ALL, range(8))
+    gathered = all_recordings_of(dataset, TrainingSet.everything(dataset), ALL)
+    _, widths = learned_widths(gathered.values(), ALL, range(8))
     assert len(set(widths)) > 1  # so that each table has its own
     for held_out in range(8):
         rest = objects != held_out
         wide = with_joint(widened(grams, widths[held_out]))[:, rest][:, :, rest]
         problem = kernel_problem(wide, truth[rest], objects[rest], ALL.noise)
-        outputs = each_object(problem, ALL)
+        outputs = each_group(problem, ALL)
         for other in range(8):
             found = table.training_bins[held_out, other, :, 1]
             if other == held_out:

@@ -7,7 +7,7 @@ import pytest
 
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, table_counts
-from meal_bayes.perception.leave_out import each_object, kernel_problem, leave_out
+from meal_bayes.perception.leave_out import each_group, kernel_problem, leave_out
 from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
 
 SIGNED = replace(DEFAULT, nonnegative=False)  # slopes of both signs, so that the leak shows fully
@@ -78,7 +78,7 @@ def test_anti_correlation_class_balance_takes_the_base_rate_out():
     problem = kernel_problem(np.ones((1, 10, 10)), truth[:, None], np.arange(10), 0.5)
 
     def gap(settings):
-        said = each_object(problem, settings)[:, 0]
+        said = each_group(problem, settings)[:, 0]
         return said[truth].mean() - said[~truth].mean()
 
     assert gap(replace(DEFAULT, balanced=False)) < -0.1
@@ -91,7 +91,7 @@ def test_threshold_rounding_does_not_leak():
     rng = np.random.default_rng(0)
     truth = np.array([rng.permutation(21) < size for size in range(4, 18)]).T
     problem = kernel_problem(np.ones((1, 21, 21)), truth, np.arange(21), 0.5)
-    said = each_object(problem, DEFAULT, np.full((14, 2), 0.7))
+    said = each_group(problem, DEFAULT, np.full((14, 2), 0.7))
     assert np.abs(said).max() < THRESHOLD / 1000
     worst = np.where(truth, 1.0, -1.0) * max(np.abs(said).max(), 1e-16)
 

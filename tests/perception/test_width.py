@@ -8,20 +8,22 @@ import pytest
 from meal_bayes.datasets import TrainingSet, load_dataset
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, fit_perception
+from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.recordings import BehaviorRecordings, all_recordings_of
 from meal_bayes.perception.width import WIDTHS, _losses, learned_widths
 
 
 def recordings_in(dataset):
-    found = all_recordings_of(dataset, TrainingSet.everything(dataset), "rbf")
-    return [recordings for recordings, _ in found.values()]
+    return list(all_recordings_of(dataset, TrainingSet.everything(dataset), DEFAULT).values())
 
 
 def on_a_line(truth_of, objects=40):
     """One behavior that places objects on a line; kernels of width 1 are half a unit wide."""
     place = np.random.default_rng(0).uniform(0, 8, objects)
-    gram = np.exp(-(((place[:, None] - place) / 0.5) ** 2))[None]
-    return BehaviorRecordings(np.arange(objects), truth_of(place)[:, None].astype(np.int8), gram)
+    space = FeatureSpace(np.zeros(1), np.zeros(1), np.ones(1), place[:, None], "rbf", 0.5)
+    return BehaviorRecordings(
+        np.arange(objects), truth_of(place)[:, None].astype(np.int8), (space,)
+    )
 
 
 def stripes():
@@ -56,7 +58,7 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
             others = BehaviorRecordings(
                 recordings.objects[rest],
                 recordings.labels[rest],
-                recordings.grams[:, rest][:, :, rest],
+                tuple(space.at(rest) for space in recordings.spaces),
             )
             (expected,) = _losses(others, np.empty(0, np.int64), DEFAULT)
             assert found[1 + held] == pytest.approx(expected, rel=1e-6)
