@@ -62,6 +62,7 @@ def test_equal_commands_give_equal_draws_in_one_folder(run, tmp_path):
     assert len(list((tmp_path / "posteriors").iterdir())) == 2
 
 
+@pytest.mark.long
 def test_a_held_out_object_is_not_learned_from(run):
     """The rows are those that agents get when they are asked about the object."""
     table = load_percepts("roc36")

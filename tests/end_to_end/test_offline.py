@@ -102,6 +102,25 @@ def test_made_up_recordings_from_features_to_measures(synthetic):
     assert all(check_log(path).whole for path in run.paths)
 
 
+GOLDEN = {  # actions of each trial: look, lift, reinit, and the four reports
+    "predefined": ["013", "014", "015", "013", "013", "016"],
+    "greedy": ["003", "004", "005", "003", "003", "004"],
+    "bayes": ["003", "004", "005", "003", "003", "00004"],
+}
+
+
+def test_actions_are_those_of_earlier_versions(synthetic):
+    """Who changes them on purpose changes them here."""
+    run = run_offline(
+        OfflineConfig(str(synthetic / "toy.npz"), 2, 6, tuple(GOLDEN), seed=1),
+        logs=synthetic / "golden",
+    )
+    found = {agent: [] for agent in GOLDEN}
+    for trial in run.trials():
+        found[trial.agent].append("".join(str(step.decision.action) for step in trial.steps))
+    assert found == GOLDEN
+
+
 @pytest.mark.long
 def test_two_processes_plan_alike(synthetic):
     """Plans and searches do not depend on the process either."""

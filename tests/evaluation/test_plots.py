@@ -50,6 +50,7 @@ def test_every_figure_is_labelled_and_written(trial, tmp_path):
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.long
 def test_equal_figures_are_equal_files(trial, tmp_path):
     for number, pair in enumerate(zip(every_figure(trial), every_figure(trial), strict=True)):
         for ending in (".png", ".pdf", ".svg") if number == 0 else (".svg",):

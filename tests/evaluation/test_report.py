@@ -132,11 +132,13 @@ def test_nothing_is_fetched_and_nothing_runs(page):
     assert not re.search(r"@import|url\((?!data:)", text)
 
 
+@pytest.mark.long
 def test_equal_logs_give_equal_pages(folder, page, tmp_path):
     write_report(Logs(folder), tmp_path / "again.html")
     assert (tmp_path / "again.html").read_bytes() == page.read_bytes()
 
 
+@pytest.mark.long
 def test_batches_make_a_learning_curve(trials, tmp_path):
     for number in range(3):
         for part in ("train", "test"):

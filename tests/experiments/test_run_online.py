@@ -256,6 +256,7 @@ def test_fresh_runs_everything_again(config, whole, tmp_path):
     assert contents(run.folder) == contents(expected)
 
 
+@pytest.mark.long
 def test_every_setting_reaches_the_run(config, whole, tmp_path):
     one = replace(config, agents=AGENTS[1:], repeats=1)
     changes = (

@@ -105,6 +105,7 @@ class TestAgainstTheOptimum:
         worth = optimum.of_policy(policy, 0)
         assert best - 1.5 <= worth <= best + 1e-9
 
+    @pytest.mark.long
     @pytest.mark.statistical
     def test_more_simulations_lose_less(self, solved):
         """Exact worth of the policies, the mean loss over the problems."""
