@@ -156,10 +156,6 @@ class PerceptTable:
         """R, the most recordings that an object has of a behavior."""
         return int(self.log_odds.shape[1])
 
-    def level_edges(self, levels: int) -> NDArray[np.float64]:
-        """Return the edges (K-1,) between the levels of a K-level percept."""
-        return level_edges(self.edges, levels)
-
     def levels_of(self, log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
         """Return the percept levels 0 .. K-1 of log-odds of any shape."""
         return levels_of(log_odds, self.edges, levels)

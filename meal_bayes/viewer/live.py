@@ -30,40 +30,30 @@ def follow(
     -------
     The follower, whose `problems` are what was wrong with the files.
     """
-    follower = Follower(path)
+    follower, replay = Follower(path), None
     try:
-        _follow(follower, to, watching, on_trials)
+        with recording(str(follower.path), to) as (stream, bring):
+            while watching():
+                new = False
+                for trial in follower.poll():
+                    new = True
+                    if replay is None:
+                        replay = Replay(stream, follower.header or {})
+                    replay.add(trial)
+                    if replay.trials == 1:
+                        replay.flush()
+                        replay.send_layout(live=True)
+                if new and replay is not None:
+                    replay.flush()
+                    bring()
+                    if on_trials is not None:
+                        on_trials(replay.trials)
+                if follower.finished:
+                    break
+                time.sleep(_POLL)
+            if replay is not None:
+                replay.close()
     finally:
         follower.close()
         clean_up()
     return follower
-
-
-def _follow(
-    follower: Follower,
-    to: Target,
-    watching: Callable[[], bool],
-    on_trials: Callable[[int], None] | None,
-) -> None:
-    with recording(str(follower.path), to) as (stream, bring):
-        replay = None
-        while watching():
-            new = False
-            for trial in follower.poll():
-                if replay is None:
-                    replay = Replay(stream, follower.header or {})
-                replay.add(trial)
-                if replay.trials == 1:
-                    replay.flush()
-                    replay.send_layout(live=True)
-                new = True
-            if new and replay is not None:
-                replay.flush()
-                bring()
-                if on_trials is not None:
-                    on_trials(replay.trials)
-            if follower.finished:
-                break
-            time.sleep(_POLL)
-        if replay is not None:
-            replay.close()

@@ -14,7 +14,7 @@ from meal_bayes.viewer.trial_frames import TrialFrame
 
 _SHOWN = 8  # attributes
 _BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar
-_CELL_WIDE, _CELL_HIGH, _GAP = 4, 4, 2  # pixels of the matrices; labels are as large as ever
+_BLOCK_WIDE, _CELL_HIGH, _GAP = 16, 4, 2  # pixels of the matrices; labels are as large as ever
 _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
@@ -84,7 +84,8 @@ class Matrices:
             self._known[action] = self._draw(action)
         known = self._known[action]
         if sampled is None:  # as wide as the others, so that the view does not move
-            margin = ((0, 0), (0, _GAP + self._momdp.levels * _CELL_WIDE), (0, 0))
+            width = self._momdp.levels * _cell_width(self._momdp.levels)
+            margin = ((0, 0), (0, _GAP + width), (0, 0))
             return Picture(np.pad(known.pixels, margin), known.labels)
         return _with_band(known, sampled[:, :_SHOWN])
 
@@ -93,12 +94,12 @@ class Matrices:
         n, k = min(len(momdp.query), _SHOWN), momdp.levels
         mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
         blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
-        blocks.append(("sd (rows known exactly)" if not sd.any() else "sd", sd, _SD_FULL))
+        blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
         point = point_estimate(momdp)
         if point is not None:
             blocks.append(("paper: counts only", point[:n, action].reshape(2 * n, k), 1.0))
         # A wide picture is shown smaller; its rows must still be as high as a label.
-        width, high = k * _CELL_WIDE, _CELL_HIGH
+        width, high = k * _cell_width(k), _CELL_HIGH
         pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
         labels = [
             Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
@@ -107,7 +108,7 @@ class Matrices:
         ]
         for number, (title, values, full) in enumerate(blocks):
             left = number * (width + _GAP)
-            colors = viridis(_BRIGHTEST * values / full).repeat(high, 0).repeat(_CELL_WIDE, 1)
+            colors = viridis(_BRIGHTEST * values / full).repeat(high, 0).repeat(_cell_width(k), 1)
             pixels[:, left : left + width, :3] = colors
             pixels[:, left : left + width, 3] = 255
             labels += _block_labels(title, values, left, high)
@@ -119,14 +120,14 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
     m, n, k = sampled.shape
     tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
     lanes = np.sort(sampled, axis=0)[np.arange(tall) * m // tall]  # (tall,N,K)
-    pixels = np.zeros((len(matrices.pixels), _GAP + k * _CELL_WIDE, 4), np.uint8)
+    pixels = np.zeros((len(matrices.pixels), _GAP + k * _cell_width(k), 4), np.uint8)
     colors = viridis(_BRIGHTEST * lanes.transpose(1, 0, 2).reshape(n * tall, k))
-    pixels[: n * tall, _GAP:, :3] = colors.repeat(_CELL_WIDE, 1)
+    pixels[: n * tall, _GAP:, :3] = colors.repeat(_cell_width(k), 1)
     pixels[: n * tall, _GAP:, 3] = 255
     left = matrices.pixels.shape[1] + _GAP
-    labels = [Label(f"{m} sampled MOMDPs", left + k * _CELL_WIDE / 2, -1.3 * _CELL_HIGH, TEXT)]
+    labels = [Label(f"{m} sampled MOMDPs", left + k * _cell_width(k) / 2, -1.3 * _CELL_HIGH, TEXT)]
     for i, z in np.ndindex(n, k):
-        at = left + (z + 0.5) * _CELL_WIDE
+        at = left + (z + 0.5) * _cell_width(k)
         for most, row in ((sampled[:, i, z].min(), 2 * i), (sampled[:, i, z].max(), 2 * i + 1)):
             labels.append(Label(f"{most:.2f}", at, (row + _MIDDLE) * _CELL_HIGH, WHITE))
     labels += _level_labels(k, left, 2 * n * _CELL_HIGH)
@@ -144,19 +145,25 @@ def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
 
 def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
     rows, k = values.shape
-    labels = [Label(title, left + k * _CELL_WIDE / 2, -1.3 * high, TEXT)]
+    labels = [Label(title, left + k * _cell_width(k) / 2, -1.3 * high, TEXT)]
     labels += _level_labels(k, left, rows * high)
     for row in range(rows):
         for z in range(k):
-            at = left + (z + 0.5) * _CELL_WIDE, (row + _MIDDLE) * high
+            at = left + (z + 0.5) * _cell_width(k), (row + _MIDDLE) * high
             text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
             labels.append(Label(text, *at, WHITE))
     return labels
 
 
+def _cell_width(k: int) -> int:
+    """Return the width of a cell of K levels, pixels; a block of 2 is as wide as one of 4."""
+    return max(4, _BLOCK_WIDE // k)
+
+
 def _level_labels(k: int, left: float, y: float) -> list[Label]:
-    """Return the names of the levels below the columns of a block, staggered in two rows."""
+    """Return the names of the levels below the columns of a block, long ones in two rows."""
+    rows = 1 if k == 2 else 2  # noqa: PLR2004
     return [
-        Label(name, left + (z + 0.5) * _CELL_WIDE, y + (_MIDDLE + z % 2) * _CELL_HIGH, TEXT)
+        Label(name, left + (z + 0.5) * _cell_width(k), y + (_MIDDLE + z % rows) * _CELL_HIGH, TEXT)
         for z, name in enumerate(level_names(k))
     ]

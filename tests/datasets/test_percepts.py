@@ -15,6 +15,7 @@ from meal_bayes.datasets.percepts import (
     LIMIT,
     THRESHOLD,
     PerceptTable,
+    level_edges,
     levels_of,
     round_log_odds,
 )
@@ -88,13 +89,13 @@ def test_levels_merge_neighboring_bins(table):
     for levels in (2, 4, 8):
         coarse = table.levels_of(values, levels)
         np.testing.assert_array_equal(coarse, fine // (8 // levels))
-        assert len(table.level_edges(levels)) == levels - 1
+        assert len(level_edges(table.edges, levels)) == levels - 1
         assert (coarse[np.argsort(values)] == np.sort(coarse)).all()
         shown = table.training_levels(0, levels)
         np.testing.assert_array_equal(
             shown, table.training_bins[0].reshape(3, 2, 3, levels, -1).sum(axis=-1)
         )
-    assert table.level_edges(2).tolist() == [THRESHOLD]
+    assert level_edges(table.edges, 2).tolist() == [THRESHOLD]
     for levels in (0, 1, 3, 6, 16):
         with pytest.raises(SettingsError, match="expected one of"):
             table.training_levels(0, levels)

@@ -66,7 +66,7 @@ def test_the_page_and_its_files_are_given_under_the_policy(page):
     for name, asset in ASSETS.items():
         found = ask(page, f"{home(page)}{name}?x=1", Origin=page.origin)
         assert (found.status, found.content) == (200, asset.content)
-        assert found.headers["Content-Type"] == asset.kind
+        assert found.headers["Content-Type"] == asset.media_type
         policy = found.headers["Content-Security-Policy"]
         assert policy.startswith("default-src 'none'")
         assert not re.findall(r"https?:|\*", policy)

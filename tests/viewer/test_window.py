@@ -20,7 +20,7 @@ TRIAL = {
     "belief over steps", "expected reward of each action, band = one standard error",
     "entropy, bits", "cost so far, s", "where the robot is, what it just did",
     "search tree: action, percepts → next action", "action, x, percepts",
-    "what a percept of this behavior tells",
+    "confusion matrices of this behavior",
 }  # fmt: skip
 RUN = {
     "accuracy so far, band = one standard error", "agents and worst trials", "run facts",
@@ -55,7 +55,7 @@ def looked_at(vulkan, tmp_path_factory):
             client = viewer.client()
             client.open(str(recording))
             client.set_time("step", sequence=4, play_state="paused")
-            pictures[name] = window._settled(client, 1.0)
+            pictures[name] = window._stable_picture(client, 1.0)
             for view in client.get_state().views:
                 states[view.name] = view
                 if view.name in ({*RUN, EVIDENCE} if run_first else TRIAL):
