@@ -1,11 +1,12 @@
-"""Regenerate what README.md shows of real runs: the demo's text, measured tables and beliefs.
+"""Regenerate what README.md and the site show of real runs: the demo's text and measured tables.
 
-`python benchmarks/readme.py` runs the commands and writes their results between the HTML comments
-of README.md; a run that is there already under logs/ is not computed again. `--only` writes one of
-the blocks. The block `paper-classifiers` is written only when it is named: it needs the recordings
-and, once, some minutes for the support vector machines. The block `online` shows what
-`meal-bayes reproduce fig10` left in paper_repro/results/. `--check` writes nothing: it compares the
-demo's text with what the command prints now, and exits with 1 if they differ.
+`python benchmarks/readme.py` runs the commands and writes their results between HTML comments of
+the pages (`PAGES`); a run that is there already under logs/ is not computed again. `--only` writes
+one of the blocks. The block `paper-classifiers` is written only when it is named: it needs the
+recordings and, once, some minutes for the support vector machines. The block `online` shows what
+`meal-bayes reproduce fig10` left in paper_repro/results/, and `summary` the rows that are kept from
+`results`. `--check` writes nothing: it compares the demo's text with what the command prints now,
+and exits with 1 if they differ.
 """
 
 import argparse
@@ -68,7 +69,16 @@ EVIDENCE = {
     "all": "all recordings of all behaviors",
 }
 BELIEVED = {"counts": "Eq. 8", "shared degree": "`bayes`"}  # observation models
-BLOCKS = ("demo", "results", "beliefs", "paper-classifiers", "online")
+PAGES = {  # where each block stands
+    "demo": README,
+    "summary": README,
+    "results": ROOT / "docs" / "results" / "index.md",
+    "paper-classifiers": ROOT / "docs" / "results" / "index.md",
+    "beliefs": ROOT / "docs" / "results" / "beliefs.md",
+    "online": ROOT / "docs" / "results" / "online.md",
+}
+MEASURED_BLOCKS = ("demo", "results", "summary", "beliefs")  # written by default, in this order
+SUMMARIZED = ("predefined_plus", "morc", "bayes")
 LEARNING = ROOT / "paper_repro" / "results" / "fig10.json"  # behind the block `online`
 
 
@@ -76,14 +86,14 @@ def main() -> int:
     """Write the blocks, or check the demo's."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--check", action="store_true", help="compare the demo's text only")
-    parser.add_argument("--only", choices=BLOCKS, help="write one of the blocks")
+    parser.add_argument("--only", choices=PAGES, help="write one of the blocks")
     options = parser.parse_args()
     if options.check:
         return check_demo()
-    for name in [options.only] if options.only else ["demo", "results", "beliefs"]:
-        new = content(name)
-        text = README.read_text(encoding="utf-8")
-        README.write_text(replaced(text, name, new), encoding="utf-8")
+    for name in [options.only] if options.only else MEASURED_BLOCKS:
+        new, page = content(name), PAGES[name]
+        text = page.read_text(encoding="utf-8")
+        page.write_text(replaced(text, name, new), encoding="utf-8")
     return 0
 
 
@@ -91,6 +101,8 @@ def content(name: str) -> str:
     """Make what belongs into a block."""
     if name == "demo":
         return demo_block()
+    if name == "summary":
+        return summary_table(measured())
     if name == "online":
         return online_block(json.loads(LEARNING.read_text(encoding="utf-8")))
     if name == "beliefs":
@@ -135,7 +147,7 @@ def block(text: str, name: str) -> str:
     """Find what stands between `<!-- name -->` and `<!-- /name -->`."""
     found = re.findall(rf"<!-- {name} -->\n(.*?)<!-- /{name} -->", text, re.DOTALL)
     if len(found) != 1:
-        raise SystemExit(f"README.md has {len(found)} blocks <!-- {name} -->; expected one.")
+        raise SystemExit(f"The page has {len(found)} blocks <!-- {name} -->; expected one.")
     return str(found[0])
 
 
@@ -185,6 +197,21 @@ def online_block(told: Mapping[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
+def summary_table(kept: Mapping[str, list[dict[str, Any]]]) -> str:
+    """Make the one table of the README: what three agents reach, and the command of each line."""
+    head = ["question, and its command"]
+    head += [f"`{agent}`: accuracy, cost, reward" for agent in SUMMARIZED]
+    lines = [_row(head), _row(["---", *["--:"] * len(SUMMARIZED)])]
+    for one in RUNS:
+        rows = {row["agent"]: row for row in kept[one.command]}
+        cells = [f"{one.title}: `{one.command}`"]
+        for row in (rows[agent] for agent in SUMMARIZED):
+            _, accuracy, _, reward, *_ = _cells(row)
+            cells.append(f"{accuracy}, {_number(row['cost_s'], 1)} s, {reward}")
+        lines.append(_row(cells))
+    return "\n".join(lines)
+
+
 def beliefs_table(rows: list[dict[str, Any]]) -> str:
     """Make the table of beliefs by the paper's observation model and by ours."""
     found = {(row["evidence"], row["dataset"], row["observation_model"]): row for row in rows}
@@ -203,7 +230,7 @@ def beliefs_table(rows: list[dict[str, Any]]) -> str:
 
 def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
     """Make the table of one run from its rows."""
-    head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "gave up"]
+    head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     printed = [*head, "paper: accuracy", "paper: cost, s"] if of.paper else head
     lines = [f"**{of.title}**: `{of.command}`", "", _row(printed)]
     lines.append(_row(["---", *["--:"] * (len(printed) - 1)]))
@@ -219,7 +246,7 @@ def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    """Give the measures of one agent as text."""
+    """Return the measures of one agent as text."""
     return [
         row["agent"],
         f"{_number(row['accuracy'], 3)} ± {_number(row['accuracy_se'], 3)}",

@@ -21,23 +21,23 @@ import itself costs nothing. The rooms (`meal_bayes.domain`, `.datasets`, `.perc
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 
-===  ===============================================================================================
-P    attributes of the domain
-N    queried attributes
-E    exploratory behaviors
-M    modalities
-D    features of a modality
-O    objects
-R    recordings per (object, behavior)
-X    fully observable states, the last is ``term``
-Y    2^N combinations of attribute values; bit 0 of the query is the most significant
-K    levels of a percept: 2 is the paper's yes/no, 4 is "strong no, no, yes, strong yes"
-L    fine bins of a percept table, which levels merge
-A    actions: E behaviors, then Y reports
-Z    K^N + 1 observations, the last is "none"
-T    steps of a trial
-S    search nodes
-===  ===============================================================================================
+| | |
+|---|---|
+| P | attributes of the domain |
+| N | queried attributes |
+| E | exploratory behaviors |
+| M | modalities |
+| D | features of a modality |
+| O | objects |
+| R | recordings per (object, behavior) |
+| X | fully observable states, the last is `term` |
+| Y | 2^N combinations of attribute values; bit 0 of the query is the most significant |
+| K | levels of a percept: 2 is the paper's yes/no, 4 is "strong no, no, yes, strong yes" |
+| L | fine bins of a percept table, which levels merge |
+| A | actions: E behaviors, then Y reports |
+| Z | K^N + 1 observations, the last is "none" |
+| T | steps of a trial |
+| S | search nodes |
 """
 
 from importlib import import_module

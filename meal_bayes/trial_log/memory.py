@@ -36,12 +36,12 @@ def write_told(told: Told) -> None:
 def read_memory(folder: str | Path, data: str) -> list[Told]:
     """Read what was told of a data set's objects, in the order it was said.
 
+    A log that is empty, torn or of another format is left out with a warning.
+
     Parameters
     ----------
     folder : of the logs; one that is not there remembers nothing.
     data : the data set's name.
-
-    A log that is empty, torn or of another format is left out with a warning.
     """
     found = []
     for path in sorted(Path(folder).glob(_NAMES)):

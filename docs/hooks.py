@@ -1,0 +1,65 @@
+"""Make the site of what lies beside docs/, draw equations, and find examples in docstrings.
+
+MkDocs calls the functions that start with `on_`. `Examples` is an extension of griffe, which reads
+the docstrings.
+"""
+
+import html
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+import griffe
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).resolve().parents[1]
+BESIDE = ("*.md", "benchmarks/README.md", "paper_repro/*.md", "paper_repro/results/*.png")
+LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add pages and pictures that lie outside of docs/, under the paths that they have."""
+    for pattern in BESIDE:
+        for path in sorted(ROOT.glob(pattern)):
+            name = path.relative_to(ROOT).as_posix()
+            if name != "README.md":
+                files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Turn links between files of the repository into links between pages of the site."""
+    here = page.file.src_uri
+    source = here if (ROOT / here).is_file() else f"docs/{here}"
+
+    def link(found: re.Match[str]) -> str:
+        path = posixpath.normpath(posixpath.join(posixpath.dirname(source), found[1]))
+        return "](" + posixpath.relpath(path.removeprefix("docs/"), posixpath.dirname(here) or ".")
+
+    return LINK.sub(link, markdown)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Turn equations into MathML, which browsers draw without any script."""
+    return EQUATION.sub(mathml, content)
+
+
+def mathml(found: re.Match[str]) -> str:
+    """Return the MathML of one equation."""
+    _, bracket, latex = found.groups()
+    return str(convert(html.unescape(latex), display="block" if bracket == "[" else "inline"))
+
+
+class Examples(griffe.Extension):
+    """Let doctests stand in a section of their own, where griffe looks for them."""
+
+    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Put the heading of the section before the first doctest of a docstring."""
+        if obj.docstring is not None and "Examples\n---" not in obj.docstring.value:
+            text = obj.docstring.value
+            obj.docstring.value = re.sub(
+                r"^>>>", "Examples\n--------\n>>>", text, count=1, flags=re.MULTILINE
+            )

@@ -1,0 +1,237 @@
+"""README and site do what they say: blocks run, commands exist, tables are those measured."""
+
+import contextlib
+import io
+import json
+import re
+import runpy
+import shlex
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import meal_bayes
+from meal_bayes.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+README = ROOT / "README.md"
+PAGES = (README, ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md")))
+EXAMPLES = {path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")}
+_FENCE = re.compile(r'^```(\w*)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+_SNIPPET = re.compile(r'^--8<-- "(.+)"\n', re.MULTILINE)
+PACKAGE = Path(meal_bayes.__file__).parent
+MAKER = runpy.run_path(str(ROOT / "benchmarks" / "readme.py"))
+
+
+class Block(NamedTuple):
+    """A code block, and the text between the block before it and itself."""
+
+    language: str
+    title: str  # of a file that the reader writes, "" for others
+    content: str
+    before: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the code blocks of a page, in order, with the files that they include."""
+    text = page.read_text(encoding="utf-8")
+    found, end = [], 0
+    for match in _FENCE.finditer(text):
+        content = _SNIPPET.sub(lambda name: (ROOT / name[1]).read_text("utf-8"), match[3])
+        found.append(Block(match[1], match[2] or "", content, text[end : match.start()]))
+        end = match.end()
+    return found
+
+
+def runs(block: Block) -> bool:
+    """Return whether a block runs on its page; the tests of examples run what is a whole file."""
+    return block.language == "console" or (
+        block.language == "python" and block.content not in EXAMPLES
+    )
+
+
+def play(page: Path) -> None:
+    """Run the blocks of a page in the working folder, one after another, as a reader would.
+
+    A text block right below Python is what that prints.
+    """
+    names: dict[str, object] = {"__name__": "__main__"}
+    parts = blocks(page)
+    for part, after in zip(parts, [*parts[1:], None], strict=True):
+        if part.title:
+            Path(part.title).parent.mkdir(exist_ok=True)
+            Path(part.title).write_text(part.content, encoding="utf-8")
+        elif part.language == "console":
+            for line in part.content.splitlines():
+                run_command(line)
+        elif runs(part):
+            printed = io.StringIO()
+            with contextlib.redirect_stdout(printed):
+                exec(compile(part.content, str(page), "exec"), names)
+            if after is not None and after.language == "text" and not after.before.strip():
+                assert printed.getvalue() == after.content
+
+
+def run_command(line: str) -> None:
+    """Run a line of a console block, which must end well."""
+    prompt, name, *arguments = shlex.split(line)
+    assert (prompt, name) == ("$", "meal-bayes"), line
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, f"{line}\n{result.output}"
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working folder with what a reader of the repository has beside the pages."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    (tmp_path / "logs").mkdir()
+    shutil.copy(ROOT / "logs" / "sample.mcap", tmp_path / "logs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("MEAL_BAYES_OFFLINE", "1")
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if any(map(runs, blocks(p)))], ids=name_of)
+def test_every_block_runs(page: Path, folder: Path) -> None:
+    play(page)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("```python\nprint(1)\n```\n\n```text\n2\n```\n", "'1"),
+        ("```console\n$ meal-bayes fly\n```\n", "fly"),
+        ("```console\nmeal-bayes doctor\n```\n", "meal-bayes doctor"),
+    ],
+)
+def test_a_wrong_block_is_seen(folder: Path, wrong: str, message: str) -> None:
+    page = folder / "wrong.md"
+    page.write_text(wrong, encoding="utf-8")
+    with pytest.raises((AssertionError, ValueError), match=message):
+        play(page)
+
+
+def test_blocks_are_of_known_languages() -> None:
+    """What a shell block does needs another machine, a screen, or the network; it does not run."""
+    for page in PAGES:
+        for block in blocks(page):
+            assert block.language in {"python", "console", "sh", "text", "toml", "csv"} or (
+                page == README and block.content.startswith("pip install")
+            ), (page, block.content)
+
+
+def test_the_readme_is_short_and_shows_two_commands() -> None:
+    assert len(text_of(README).splitlines()) <= 250
+    first, second = (block.content.strip() for block in blocks(README)[:2])
+    assert (first, second) == (
+        "pip install . && meal-bayes demo",
+        "pip install '.[test]' && pytest",
+    )
+
+
+def test_the_readme_shows_the_robot_as_it_is() -> None:
+    (shown,) = (block.content for block in blocks(README) if block.language == "python")
+    assert shown == text_of(ROOT / "examples" / "own_robot.py")
+    assert shown in EXAMPLES
+    assert sum(bool(line.strip()) for line in shown.splitlines()) <= 25
+
+
+def test_measured_tables_are_those_of_the_kept_rows() -> None:
+    kept, pages = MAKER["measured"](), MAKER["PAGES"]
+    for run in (*MAKER["RUNS"], MAKER["PAPER_RUN"]):
+        assert MAKER["table_of"](run, kept[run.command]) in text_of(pages["results"])
+    made = {
+        "summary": MAKER["summary_table"](kept),
+        "beliefs": MAKER["beliefs_table"](kept[MAKER["BELIEFS"]]),
+        "online": MAKER["online_block"](json.loads(text_of(MAKER["LEARNING"]))),
+    }
+    for name, table in made.items():
+        assert MAKER["block"](text_of(pages[name]), name).strip() == table.strip(), name
+
+
+def test_every_command_shown_exists() -> None:
+    shown = set()
+    for page in PAGES:
+        shown |= {
+            *re.findall(r"`(meal-bayes [^`\n]+)`", text_of(page)),
+            *re.findall(r"^ *(?:\$ )?(meal-bayes .+)$", text_of(page), re.MULTILINE),
+        }
+    assert len(shown) > 30
+    for line in shown:
+        check_command([word for word in shlex.split(line)[1:] if word not in ("...", "LOG")])
+
+
+def test_a_wrong_command_is_seen() -> None:
+    with pytest.raises(AssertionError, match="no command 'fly'"):
+        check_command(["fly"])
+    with pytest.raises(AssertionError, match="no option '--wings'"):
+        check_command(["run", "offline", "--wings", "2"])
+
+
+def check_command(arguments: list[str]) -> None:
+    """Follow the words of a command line through the groups, and look its options up."""
+    command: click.Command = main
+    while isinstance(command, click.Group) and arguments and arguments[0] != "COMMAND":
+        word = arguments.pop(0)
+        assert word in command.commands, f"no command {word!r}"
+        command = command.commands[word]
+    known = {"--help", *(name for parameter in command.params for name in parameter.opts)}
+    for word in arguments:
+        assert not word.startswith("--") or word in known, f"no option {word!r}"
+
+
+def test_every_reference_is_listed() -> None:
+    key = re.compile(r"[\[ ]([A-Z][a-z]+(?:19|20)\d\d[a-z]?)(?=[,\]])")
+    listed = set(re.findall(r"^- \[(\w+)\]", text_of(DOCS / "references.md"), re.MULTILINE))
+    sources = [*PAGES, *PACKAGE.rglob("*.py")]
+    cited = {name for path in sources for name in key.findall(text_of(path))}
+    assert len(listed) > 9
+    assert cited - listed == set()
+
+
+def test_every_path_named_exists() -> None:
+    places = (ROOT, PACKAGE)
+    count = 0
+    for page in PAGES:
+        for name in re.findall(r"`((?:[a-z_]+/)+[\w.*]*)`", text_of(page)):
+            mine = name.startswith(("recordings/", "logs/", "posterior/"))  # the reader's own
+            assert mine or any(list(place.glob(name.rstrip("/"))) for place in places), (page, name)
+            count += 1
+    assert count > 40
+
+
+def test_every_package_has_a_page_of_its_own() -> None:
+    """A page shows `__all__` of its package, so every public name stands on one."""
+    navigation = text_of(ROOT / "mkdocs.yml")
+    packages = [path.parent for path in PACKAGE.rglob("__init__.py")]
+    assert len(packages) > 15
+    for package in packages:
+        name = ".".join(package.relative_to(PACKAGE.parent).parts)
+        assert f"\n::: {name}\n" in text_of(DOCS / "reference" / f"{name}.md")
+        assert f"reference/{name}.md" in navigation
+        assert "__all__ = [" in text_of(package / "__init__.py")
+
+
+def test_every_decision_is_listed_with_its_date() -> None:
+    table = text_of(DOCS / "decisions" / "index.md")
+    files = sorted(DOCS.glob("decisions/[0-9]*.md"))
+    for number, path in enumerate(files, start=1):
+        title, date = text_of(path).splitlines()[0:3:2]
+        assert title.startswith(f"# {number}. ")
+        assert f"| {number} | {date} | [{title.partition('. ')[2]}]({path.name}) |" in table
+    assert table.count("](") == len(files)
