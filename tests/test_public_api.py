@@ -88,7 +88,7 @@ def test_the_version_is_a_text():
 
 
 def test_the_shape_alphabet_stands_here():
-    letters = re.findall(r"^([A-Z])    ", meal_bayes.__doc__, re.MULTILINE)
+    letters = re.findall(r"^\| ([A-Z]) \| ", meal_bayes.__doc__, re.MULTILINE)
     assert "".join(letters) == "PNEMDORXYKLAZTS"
 
 

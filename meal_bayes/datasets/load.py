@@ -1,23 +1,13 @@
 """`load_dataset`: the recordings of a domain, public or one's own, by name."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from meal_bayes.datasets.csv_folder import load_csv_folder
-from meal_bayes.datasets.cy101 import load_cy101
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.download import fetch
-from meal_bayes.datasets.ispy32 import load_ispy32
-from meal_bayes.datasets.roc36 import load_roc36
-from meal_bayes.datasets.sources import find_folder
-from meal_bayes.domain import Domain, load_domain
+from meal_bayes.datasets.sources import SOURCES, find_folder
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-
-_LOADERS: dict[str, Callable[[Domain, Path], Dataset]] = {
-    "roc36": load_roc36,
-    "ispy32": load_ispy32,
-    "cy101": load_cy101,
-}
 
 
 def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset:
@@ -41,14 +31,13 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
             "name, or the path of its TOML) and, for your own, the folder of the CSV files."
         )
     domain = load_domain(name)
-    loader = _LOADERS.get(domain.data)
-    if loader is None:
+    if domain.data not in SOURCES:
         if root is None:
             raise SettingsError(
-                f"Domain {domain.name!r} has no public recordings (those are {list(_LOADERS)}); "
+                f"Domain {domain.name!r} has no public recordings (those are {list(SOURCES)}); "
                 "give root=<folder of your CSV files>, or make data with make_synthetic."
             )
         return load_csv_folder(domain, Path(root))
     if root is None:
         root = fetch(domain.data)
-    return loader(domain, find_folder(domain.data, Path(root)))
+    return SOURCES[domain.data].load(domain, find_folder(domain.data, Path(root)))

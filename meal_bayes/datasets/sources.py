@@ -1,9 +1,14 @@
-"""Where the public data sets live: repository, commit, folder."""
+"""Where the public data sets live, and what reads each: repository, commit, folder, loader."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from meal_bayes.domain import unknown
+from meal_bayes.datasets.cy101 import load_cy101
+from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.datasets.ispy32 import load_ispy32
+from meal_bayes.datasets.roc36 import load_roc36
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 
 
@@ -15,6 +20,7 @@ class Source:
     commit: str
     folder: str
     recordings: str  # the folder in it that holds the feature files
+    load: Callable[[Domain, Path], Dataset]
 
     @property
     def path(self) -> str:
@@ -25,9 +31,9 @@ class Source:
 _POMDP = ("shiqizhang6/perception_pomdp", "4ab4abf1a47ce184f0327d3c143533d482c2604c")
 _LEARNING = ("keke-220/Predicate_Learning", "62b9e1efa8b4cf990a68c3526a9ae872d8a6b1ad")
 SOURCES = {
-    "roc36": Source(*_POMDP, "data/icra2014", "sensorimotor_features"),
-    "ispy32": Source(*_POMDP, "data/ijcai2016", "corl_features"),
-    "cy101": Source(*_LEARNING, "data/cy101", "normalized_data_without_noobject"),
+    "roc36": Source(*_POMDP, "data/icra2014", "sensorimotor_features", load_roc36),
+    "ispy32": Source(*_POMDP, "data/ijcai2016", "corl_features", load_ispy32),
+    "cy101": Source(*_LEARNING, "data/cy101", "normalized_data_without_noobject", load_cy101),
 }
 
 
