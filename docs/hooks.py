@@ -4,6 +4,7 @@ MkDocs calls the functions that start with `on_`. `Examples` is an extension of 
 the docstrings.
 """
 
+import ast
 import html
 import posixpath
 import re
@@ -12,6 +13,7 @@ from typing import Any
 
 import griffe
 from latex2mathml.converter import convert
+from mkdocs.exceptions import BuildError
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -53,13 +55,35 @@ def mathml(found: re.Match[str]) -> str:
     return str(convert(html.unescape(latex), display="block" if bracket == "[" else "inline"))
 
 
+def on_post_build(config: Any) -> None:
+    """Check that every public name stands on the page of its package.
+
+    Raises
+    ------
+    BuildError : names that do not.
+    """
+    absent = []
+    for source in sorted((ROOT / "meal_bayes").rglob("__init__.py")):
+        package = ".".join(source.parent.relative_to(ROOT).parts)
+        page = Path(config.site_dir, "reference", package, "index.html").read_text("utf-8")
+        shown = set(re.findall(rf'id="{re.escape(package)}\.(?:\w+\.)?(\w+)"', page))
+        (names,) = re.findall(r"^__all__ = (\[.*?\])", source.read_text("utf-8"), re.M | re.S)
+        absent += [f"{package}.{name}" for name in ast.literal_eval(names) if name not in shown]
+    if absent:
+        raise BuildError(f"No page shows {', '.join(absent)}.")
+
+
 class Examples(griffe.Extension):
-    """Let doctests stand in a section of their own, where griffe looks for them."""
+    """Put doctests into the section of a docstring where griffe looks for them."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
-        """Put the heading of the section before the first doctest of a docstring."""
+        """Write the heading of the section before the first doctest."""
         if obj.docstring is not None and "Examples\n---" not in obj.docstring.value:
             text = obj.docstring.value
             obj.docstring.value = re.sub(
                 r"^>>>", "Examples\n--------\n>>>", text, count=1, flags=re.MULTILINE
             )
+
+    def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
+        """Do the same for the package itself."""
+        self.on_object(obj=pkg)
