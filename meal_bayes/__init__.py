@@ -32,7 +32,7 @@ Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 | R | recordings per (object, behavior) |
 | X | fully observable states, the last is `term` |
 | Y | 2^N combinations of attribute values; bit 0 of the query is the most significant |
-| K | levels of a percept: 2 is the paper's yes/no, 4 is "strong no, no, yes, strong yes" |
+| K | levels of a percept: 2 is the paper's yes/no, 4 is "surely no, no, yes, surely yes" |
 | L | fine bins of a percept table, which levels merge |
 | A | actions: E behaviors, then Y reports |
 | Z | K^N + 1 observations, the last is "none" |
