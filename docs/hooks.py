@@ -1,7 +1,7 @@
 """Make the site of what lies beside docs/, draw equations, and find examples in docstrings.
 
-MkDocs calls the functions that start with `on_`. `Examples` is an extension of griffe,
-which reads the docstrings.
+MkDocs calls the functions that start with `on_`. `Examples` is an extension of griffe, which reads
+the docstrings.
 """
 
 import ast

@@ -38,6 +38,8 @@ def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
 
     A log that is empty, torn or of another format is left out with a warning.
 
+    A log that is empty, torn or of another format is left out with a warning.
+
     Parameters
     ----------
     folder : of the logs; one that is not there remembers nothing.

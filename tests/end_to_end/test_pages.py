@@ -215,6 +215,17 @@ def test_every_path_named_exists() -> None:
     assert count > 40
 
 
+def test_every_link_leads_to_a_file_of_the_repository() -> None:
+    """Where they are read as files; `mkdocs build --strict` checks the links of the site."""
+    links = [
+        (page, name)
+        for page in PAGES
+        for name in re.findall(r"\]\((?!\w+:|#)([^)#\s]+)", text_of(page))
+    ]
+    assert len(links) > 80
+    assert [link for link in links if not (link[0].parent / link[1]).exists()] == []
+
+
 def test_every_package_has_a_page_of_its_own() -> None:
     """A page shows `__all__` of its package, so every public name stands on one."""
     navigation = text_of(ROOT / "mkdocs.yml")

@@ -2,6 +2,7 @@
 
 import ast
 import runpy
+import shutil
 import sys
 from pathlib import Path
 
@@ -30,24 +31,21 @@ def test_examples_are_short(script):
 
 
 def test_own_robot(folder, monkeypatch, capsys):
-    script = EXAMPLES / "own_robot.py"
-    play(script, monkeypatch, str(EXAMPLES / "kitchen.toml"))
-    assert capsys.readouterr().out == "it says: not red, full\n"
+    shutil.copytree(EXAMPLES, folder / "examples")
+    play(EXAMPLES / "own_robot.py", monkeypatch)
+    assert capsys.readouterr().out == "not red, full\n"
     (log,) = (folder / "logs" / "kitchen").glob("*.mcap")
     (trial,) = read_trials(log)
     assert trial.agent == "bayes"
-    assert (folder / "logs" / "kitchen.mind").is_file()
 
 
-def test_the_driver_is_short_and_needs_nothing_but_the_package():
+def test_the_driver_needs_nothing_but_the_package():
     tree = ast.parse((EXAMPLES / "own_robot.py").read_text(encoding="utf-8"))
     imported = {
         name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names
     }
-    assert imported == {"sys", "numpy", "meal_bayes"}
+    assert imported == {"numpy", "meal_bayes"}
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    (arm,) = (node for node in tree.body if isinstance(node, ast.ClassDef))
-    assert arm.end_lineno - arm.lineno + 1 <= 25
 
 
 def test_own_planner(folder, monkeypatch, capsys):
