@@ -59,6 +59,7 @@ ROOMS: dict[str, set[str]] = {
 # Library -> the rooms or single modules that may import it; NumPy and SciPy serve every room.
 LIBRARIES: dict[str, set[str]] = {
     "sklearn": {"perception"},
+    "threadpoolctl": {"perception"},
     "pymc": {"posterior.hierarchical"},
     "pytensor": {"posterior.hierarchical"},  # what PyMC models are written in
     "arviz": {"posterior.idata"},

@@ -1,7 +1,7 @@
 """Kernel classifiers of many recordings: compared with landmarks, left out by folds of objects.
 
 With m landmarks of kernel L L', a recording x has m features phi(x) = L^-1 k(x), whose products are
-nearly its kernels (Nystroem's approximation [Williams2001]). A ridge on them is a kernel ridge; its
+nearly its kernels (Nyström's approximation [Williams2001]). A ridge on them is a kernel ridge; its
 normal equations are sums over folds, so leaving folds out subtracts theirs. All costs are linear in
 the recordings, and as no more than three folds are ever left out together, those of refits depend
 on their number alone.

@@ -73,7 +73,7 @@ def test_no_network_and_no_cache_is_told(fails, run):
 
 def test_own_recordings_end_to_end(run, kitchen):
     words = ("--dataset", "kitchen.toml", "--root", ".")
-    made = run("data", "percepts", *words, "--out", "tables/own.npz")
+    made = run("data", "percepts", *words, "--out", "tables/own.npz", "--jobs", "2")
     assert made.exit_code == 0
     assert made.stdout == "tables/own.npz: 8 objects, 2 behaviors, 2 attributes, 2 recordings\n"
     saved = load_percepts("tables/own.npz")
