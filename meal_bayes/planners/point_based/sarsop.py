@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from meal_bayes import processes
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.pomdpx_file import write_pomdpx
@@ -94,7 +95,7 @@ def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
     """Run a program, without a shell, to its end or the end of patience."""
     with (folder / "words.txt").open("wb") as words:
         try:
-            process = subprocess.Popen(
+            process = processes.start(
                 command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words,
                 stderr=subprocess.STDOUT, start_new_session=True,
             )  # fmt: skip
