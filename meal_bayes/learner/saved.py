@@ -11,7 +11,6 @@ import json
 import logging
 import lzma
 import struct
-import tempfile
 import zipfile
 import zlib
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import read_array, save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
@@ -274,14 +274,14 @@ def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept
 
 
 def _table_bytes(source: Replayed) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / _TABLE
+    with temporary_folder() as folder:
+        path = folder / _TABLE
         save_percepts(source.table, path)
         return path.read_bytes()
 
 
 def _read_table(archive: zipfile.ZipFile, domain: Domain) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / _TABLE
+    with temporary_folder() as folder:
+        path = folder / _TABLE
         path.write_bytes(_unpacked(archive, _TABLE))
         return load_percepts(path, domain=domain)
