@@ -81,12 +81,15 @@ def _watch(parent: int) -> None:
 
 def _become(parent: int, command: list[str]) -> None:
     """Execute a program that ends with the parent, guarded where the kernel cannot end it."""
-    if sys.platform == "linux":
+    try:
+        if sys.platform != "linux":
+            sys.exit(_guard(parent, command))
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent:  # it may have ended before the kernel was asked
             os.execv(command[0], command)  # which the program inherits
         sys.exit(1)
-    sys.exit(_guard(parent, command))
+    except OSError as fault:
+        sys.exit(f"{command[0]} cannot be run: {fault.strerror}")
 
 
 def _guard(parent: int, command: list[str]) -> int:
