@@ -20,6 +20,10 @@ from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
+_NO_CLASSIFIERS = (
+    "A percept table holds no classifiers for what a robot feels; fit recordings (load_dataset), "
+    "or name an object of the table."
+)
 _KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
 
 
@@ -208,10 +212,7 @@ class Learner:
             task = replay_task(query, self._replayed().table, robot, key)
             return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
         if isinstance(source, Replayed):
-            raise SettingsError(
-                "A percept table holds no classifiers for what a robot feels; fit recordings "
-                "(load_dataset), or name an object of the table."
-            )
+            raise SettingsError(_NO_CLASSIFIERS)
         task = live_task(query, self.domain, self.asked if key is None else key, object_name)
         self.asked += 1
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
