@@ -6,7 +6,7 @@ import numpy as np
 from frame import Cell, Estimate, Setting, Table
 from numpy.typing import NDArray
 
-from meal_bayes.agents import PUBLISHED
+from meal_bayes.agents import PublishedVariants
 from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
 from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
 from meal_bayes.momdp import observation_entropy
@@ -41,7 +41,7 @@ def panel(
         reward=setting.of("reward", "online"),
         alpha=alpha,
         beta=beta,
-        published=PUBLISHED if published else (),
+        published=PublishedVariants.named(*["all"] * published),
         log="train",
     )
     return run_online(config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress)

@@ -123,6 +123,7 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted goes on where it stopped when the same command is given again.
     """
+    from meal_bayes.agents import PublishedVariants
     from meal_bayes.experiments import OnlineConfig, run_online
 
     named = listed(*agents)
@@ -142,7 +143,7 @@ def online(
         error=error,
         success=success,
         learn_success=learn_success,
-        published=_variants(published),
+        published=PublishedVariants.named(*(listed(published) if published else ())),
         log=log,
     )
     from meal_bayes.evaluation import learning_rows, summarize_learning
@@ -175,14 +176,6 @@ def online(
     note(f"trials in {finished.folder}")
     if log == "all":
         note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
-
-
-def _variants(text: str | None) -> tuple[str, ...]:
-    from meal_bayes.agents import PUBLISHED
-
-    if text is None:
-        return ()
-    return PUBLISHED if text == "all" else listed(text)
 
 
 def _print(

@@ -11,7 +11,7 @@ from meal_bayes.domain import Query
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    FittedPercepts,
+    scored_percepts,
     Kernels,
     cross_validate,
     fit_and_score,
@@ -42,7 +42,7 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels, s
     objects = np.array([2, 9, 11])
     log_odds, counts = fit_and_score(kernels, training_set, objects, settings=settings)
     np.testing.assert_array_equal(counts.counts, expected.counts)
-    percepts = FittedPercepts(dataset.domain, dataset.labels, log_odds, levels)
+    percepts = scored_percepts(dataset.domain, dataset.labels, log_odds, levels)
     for o in objects.tolist():
         for behavior in ("look", "lift"):
             for r in range(dataset.recordings):
