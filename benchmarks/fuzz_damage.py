@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
@@ -16,7 +17,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
 from meal_bayes.trial_log import write_trials
-from meal_bayes.trial_log.marks import Marks
 
 SOUND = {  # kind -> the file that is damaged
     "log": "run.mcap",

@@ -6,7 +6,7 @@ from online import OURS, PAPERS, mean_of, panel
 
 import meal_bayes
 from meal_bayes.evaluation import Interval, plots
-from meal_bayes.trial_log import BatchMarks
+from meal_bayes.trial_log import BatchOutcomes
 
 AGENTS = (*PAPERS, *OURS)
 
@@ -17,7 +17,7 @@ def run(setting: Setting) -> Result:
     repeats = setting.of("fig10", "repeats")["cy101_1"]
     results = list(panel(setting, "cy101", 1, AGENTS, repeats).results())
     hours = paper["hours"]
-    found = {agent: [_at(results, agent, p, hours) for p in range(len(names))] for agent in AGENTS}
+    found = {agent: [_at(results, agent, name, hours) for name in names] for agent in AGENTS}
     rows: list[tuple[Cell, ...]] = [
         (name, *(found[agent][p] for agent in AGENTS)) for p, name in enumerate(names)
     ]
@@ -46,13 +46,14 @@ def run(setting: Setting) -> Result:
     )
 
 
-def _at(results: list[BatchMarks], agent: str, column: int, hours: float) -> Estimate:
+def _at(results: list[BatchOutcomes], agent: str, attribute: str, hours: float) -> Estimate:
     """Accuracy of one attribute at some hours, and its standard error over repeats."""
     repeats: dict[int, list[tuple[float, float]]] = {}
     for result in results:
         if result.agent == agent:
-            asked = result.marks.column[:, 0] == column
-            share = float(result.marks.success[asked].mean()) if asked.any() else np.nan
+            asked = result.outcomes.attribute[:, 0] == attribute
+            found = result.outcomes.success[asked]
+            share = float(found.mean()) if asked.any() else np.nan
             repeats.setdefault(result.repeat, []).append((result.hours, share))
     curves = [np.array(points) for points in repeats.values()]
     values = np.array([np.interp(hours, curve[:, 0], curve[:, 1]) for curve in curves])

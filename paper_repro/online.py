@@ -10,12 +10,22 @@ from meal_bayes.agents import PublishedVariants
 from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
 from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
 from meal_bayes.momdp import observation_entropy
-from meal_bayes.trial_log import BatchMarks, read_trials
+from meal_bayes.trial_log import BatchOutcomes, read_trials
 
 PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
-COLUMNS = ("agent", "explored, h", "accuracy", "claimed", "reward", "ECE", "hours ratio",
-           "90 % low", "high", "accuracy less Iterative MORC's", "reward less its")  # fmt: skip
+COLUMNS = (
+    "agent",
+    "explored, h",
+    "accuracy",
+    "claimed",
+    "reward",
+    "ECE",
+    "reward less Iterative MORC's, over its hours",
+    "90 % low",
+    "high",
+    "in the end",
+)
 
 
 def panel(
@@ -29,7 +39,7 @@ def panel(
     alpha: float | None = None,
     beta: float | None = None,
 ) -> OnlineRun:
-    """Run what the logs do not hold yet; training trials are logged whole, of tests the marks."""
+    """Run what the logs do not hold yet; of tests, log the outcomes only."""
     config = OnlineConfig(
         dataset,
         attributes=n,
@@ -42,30 +52,28 @@ def panel(
         alpha=alpha,
         beta=beta,
         published=PublishedVariants.named(*["all"] * published),
-        log="train",
     )
     return run_online(config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress)
 
 
-def compared(title: str, results: list[BatchMarks]) -> Table:
+def compared(title: str, results: list[BatchOutcomes]) -> Table:
     """Compare the agents of a panel with Iterative MORC."""
     last = max(result.batch for result in results)
     rows: list[tuple[Cell, ...]] = []
-    for one in summarize_learning(results):
-        own = [r.marks.claimed.mean() for r in results if (r.agent, r.batch) == (one.agent, last)]
+    for one in summarize_learning(results, reference="iterative_morc"):
+        end = [r for r in results if (r.agent, r.batch) == (one.agent, last)]
         rows.append(
             (
                 one.agent,
-                one.exploration_hours,
-                one.accuracy,
-                float(np.mean(own)),
-                one.reward,
-                one.pooled_ece,
-                one.hours_ratio,
-                one.hours_ratio_low,
-                one.hours_ratio_high,
-                Estimate(one.accuracy_difference, one.accuracy_difference_se),
-                Estimate(one.reward_difference, one.reward_difference_se),
+                float(np.mean([r.hours for r in end])),
+                one.accuracy_after,
+                float(np.mean([r.outcomes.certainty.mean() for r in end])),
+                one.reward_after,
+                one.ece_after,
+                one.area_reward_difference,
+                one.area_low,
+                one.area_high,
+                one.reward_after_difference,
             )
         )
     return Table(title, COLUMNS, tuple(rows))
@@ -91,7 +99,7 @@ def chosen_weights(run: OnlineRun) -> tuple[float, float]:
     return float(alpha), float(beta)
 
 
-def curve(results: list[BatchMarks], agent: str, name: str = "") -> plots.Series:
+def curve(results: list[BatchOutcomes], agent: str, name: str = "") -> plots.Series:
     """Mean accuracy over mean hours, with the band of one standard error over repeats."""
     found = curves_of(results, agent)
     mean, root = found.accuracy.mean(axis=0), max(len(found.repeats), 2) ** 0.5

@@ -32,7 +32,16 @@ from meal_bayes.experiments.store import Store, file_name, fingerprint, is_whole
 from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import BatchMarks, Marks, TrialWriter, read_trials, remove_drafts
+from meal_bayes.trial_log import (
+    BatchOutcomes,
+    OutcomeWriter,
+    TrialOutcomes,
+    TrialWriter,
+    log_info,
+    read_outcomes,
+    read_trials,
+    remove_drafts,
+)
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 _STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
@@ -45,7 +54,7 @@ class OnlineRun:
     config: OnlineConfig
     folder: Path
 
-    def results(self) -> Iterator[BatchMarks]:
+    def results(self) -> Iterator[BatchOutcomes]:
         """Give the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
             for repeat in _repeats(self.config):
@@ -53,14 +62,19 @@ class OnlineRun:
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
                     if batch:
-                        cost += float(Marks.load(unit.marks(batch, "train")).cost.sum())
-                    yield BatchMarks(
-                        agent.name,
-                        repeat,
-                        batch,
-                        cost / 3600,
-                        Marks.load(unit.marks(batch, "test")),
-                    )
+                        cost += log_info(unit.log(batch, "train")).cost
+                    tests = read_outcomes(unit.log(batch, "test"))
+                    yield BatchOutcomes(agent.name, repeat, batch, cost / 3600, tests)
+
+    def training(self, agent: str) -> list[TrialOutcomes]:
+        """Return the outcomes of an agent's training trials, in order, one entry a repeat."""
+        (own,) = (one for one in self.config.agents if one.name == agent)
+        units = [_unit(self.config, own, k, self.folder) for k in _repeats(self.config)]
+        batches = range(1, self.config.batches + 1)
+        return [
+            TrialOutcomes.join([read_outcomes(unit.log(b, "train")) for b in batches])
+            for unit in units
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,17 +106,9 @@ class _Unit:
         folder = self.folder / file_name(self.agent.name) / f"repeat-{self.repeat:03d}"
         return folder / f"{batch:02d}-{part}.mcap"
 
-    def marks(self, batch: int, part: str) -> Path:
-        return self.log(batch, part).with_suffix(".marks.csv")
-
     def has(self, batch: int, part: str) -> bool:
-        """Whether the log and the marks of a part of a batch are there and sound."""
-        logged = part == "train" or self.config.log == "all"
-        return (
-            not self.fresh
-            and is_whole(self.marks(batch, part))
-            and (not logged or is_whole(self.log(batch, part)))
-        )
+        """Whether the log of a part of a batch is there and sound."""
+        return not self.fresh and is_whole(self.log(batch, part))
 
     @property
     def done(self) -> int:
@@ -173,7 +179,7 @@ def run_online(
 
 
 def run_online_until(
-    config: OnlineConfig, decided: Callable[[list[BatchMarks]], bool], **options: Any
+    config: OnlineConfig, decided: Callable[[list[BatchOutcomes]], bool], **options: Any
 ) -> OnlineRun:
     """Run repeats in steps of 10, 20, 40, ... until the results are decided.
 
@@ -239,20 +245,20 @@ def _run_unit(unit: _Unit) -> tuple[str, int]:
     experience = Experience.none(dataset, rng, memory=agent.memory)
     experience = experience.pretrain(dataset, protocol.split.pre)
     context = _context(config, protocol, Kernels.of(dataset, experience.training_set()))
-    tests, names = protocol.tests(), dataset.domain.attributes
+    tests = protocol.tests()
     for batch in range(config.batches + 1):
         train = config.batches > batch and not unit.has(batch + 1, "train")
         test = not unit.has(batch, "test")
         learner = None
         if test:
             learner = OnlineLearner.fit(agent, context, experience, config.seed)
-            _write(unit, batch, "test", learner.test, tests, names, config.log == "all")
+            _write(unit, batch, "test", learner.test, tests)
         if train:
             if learner is None or agent.trained_by is not None:
                 trainer = agent.trained_by or agent
                 learner = OnlineLearner.fit(trainer, context, experience, config.seed)
             tasks = protocol.training(batch + 1, config.trials)
-            _write(unit, batch + 1, "train", _Training(learner), tasks, names, logged=True)
+            _write(unit, batch + 1, "train", _Training(learner), tasks)
             experience = learner.experience
         if not train and batch < config.batches:
             experience = _replay(unit, batch + 1, context, experience)
@@ -296,26 +302,21 @@ class _Training:
 
 
 def _write(
-    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task],
-    attributes: tuple[str, ...], logged: bool,
-) -> None:  # fmt: skip
-    """Run trials, log them, and write their marks last: with those the batch is done."""
-    trials = []
+    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task]
+) -> None:
+    """Run trials and log them; with the whole log that part of the batch is done."""
     path = unit.log(batch, part)
-    if logged:
-        header = {
-            "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent.name,
-            "repeat": unit.repeat, "batch": batch, "part": part,
-        }  # fmt: skip
-        with TrialWriter(path, header) as log:
-            for task in tasks:
-                start = time.perf_counter()
-                trials.append(run(task))
-                log.write(trials[-1], seconds=time.perf_counter() - start)
-        remove_drafts(path)  # of processes that were killed
-    else:
-        trials = [run(task) for task in tasks]
-    Marks.of(trials, attributes).save(unit.marks(batch, part))
+    header = {
+        "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent.name,
+        "repeat": unit.repeat, "batch": batch, "part": part,
+    }  # fmt: skip
+    compact = part == "test" and unit.config.log == "compact"
+    with (OutcomeWriter if compact else TrialWriter)(path, header) as log:
+        for task in tasks:
+            start = time.perf_counter()
+            trial = run(task)
+            log.write(trial, seconds=time.perf_counter() - start)
+    remove_drafts(path)  # of processes that were killed
 
 
 def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:

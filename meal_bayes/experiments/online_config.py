@@ -9,7 +9,7 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.untrusted import LARGEST
 
-_LOGS = ("all", "train")
+_LOGS = ("compact", "full")
 _NORMALIZERS = ("paper", "all")
 
 
@@ -42,7 +42,7 @@ class OnlineConfig:
     published: PublishedVariants = field(default_factory=PublishedVariants)
     normalizer: str = "paper"  # of Eq. 10: experience in training; "all": in pretraining too
     horizon: int = 1000  # queries to be answered, for which exploring is valued
-    log: str = "all"  # or "train": test trials leave their marks only
+    log: str = "compact"  # form of the logs of test trials: outcomes only, or "full"
 
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)

@@ -150,7 +150,9 @@ class TestPreparing:
     def test_the_held_out_object_does_not_enter_its_momdp(self, table, make):
         for name in ("morc", "bayes"):
             task, changed = make.task(table, 3), make.change_object(table, 3)
-            one, other = (OfflineRunner(t, fast(name), 0).prepare(task)[0] for t in (table, changed))
+            one, other = (
+                OfflineRunner(t, fast(name), 0).prepare(task)[0] for t in (table, changed)
+            )
             for field in ("confusion", "precision", "prior", "kinds"):
                 np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
             near = OfflineRunner(make.change_object(table, 4), fast(name), 0).prepare(task)[0]
@@ -197,7 +199,9 @@ class TestPreparing:
 
     @pytest.mark.parametrize("reward", [None, 30.0])
     def test_rewards(self, table, make, reward):
-        momdp, _ = OfflineRunner(table, fast("predefined"), 0, reward=reward).prepare(make.task(table, 0))
+        momdp, _ = OfflineRunner(table, fast("predefined"), 0, reward=reward).prepare(
+            make.task(table, 0)
+        )
         assert (momdp.correct, momdp.incorrect) == ((100, -100) if reward is None else (30, -30))
 
 

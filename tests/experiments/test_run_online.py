@@ -5,30 +5,30 @@ import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import _body
 from meal_bayes.experiments.world import Protocol
-from meal_bayes.trial_log import Marks, read_header, read_trials
+from meal_bayes.trial_log import TrialOutcomes, read_header, read_outcomes, read_trials
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
 ROOT = Path(__file__).resolve().parents[2]
 
 KILLED = """
 import os, signal, sys
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner
 from meal_bayes.experiments import OnlineConfig, run_online
 
-train, done = MorcItrs.train, 0
+train, done = OnlineLearner.train, 0
 
 def train_until(self, task):
     global done
@@ -37,7 +37,7 @@ def train_until(self, task):
         os.kill(os.getpid(), signal.SIGKILL)
     return train(self, task)
 
-MorcItrs.train = train_until
+OnlineLearner.train = train_until
 config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
                       agents=("iterative_random_legal", "bayes_memory"))
 run_online(config, logs=sys.argv[3])
@@ -45,8 +45,8 @@ run_online(config, logs=sys.argv[3])
 
 
 def contents(folder):
-    """Bytes of all marks and logs below a folder, by their relative names."""
-    paths = [*folder.rglob("*.marks.csv"), *folder.rglob("*.mcap")]
+    """Bytes of all logs below a folder, by their relative names."""
+    paths = folder.rglob("*.mcap")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
@@ -76,11 +76,10 @@ class TestAFinishedRun:
     def test_every_batch_of_every_unit_is_there(self, whole):
         names = [f"{b:02d}-test" for b in range(3)] + [f"{b:02d}-train" for b in (1, 2)]
         expected = {
-            f"{agent}/repeat-{repeat:03d}/{name}{end}"
+            f"{agent}/repeat-{repeat:03d}/{name}.mcap"
             for agent in AGENTS
             for repeat in range(2)
             for name in names
-            for end in (".mcap", ".marks.csv")
         }
         assert set(whole) == expected
 
@@ -97,7 +96,8 @@ class TestAFinishedRun:
                     for trial in trials:
                         assert trial.task.object_index in protocol.split.train
                 for path in logs_of(finished, agent, repeat, "test"):
-                    assert [trial.task for trial in read_trials(path)] == protocol.tests()
+                    tests = protocol.tests()
+                    assert read_outcomes(path).object_name.tolist() == [t.object_name for t in tests]
 
     def test_results_are_those_of_the_logs(self, finished):
         results = list(finished.results())
@@ -106,11 +106,7 @@ class TestAFinishedRun:
         ]
         for result in results:
             tests = logs_of(finished, result.agent, result.repeat, "test")
-            marks = Marks.of(read_trials(tests[result.batch]), ("red", "heavy"))
-            for field in fields(Marks):
-                np.testing.assert_array_equal(
-                    getattr(marks, field.name), getattr(result.marks, field.name)
-                )
+            assert_same(result.outcomes, read_outcomes(tests[result.batch]))
             trained = logs_of(finished, result.agent, result.repeat, "train")[: result.batch]
             spent = sum(trial.cost for path in trained for trial in read_trials(path))
             assert result.hours == pytest.approx(spent / 3600)
@@ -118,8 +114,8 @@ class TestAFinishedRun:
 
     def test_agents_begin_alike_and_end_apart(self, whole):
         assert (
-            whole["bayes_memory/repeat-000/00-test.marks.csv"]
-            != (whole["bayes_memory/repeat-000/02-test.marks.csv"])
+            whole["bayes_memory/repeat-000/00-test.mcap"]
+            != (whole["bayes_memory/repeat-000/02-test.mcap"])
         )
 
     def test_headers_tell_the_settings(self, finished, config):
@@ -147,10 +143,10 @@ class TestAFinishedRun:
     [
         ["02-test.*"],
         ["02-test.*", "02-train.*"],
-        ["02-train.marks.csv"],
-        ["01-test.marks.csv"],
+        ["02-train.mcap"],
+        ["01-test.mcap"],
         ["00-test.*", "01-test.*"],
-        ["01-train.marks.csv", "02-*"],
+        ["01-train.mcap", "02-*"],
         ["*"],
     ],
     ids="+".join,
@@ -169,7 +165,7 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
 
 @pytest.mark.parametrize("stop", [1, 8, 20])
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
-    train, calls = MorcItrs.train, []
+    train, calls = OnlineLearner.train, []
 
     def failing(self, task):
         calls.append(task)
@@ -177,10 +173,10 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
             raise RuntimeError("the power went")
         return train(self, task)
 
-    monkeypatch.setattr(MorcItrs, "train", failing)
+    monkeypatch.setattr(OnlineLearner, "train", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_online(config, logs=tmp_path)
-    monkeypatch.setattr(MorcItrs, "train", train)
+    monkeypatch.setattr(OnlineLearner, "train", train)
     assert len(contents(tmp_path)) < len(whole)
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
@@ -192,7 +188,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", KILLED, *words], env=environment, check=False)
     assert done.returncode == -signal.SIGKILL
-    before = list(tmp_path.rglob("*.marks.csv"))
+    before = list(tmp_path.rglob("*.mcap"))
     assert 0 < len(before) < len(whole) / 2
     steps = []
     run = run_online(config, logs=tmp_path, on_progress=lambda *step: steps.append(step))

@@ -11,11 +11,11 @@ from meal_bayes.domain import Query
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    scored_percepts,
     Kernels,
     cross_validate,
     fit_and_score,
     fit_and_validate,
+    scored_percepts,
 )
 
 BOTH = Query(("red", "heavy"))
