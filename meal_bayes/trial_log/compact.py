@@ -38,7 +38,7 @@ def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
     for name, shape in (TEXTS | INTEGERS | REALS).items():
         found = np.array(getattr(message, name), np.float64 if name in REALS else np.int64)
         columns[name] = found.reshape([size[letter] for letter in shape])
-    texts = np.array([*message.texts, ""], object)
+    texts = np.array(message.texts, object)
     for name in TEXTS:
         if columns[name].size and not 0 <= columns[name].min() <= columns[name].max() < len(texts):
             raise LogCorruptError(f"outcomes name a text that is not there ({name})")

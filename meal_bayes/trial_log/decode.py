@@ -15,6 +15,7 @@ from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.compact import decode_outcomes
+from meal_bayes.trial_log.encode import judgment
 from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
     COUNT_LIMIT,
@@ -153,7 +154,13 @@ class TrialBuilder:
         if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
         messages = (_parse(StepMessage, step) for step in steps)
-        return begin.trial, _trial(begin, messages, outcome, known.momdp)
+        trial = _trial(begin, messages, outcome, known.momdp)
+        found = (judgment(trial), trial.cost, trial.reward)
+        if not np.array_equal(
+            found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
+        ):
+            raise LogCorruptError(f"the outcome of trial {begin.trial} is not that of its steps")
+        return begin.trial, trial
 
 
 def decode_header(data: bytes) -> dict[str, object]:

@@ -242,11 +242,16 @@ def _outcome(trial: Trial, number: int) -> Any:
         trial=number,
         steps=len(trial.steps),
         report=() if trial.report is None else trial.report.tolist(),
-        success=-1 if trial.success is None else int(trial.success),
+        success=judgment(trial),
         cost=trial.cost,
         reward=trial.reward,
         ended=trial.ended,
     )
+
+
+def judgment(trial: Trial) -> int:
+    """Return 1 where a trial's report is right, 0, or -1 where that is unknown."""
+    return -1 if trial.success is None else int(trial.success)
 
 
 def _timed(picture: bytes, time: int) -> bytes:

@@ -70,8 +70,7 @@ class LogFile:
                 raise OSError(f"{self.path} is no file")
             self._file = self.active_path.open("xb")
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
-            (profile,) = (name for name, form in PROFILES.items() if form == self.form)
-            self._mcap.start(profile=profile)
+            self._mcap.start(profile=PROFILES[self.form])
             self._channels = {
                 topic: self._mcap.register_channel(
                     topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
@@ -90,12 +89,10 @@ class LogFile:
         if self._file is None:
             return
         whole = kind is None and not self._torn and not self.begun
-        file, timing = self._file, self._timing
+        file = self._file
         with self._faults_named(), contextlib.ExitStack() as stack:
-            for one in (file, timing):
-                if one is not None:
-                    stack.enter_context(contextlib.closing(one))
-            stack.callback(self._forget_files)
+            stack.enter_context(file)
+            stack.callback(self._close_timing)
             if whole:
                 self.flush()
                 self._mcap.add_attachment(
@@ -105,14 +102,16 @@ class LogFile:
                 file.flush()
         if whole:
             with self._faults_named():
-                if timing is None:
+                if self._timing is None:
                     self.timing_path.unlink(missing_ok=True)
                 else:
                     replace_whole(timing_of(self.active_path), self.timing_path)
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
 
-    def _forget_files(self) -> None:
-        self._file = self._timing = None
+    def _close_timing(self) -> None:
+        self._file = None
+        if self._timing is not None:
+            self._timing.close()
 
     def flush(self) -> None:
         """Write what is waiting."""

@@ -243,10 +243,10 @@ def find_log(path: str | Path) -> Path:
 def form_of(content: bytes) -> str:
     """Return the form that the header record of a file names."""
     profile = Header.read(stream(content)).profile
-    if profile not in PROFILES:
-        expected = " or ".join(map(repr, PROFILES))
-        raise LogCorruptError(f"an MCAP file of another kind ({profile!r}, expected {expected})")
-    return PROFILES[profile]
+    for form, known in PROFILES.items():
+        if profile == known:
+            return form
+    raise LogCorruptError(f"an MCAP file of another kind ({profile!r}, not of meal_bayes)")
 
 
 def _trials(scan: Scan) -> Iterator[Trial]:

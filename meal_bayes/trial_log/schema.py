@@ -12,7 +12,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 
 FORMAT_VERSION = 5
 FULL, COMPACT = "full", "compact"  # forms of a log: whole trials, or their outcomes alone
-PROFILES = {"meal_bayes": FULL, "meal_bayes/outcomes": COMPACT}  # of the MCAP header
+PROFILES = {FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes"}  # in the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
 END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)

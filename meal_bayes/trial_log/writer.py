@@ -91,7 +91,7 @@ class TrialWriter(LogFile):
         """Make the encoder of the next trial, and pack its MOMDP where that is new."""
         self.check_open()
         if self.begun:
-            raise LogError(f"A trial of {self.path} has no end yet.")
+            raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
         number = self.written.trials
         content, momdp = self._packed(self._place, trial.momdp)
         self._content, self._momdp_size = content, len(momdp)

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.agents import OnlineLearner
+from meal_bayes.agents import OnlineLearner, PublishedVariants
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import _body
 from meal_bayes.experiments.world import Protocol
-from meal_bayes.trial_log import TrialOutcomes, read_header, read_outcomes, read_trials
+from meal_bayes.trial_log import TrialOutcomes, read_header, read_trials
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +39,7 @@ def train_until(self, task):
 
 OnlineLearner.train = train_until
 config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
-                      agents=("iterative_random_legal", "bayes_memory"))
+                      agents=("iterative_random_legal", "bayes_memory"), log="full")
 run_online(config, logs=sys.argv[3])
 """
 
@@ -50,11 +50,23 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
+def same(left, right):
+    """Whether outcomes are equal in every column, bit by bit."""
+    return left.behaviors == right.behaviors and all(
+        np.array_equal(a, b, equal_nan=a.dtype == float)
+        for a, b in (
+            (getattr(left, name), getattr(right, name))
+            for name in TrialOutcomes.__slots__
+            if name != "behaviors"
+        )
+    )
+
+
 @pytest.fixture(scope="module")
 def config(own_data):
     return OnlineConfig(
         str(own_data), root=str(own_data.parent), batches=2, trials=5, repeats=2, seed=3,
-        agents=AGENTS,
+        agents=AGENTS, log="full",
     )  # fmt: skip
 
 
@@ -96,8 +108,7 @@ class TestAFinishedRun:
                     for trial in trials:
                         assert trial.task.object_index in protocol.split.train
                 for path in logs_of(finished, agent, repeat, "test"):
-                    tests = protocol.tests()
-                    assert read_outcomes(path).object_name.tolist() == [t.object_name for t in tests]
+                    assert [trial.task for trial in read_trials(path)] == protocol.tests()
 
     def test_results_are_those_of_the_logs(self, finished):
         results = list(finished.results())
@@ -106,7 +117,7 @@ class TestAFinishedRun:
         ]
         for result in results:
             tests = logs_of(finished, result.agent, result.repeat, "test")
-            assert_same(result.outcomes, read_outcomes(tests[result.batch]))
+            assert same(TrialOutcomes.of(read_trials(tests[result.batch])), result.outcomes)
             trained = logs_of(finished, result.agent, result.repeat, "train")[: result.batch]
             spent = sum(trial.cost for path in trained for trial in read_trials(path))
             assert result.hours == pytest.approx(spent / 3600)
@@ -214,15 +225,22 @@ def test_agents_and_repeats_join_the_folder(finished, config):
     assert [(r.agent, r.repeat) for r in run.results()] == [(AGENTS[0], 1)] * 3
 
 
-def test_tests_that_are_not_logged_leave_the_same_marks(config, whole, tmp_path):
-    run = run_online(replace(config, agents=AGENTS[1:], repeats=1, log="train"), logs=tmp_path)
-    found = contents(run.folder)
-    assert {name.rpartition("/")[2] for name in found if name.endswith(".mcap")} == {
-        "01-train.mcap", "02-train.mcap",
-    }  # fmt: skip
-    for name, data in found.items():
-        if name.endswith(".csv"):
-            assert data == whole[name]
+def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(config, finished, tmp_path):
+    compact = replace(config, agents=AGENTS[1:], repeats=1, log="compact")
+    run = run_online(compact, logs=tmp_path)
+    before = contents(run.folder)
+    expected = {(one.repeat, one.batch): one for one in finished.results() if
+                one.agent == AGENTS[1]}  # fmt: skip
+    for result in run.results():
+        full = expected[result.repeat, result.batch]
+        assert result.hours == full.hours
+        assert same(result.outcomes, full.outcomes)
+    for path in run.folder.rglob("*-test.mcap"):
+        assert path.stat().st_size < finished.folder.joinpath(
+            path.relative_to(run.folder)).stat().st_size  # fmt: skip
+    (run.folder / AGENTS[1] / "repeat-000" / "01-test.mcap").unlink()
+    run_online(compact, logs=tmp_path)
+    assert contents(run.folder) == before
 
 
 def test_fresh_runs_everything_again(config, whole, tmp_path):
@@ -231,8 +249,8 @@ def test_fresh_runs_everything_again(config, whole, tmp_path):
     run_online(one, logs=tmp_path)
     run = run_online(one, logs=tmp_path, fresh=True, on_progress=lambda *step: steps.append(step))
     assert steps == [(0, 3), (3, 3)]
-    marks = {k: v for k, v in contents(run.folder).items() if k.endswith(".csv")}
-    assert marks == {k: whole[k] for k in marks}
+    expected = run_online(one, logs=tmp_path / "other").folder
+    assert contents(run.folder) == contents(expected)
 
 
 def test_every_setting_reaches_the_run(config, whole, tmp_path):
@@ -240,7 +258,8 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
-        {"published": ("joint_label",)}, {"trials": 4},
+        {"published": PublishedVariants(joint_label=True)},
+        {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
     for change in changes:
@@ -279,7 +298,7 @@ def test_curious_agents_take_their_weights(config, tmp_path):
         ({"log": "some"}, "log 'some'"),
         ({"answers": "verdikt"}, "did you mean 'verdict'"),
         ({"error": 1.5}, "give 0 to below 1"),
-        ({"published": ("shaped",)}, "published variant 'shaped'"),
+        ({"normalizer": "papre"}, "did you mean 'paper'"),
         ({"alpha": -1.0}, "alpha"),
         ({"beta": float("nan")}, "beta"),
         ({"horizon": 0}, "horizon"),
