@@ -137,6 +137,7 @@ class TestAFinishedRun:
             assert path.name == f"{header['batch']:02d}-{header['part']}.mcap"
             assert path.parent.name == f"repeat-{header['repeat']:03d}"
             assert path.parent.parent.name == header["agent"]
+            assert ("pretrained" in header) == (path.name == "00-test.mcap")
 
     def test_what_is_whole_is_not_run_again(self, finished, config):
         before = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*.*")}
