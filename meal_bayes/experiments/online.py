@@ -323,13 +323,20 @@ def _write(
         "repeat": unit.repeat, "batch": batch, "part": part,
         **({"pretrained": list(pretrained)} if pretrained else {}),
     }  # fmt: skip
-    compact = part == "test" and unit.config.log == "compact"
-    with (OutcomeWriter if compact else TrialWriter)(path, header) as log:
-        for task in tasks:
-            start = time.perf_counter()
-            trial = run(task)
-            log.write(trial, seconds=time.perf_counter() - start)
+    if part == "test" and unit.config.log == "compact":
+        trials, seconds = zip(*(_timed(run, task) for task in tasks), strict=True)
+        with OutcomeWriter(path, header) as log:
+            log.write_outcomes(TrialOutcomes.of(trials), seconds=seconds)
+    else:
+        with TrialWriter(path, header) as whole:
+            for trial, took in (_timed(run, task) for task in tasks):
+                whole.write(trial, seconds=took)
     remove_drafts(path)  # of processes that were killed
+
+
+def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
+    start = time.perf_counter()
+    return run(task), time.perf_counter() - start
 
 
 def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:
