@@ -43,8 +43,8 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 )  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{ONLINE_AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma list. "
-    "The others are compared with the first. "
+    help=f"{ONLINE_AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma "
+    "list. The others are compared with the first. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option(

@@ -261,7 +261,7 @@ def _run_unit(unit: _Unit) -> tuple[str, int]:
             _write(unit, batch, "test", learner.test, tests, pretrained=known)
         if train:
             if learner is None or agent.trained_by is not None:
-                trainer = agent.trained_by or agent
+                trainer = dataclasses.replace(agent.trained_by or agent, name=agent.name)
                 learner = OnlineLearner.fit(trainer, context, experience, config.seed)
             tasks = protocol.training(batch + 1, config.trials)
             _write(unit, batch + 1, "train", _Training(learner), tasks)
