@@ -6,7 +6,7 @@ import numpy as np
 from frame import Cell, Estimate, Setting, Table
 from numpy.typing import NDArray
 
-from meal_bayes.agents import PUBLISHED
+from meal_bayes.agents import PublishedVariants
 from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
 from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
 from meal_bayes.momdp import observation_entropy
@@ -14,8 +14,18 @@ from meal_bayes.trial_log import BatchOutcomes, read_trials
 
 PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
-COLUMNS = ("agent", "explored, h", "accuracy", "claimed", "reward", "ECE", "hours ratio",
-           "90 % low", "high", "accuracy less Iterative MORC's", "reward less its")  # fmt: skip
+COLUMNS = (
+    "agent",
+    "explored, h",
+    "accuracy",
+    "claimed",
+    "reward",
+    "ECE",
+    "reward less Iterative MORC's, over its hours",
+    "90 % low",
+    "high",
+    "in the end",
+)
 
 
 def panel(
@@ -41,8 +51,7 @@ def panel(
         reward=setting.of("reward", "online"),
         alpha=alpha,
         beta=beta,
-        published=PUBLISHED if published else (),
-        log="compact",
+        published=PublishedVariants.named(*["all"] * published),
     )
     return run_online(config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress)
 
@@ -51,23 +60,20 @@ def compared(title: str, results: list[BatchOutcomes]) -> Table:
     """Compare the agents of a panel with Iterative MORC."""
     last = max(result.batch for result in results)
     rows: list[tuple[Cell, ...]] = []
-    for one in summarize_learning(results):
-        own = [
-            r.outcomes.certainty.mean() for r in results if (r.agent, r.batch) == (one.agent, last)
-        ]
+    for one in summarize_learning(results, reference="iterative_morc"):
+        end = [r for r in results if (r.agent, r.batch) == (one.agent, last)]
         rows.append(
             (
                 one.agent,
-                one.exploration_hours,
-                one.accuracy,
-                float(np.mean(own)),
-                one.reward,
-                one.pooled_ece,
-                one.hours_ratio,
-                one.hours_ratio_low,
-                one.hours_ratio_high,
-                Estimate(one.accuracy_difference, one.accuracy_difference_se),
-                Estimate(one.reward_difference, one.reward_difference_se),
+                float(np.mean([r.hours for r in end])),
+                one.accuracy_after,
+                float(np.mean([r.outcomes.certainty.mean() for r in end])),
+                one.reward_after,
+                one.ece_after,
+                one.area_reward_difference,
+                one.area_low,
+                one.area_high,
+                one.reward_after_difference,
             )
         )
     return Table(title, COLUMNS, tuple(rows))

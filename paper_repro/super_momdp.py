@@ -18,7 +18,7 @@ from frame import Estimate, Setting
 from numpy.typing import NDArray
 
 import meal_bayes
-from meal_bayes.agents import Morc, Streams, Task, load_agent, run_trial
+from meal_bayes.agents import OfflineRunner, Streams, Task, load_agent, run_trial
 from meal_bayes.datasets import Instance, PerceptTable
 from meal_bayes.domain import Query
 from meal_bayes.evaluation import clustered_se
@@ -27,7 +27,7 @@ from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import Store
 from meal_bayes.files import write_whole
 from meal_bayes.momdp import MOMDP, Belief, FlatPOMDP, percept_probabilities
-from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
+from meal_bayes.perception import Perceiver, recorded_percepts, sampled_percepts
 from meal_bayes.planners import PBVI, AlphaVectors, Decision, Factored, History, Policy, unvalued
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
@@ -61,7 +61,7 @@ class Super:
         return self.whole.n_behaviors + self.whole.query.index_of(values)
 
 
-def super_momdp(table: PerceptTable, morc: Morc, task: Task, irrelevant: int) -> Super:
+def super_momdp(table: PerceptTable, morc: OfflineRunner, task: Task, irrelevant: int) -> Super:
     """Add irrelevant attributes to a task, drawn from all others in seeded order.
 
     A person who is asked answers for the relevant attributes, and tells nothing of the others.
@@ -245,7 +245,7 @@ def _run_or_read(unit: _Unit) -> tuple[_Unit, list[dict[str, float]]]:
 
 def _run(point: Point, first: int, seed: int) -> list[dict[str, float]]:
     table = meal_bayes.load_percepts("ispy32")
-    morc = Morc(table, load_agent("morc"), seed, _PERCEPTS[point.protocol])
+    morc = OfflineRunner(table, load_agent("morc"), seed, _PERCEPTS[point.protocol])
     solve: Mapping[str, Callable[..., Policy]] = {"factored": _factored, "flat": _flat}
     rows = []
     for task in offline_tasks(table, ASKED, point.trials, seed)[first : first + UNIT]:
@@ -260,15 +260,15 @@ def _run(point: Point, first: int, seed: int) -> list[dict[str, float]]:
 
 
 def _trial(
-    problem: Super, policy: Policy, table: PerceptTable, morc: Morc, protocol: str
+    problem: Super, policy: Policy, table: PerceptTable, morc: OfflineRunner, protocol: str
 ) -> dict[str, float]:
     task, domain, seed = problem.task, table.domain, morc.seed
     columns = [domain.attribute_index(name) for name in task.query.attributes]
-    source: Perceiver = RecordedPercepts(table)
+    source: Perceiver = recorded_percepts(table)
     if protocol == "published":
         posterior = morc.knowledge(task.object_index).posterior
         every, _ = posterior.select(range(len(domain.attributes)), exact=True)
-        source = ConfusionSampler(domain, table.labels, every)
+        source = sampled_percepts(domain, table.labels, every)
     answering = frozenset(b.name for b in domain.behaviors if b.answer_accuracy is not None)
     robot = RecordedRobot(
         domain, task.object_index, table.recordings, stream(seed, "recordings", *task.key),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Query
 from meal_bayes.learner.tasks import replay_task
@@ -15,10 +15,12 @@ def test_free_behaviors_are_used_and_come_to_an_end():
     for cost in (0.0, 0.01):
         behaviors = tuple(replace(each, cost=cost) for each in table.domain.behaviors)
         free = replace(table, domain=replace(table.domain, behaviors=behaviors))
-        morc = Morc(free, load_agent("bayes"), 0)
+        runner = OfflineRunner(free, load_agent("bayes"), 0)
         names, count = free.domain.attributes, len(free.domain.attributes) - 1
         asked = [(o, names[i % count : i % count + 2]) for i, o in enumerate(free.objects)]
-        trials[cost] = [morc.run(replay_task(Query(two), free, name)) for name, two in asked[:16:3]]
+        trials[cost] = [
+            runner.run(replay_task(Query(two), free, name)) for name, two in asked[:16:3]
+        ]
     lengths = {cost: [len(trial.steps) for trial in done] for cost, done in trials.items()}
     assert max(lengths[0.0]) < 60
     assert np.mean(lengths[0.0]) > 3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import meal_bayes
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.momdp import flatten
 
@@ -16,7 +16,7 @@ def table():
 
 @pytest.fixture(scope="module")
 def morc(table):
-    return Morc(table, load_agent("morc"), 0)
+    return OfflineRunner(table, load_agent("morc"), 0)
 
 
 @pytest.fixture(scope="module")
