@@ -1,8 +1,8 @@
 """Table 2: how many features ISPY32's behaviors and modalities have, in the public files."""
 
-from frame import Cell, Claim, Result, Setting, Table, main, paper_values
-
 from meal_bayes import load_dataset
+from paper_repro.frame import Cell, Result, Setting, Table, paper_values
+from paper_repro.statements import STANDS, Statement, fact
 
 NAMES = {"shape": "fpfh", "vgg": "fc7", "audio": "corl-audio"}  # the paper's name: the files'
 
@@ -13,7 +13,7 @@ def run(setting: Setting) -> Result:
     sizes = {key: values.shape[-1] for key, values in load_dataset("ispy32").features.items()}
     behaviors = dict.fromkeys(behavior for behavior, _ in sizes)
     rows: list[tuple[Cell, ...]] = []
-    claims = []
+    statements = []
     for behavior in behaviors:
         printed = paper.get(behavior, paper["others"])
         files = {NAMES.get(name, name): (name, number) for name, number in printed.items()}
@@ -24,20 +24,18 @@ def run(setting: Setting) -> Result:
                 (behavior, name if name == modality else f"{name} ({modality})", number, found)
             )
             if number is not None:
-                claims.append(Claim(f"{behavior} {name} has {number} features", found == number))
+                text = f"{behavior} {name} has {number} features"
+                rule = f"the files hold {number} (they hold {found or 'none'})"
+                statements.append(Statement(text, fact(found == number, rule)))
+    same = sum(one.as_dict()["recorded"] == STANDS for one in statements)
     return Result(
-        item="table2",
         title="Features of ISPY32's contexts",
-        paper=f"{len(claims)} sizes",
-        ours=f"{len(sizes)} contexts, {sum(bool(claim.recorded) for claim in claims)} of the sizes",
+        paper=f"{len(statements)} sizes",
+        ours=f"{len(sizes)} contexts, {same} of the sizes",
         tables=(Table("features", ("behavior", "modality", "paper", "files"), tuple(rows)),),
-        claims=tuple(claims),
+        statements=tuple(statements),
         notes=(
             "A dash under files: the public files hold no such features. Modalities that the paper "
             "does not list are used as well.",
         ),
     )
-
-
-if __name__ == "__main__":
-    main(run)
