@@ -16,6 +16,7 @@ from meal_bayes.cli.options import (
     seed_option,
 )
 from meal_bayes.cli.screen import note, progress
+from meal_bayes.cli.values import MOST_TRIALS, Whole
 from meal_bayes.errors import DownloadError
 
 _PACKAGE = "paper_repro"
@@ -36,6 +37,10 @@ _PACKAGE = "paper_repro"
     "--scripts", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
     help=f"Where the items are; {_PACKAGE}/ here or above by default.",
 )  # fmt: skip
+@click.option(
+    "--repeats", type=Whole(0, MOST_TRIALS), metavar="R",
+    help="Of online runs, at most; 0 runs none. By default until every statement is decided.",
+)  # fmt: skip
 @json_option
 def reproduce(
     items: tuple[str, ...],
@@ -46,6 +51,7 @@ def reproduce(
     cluster: str | None,
     logs: Path,
     scripts: Path | None,
+    repeats: int | None,
     as_json: bool,
 ) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
@@ -64,7 +70,9 @@ def reproduce(
         note(f"{item} ...")
         try:
             with progress(item, "trials") as advance:
-                setting = frame.Setting(quick, seed, jobs, logs, as_published, cluster, advance)
+                setting = frame.Setting(
+                    quick, seed, jobs, logs, as_published, cluster, repeats, advance
+                )
                 results.append(frame.reproduce(item, setting))
         except DownloadError as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)

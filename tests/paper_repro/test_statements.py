@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+
+from meal_bayes.evaluation import Interval
 from paper_repro import frame, online, statements
 from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, risk, table3, table4
 from paper_repro.items.table5 import predicted
@@ -26,8 +28,6 @@ from paper_repro.statements import (
     within,
 )
 from paper_repro.trials import Columns
-
-from meal_bayes.evaluation import Interval
 
 KINDS = (STANDS, FALLS, UNDECIDED)
 TRIALS, OBJECTS, REPEATS = 200, 20, 20
@@ -210,7 +210,9 @@ def test_eq_7_judges_successes_within_a_budget(kind, lead):
         return Columns(success + own.success - 0.5, np.full(TRIALS, 60.0), own.reward, own.objects,
                        own.correct, own.abstained)  # fmt: skip
 
-    runs = {name: run(0.5, n) for n, name in enumerate(eq7.BASELINES)} | {"morc": run(0.5 + lead, 9)}
+    runs = {name: run(0.5, n) for n, name in enumerate(eq7.BASELINES)} | {
+        "morc": run(0.5 + lead, 9)
+    }
     assert {one.outcome for one in eq7.judge(runs, "ROC36").values()} == {kind}
 
 
