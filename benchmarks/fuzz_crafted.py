@@ -15,12 +15,12 @@ import numpy as np
 from fuzz_cases import Case, sparse, writes
 from fuzz_logs import Log, logs, read_log
 from fuzz_oracles import Wrong
+from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import read_pomdp
-from meal_bayes.trial_log.marks import Marks
 
 
 def make_crafted(sound: Path, count: int, seed: int) -> Iterator[Case]:

@@ -6,8 +6,9 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+from meal_bayes.trial_log.marks import Marks
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
@@ -16,7 +17,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
 from meal_bayes.trial_log import write_trials
-from meal_bayes.trial_log.marks import Marks
 
 SOUND = {  # kind -> the file that is damaged
     "log": "run.mcap",
@@ -98,11 +98,11 @@ def make_sound(folder: Path) -> None:
 def _make_runs(folder: Path) -> None:
     """Run a few trials on recordings that ship, for what is written of runs and their problems."""
     table = load_percepts("roc36")
-    morc = Morc(table, load_agent("greedy"), seed=0)
+    morc = OfflineRunner(table, load_agent("greedy"), seed=0)
     trials = [morc.run(task) for task in offline_tasks(table, 2, TRIALS, 0)]
     write_trials(folder / "run.mcap", trials, header={"config": {"dataset": "roc36"}, "seed": 0})
     Marks.of(trials, table.domain.attributes).save(folder / "own.marks.csv")
-    paper = Morc(table, load_agent("morc"), seed=0)
+    paper = OfflineRunner(table, load_agent("morc"), seed=0)
     momdp, _ = paper.prepare(offline_tasks(table, 1, 1, 0)[0])
     write_pomdp(momdp, folder / "own.pomdp")
     write_pomdpx(momdp, folder / "own.pomdpx")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
@@ -26,7 +27,6 @@ from meal_bayes.errors import MealBayesError
 from meal_bayes.momdp import read_pomdp
 from meal_bayes.planners.point_based.policy_file import read_policy
 from meal_bayes.trial_log import Logs, check_log, log_info, read_trials, salvage
-from meal_bayes.trial_log.marks import Marks
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 

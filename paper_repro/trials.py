@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes import OfflineConfig, read_trials, run_offline
+from meal_bayes import OfflineConfig, run_offline
 from meal_bayes.evaluation import Interval, clustered_se, paired_difference
 from paper_repro import published
 from paper_repro.frame import HERE, Cell, Estimate, Setting, Table, paper_values
@@ -107,24 +106,16 @@ def run_agent(
         config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
         on_progress=setting.on_progress,
     )  # fmt: skip
-    return columns_of(done.paths, sum(done.seconds.values()))
-
-
-def columns_of(paths: Sequence[Path], seconds: float) -> Columns:
-    """Read the columns of an agent's trials."""
-    rows = []
-    for path in paths:
-        for trial in read_trials(path):
-            right = np.zeros(len(trial.truth), np.bool_)
-            if trial.report is not None:
-                right = trial.report == (trial.truth == 1)
-            rows.append((float(bool(trial.success)), trial.cost, trial.reward,
-                         trial.task.object_index, right, trial.report is None))  # fmt: skip
-    success, cost, reward, objects, correct, abstained = zip(*rows, strict=True)
+    own = done.outcomes()
     return Columns(
-        np.array(success), np.array(cost), np.array(reward), np.array(objects),
-        np.array(correct), np.array(abstained), seconds,
-    )  # fmt: skip
+        success=own.success.astype(float),
+        cost=own.cost,
+        reward=own.reward,
+        objects=own.object_index,
+        correct=own.report == own.truth,
+        abstained=(own.report < 0).all(axis=1),
+        seconds=sum(done.seconds.values()),
+    )
 
 
 def against(first: Columns, second: Columns, measure: str = "reward") -> Interval:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from meal_bayes.agents import Trial
     from meal_bayes.datasets import PerceptTable
     from meal_bayes.learner import Lesson
-    from meal_bayes.trial_log import Told
+    from meal_bayes.trial_log import ObjectLabels
 
 
 @click.command(short_help="Ask about one object.")
@@ -100,7 +100,7 @@ def ask(
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _lessons(memory: "Iterable[Told]", table: "PerceptTable") -> "list[Lesson]":
+def _lessons(memory: "Iterable[ObjectLabels]", table: "PerceptTable") -> "list[Lesson]":
     """Return what is remembered of a table's objects and attributes."""
     from meal_bayes.learner import Lesson
 
@@ -123,7 +123,7 @@ def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
     Where a verdict does not say what an attribute is, and nobody has said so before, it is asked.
     """
     from meal_bayes.agents import implied
-    from meal_bayes.trial_log import Told, write_told
+    from meal_bayes.trial_log import ObjectLabels, write_labels
 
     names = trial.task.query.attributes
     values: dict[str, bool] = {}
@@ -143,7 +143,7 @@ def _listen(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
     if not values:
         note("nothing was told, and nothing is remembered")
         return
-    write_told(Told(number, trial.task.object_name, values, path))
+    write_labels(ObjectLabels(number, trial.task.object_name, values, path))
     words = ", ".join(name if value else f"not {name}" for name, value in values.items())
     note(f"remembered in {path}: {trial.task.object_name} is {words}")
 

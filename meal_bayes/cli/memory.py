@@ -12,7 +12,7 @@ from meal_bayes.cli.program import Section
 from meal_bayes.cli.screen import note, output
 
 if TYPE_CHECKING:
-    from meal_bayes.trial_log import Told
+    from meal_bayes.trial_log import ObjectLabels
 
 
 @click.group(cls=Section)
@@ -57,7 +57,7 @@ def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> Non
     note(f"forgot what was told in {forget_told(chosen)} trials")
 
 
-def _memory(logs: Path, dataset: str) -> "list[Told]":
+def _memory(logs: Path, dataset: str) -> "list[ObjectLabels]":
     from meal_bayes.datasets.percept_file import domain_of
     from meal_bayes.trial_log import read_memory
 

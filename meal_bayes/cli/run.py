@@ -30,11 +30,9 @@ from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite, Whole
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from meal_bayes.agents import Trial
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.experiments import OfflineConfig, OfflineRun
+    from meal_bayes.trial_log import TrialOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -157,19 +155,19 @@ def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, 
     """Summarize the trials, and compare each agent with the paper's on the tasks they share."""
     from meal_bayes.evaluation import summarize
 
-    trials = list(finished.trials())
-    rows = summarize(trials, seconds=finished.seconds)
+    outcomes = finished.outcomes()
+    rows = summarize(outcomes, seconds=finished.seconds)
     others = [row.agent for row in rows if row.agent != _AGAINST]
     if len(others) == len(rows):
         return rows, []
-    return rows, [_difference(trials, agent) for agent in others]
+    return rows, [_difference(outcomes, agent) for agent in others]
 
 
-def _difference(trials: "Iterable[Trial]", agent: str) -> dict[str, object]:
+def _difference(outcomes: "TrialOutcomes", agent: str) -> dict[str, object]:
     from meal_bayes.evaluation import compare
     from meal_bayes.evaluation.statistics import plain
 
-    found = compare(trials, agent, _AGAINST, measure=_MEASURE)
+    found = compare(outcomes, agent, _AGAINST, measure=_MEASURE)
     return {"agent": agent, "against": _AGAINST, "measure": _MEASURE, **plain(found._asdict())}
 
 

@@ -192,7 +192,10 @@ def ending(trial: "Trial") -> dict[str, str]:
     """Say in words what was reported, whether it is right, and what it cost."""
     from meal_bayes.trial_log.words import truth_words, verdict_word
 
-    facts = {"answer": "none; every report was too risky", "truth": truth_words(trial)}
+    facts = {
+        "answer": "none; every report was too risky",
+        "truth": truth_words(trial.task.query.attributes, trial.truth),
+    }
     if trial.ended:
         facts["answer"] = f"none; {trial.ended}"
     if trial.report is not None:

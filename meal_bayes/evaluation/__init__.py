@@ -13,10 +13,15 @@ from meal_bayes.evaluation.calibration import (
 from meal_bayes.evaluation.learning import (
     LearningRow,
     LearningSummary,
+    area_difference,
     curves_of,
-    hours_to,
+    decided,
+    difference_at,
     learning_rows,
+    mean_until,
     pooled_ece,
+    success_difference,
+    successes_within,
     summarize_learning,
 )
 from meal_bayes.evaluation.statistics import (
@@ -26,7 +31,7 @@ from meal_bayes.evaluation.statistics import (
     paired_difference,
     wilson_interval,
 )
-from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, summarize
+from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, mean, summarize
 
 __all__ = [
     "Interval",
@@ -34,18 +39,24 @@ __all__ = [
     "LearningSummary",
     "Summary",
     "SummaryRow",
+    "area_difference",
     "bootstrap_interval",
     "brier",
     "calibration_error",
     "clustered_se",
     "compare",
     "curves_of",
+    "decided",
+    "difference_at",
     "expected_calibration_error",
-    "hours_to",
     "learning_rows",
+    "mean",
+    "mean_until",
     "negative_log_likelihood",
     "paired_difference",
     "pooled_ece",
+    "success_difference",
+    "successes_within",
     "summarize",
     "summarize_learning",
     "wilson_interval",

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.page import (
@@ -25,10 +24,10 @@ from meal_bayes.evaluation.page import (
 )
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, summarize
-from meal_bayes.evaluation.tally import AgentTally, Place, Tally, batch_of
+from meal_bayes.evaluation.tally import Tally
 from meal_bayes.evaluation.worst import worst_trials
 from meal_bayes.files import check_output, write_whole
-from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log import Logs, TrialOutcomes
 from meal_bayes.trial_log.words import NOT_TOLD
 
 _HOUR = 3600.0  # s
@@ -61,30 +60,32 @@ def write_report(
     LogError : there is not one trial that can be read.
     OutputError : the page cannot be written, or would replace a log.
     """
-    path, tally = Path(path), Tally()
+    path, tally, read = Path(path), Tally(), set[Path]()
     check_output(path, inputs=logs.files)
-    for done, (file, (header, trials)) in enumerate(zip(logs.files, logs.parts(), strict=True)):
-        if on_progress is not None:
-            on_progress(done, len(logs.files))
-        for number, trial in trials:
-            tally.add(trial, Place(file, number), batch_of(header))
+    for group in logs.groups():
+        if on_progress is not None and group.file not in read:
+            on_progress(len(read), len(logs.files))
+        read.add(group.file)
+        tally.add(group)
     if not tally.trials:
         logs.complain_of_nothing()
-    write_whole(path, report_page(tally, logs), inputs=logs.files)
-    return ReportInfo(path, path.stat().st_size, tally.trials, tuple(tally.agents))
+    outcomes = tally.outcomes()
+    write_whole(path, report_page(tally, outcomes, logs), inputs=logs.files)
+    return ReportInfo(path, path.stat().st_size, tally.trials, outcomes.agents)
 
 
-def report_page(tally: Tally, logs: Logs) -> str:
-    """Make the page (HTML)."""
-    rows = [row for agent in tally.agents.values() for row in summarize(agent.trials)]
+def report_page(tally: Tally, outcomes: TrialOutcomes, logs: Logs) -> str:
+    """Write the page (HTML)."""
+    agents = {name or "agent": outcomes.of_agent(name) for name in outcomes.agents}
+    rows = summarize(outcomes)
     parts = [
         *_warnings(logs),
-        tiles(_facts(tally)),
-        _agents(rows, tally),
-        _time(tally),
-        _calibration(rows, tally),
-        _attributes(tally),
-        _behaviors(tally),
+        tiles(_facts(outcomes)),
+        _agents(rows, outcomes),
+        _learning(tally, outcomes) or _so_far(agents),
+        _calibration(rows, outcomes),
+        _attributes(agents),
+        _behaviors(agents),
         worst_trials(tally),
         _run(logs),
     ]
@@ -98,14 +99,14 @@ def _more(logs: Logs) -> str:
     return f" and {len(logs.files) - 3} more logs" if len(logs.files) > 3 else ""  # noqa: PLR2004
 
 
-def _facts(tally: Tally) -> dict[str, str]:
-    seconds = sum(trial.cost for agent in tally.agents.values() for trial in agent.trials)
+def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
+    agents = len(outcomes.agents)
     return {
-        "trials": f"{tally.trials:,}",
-        "steps": f"{tally.steps:,}",
-        "agents" if len(tally.agents) > 1 else "agent": f"{len(tally.agents)}",
-        "objects": f"{len(tally.objects)}",
-        "hours of robot time": f"{seconds / _HOUR:.1f}",
+        "trials": f"{len(outcomes):,}",
+        "steps": f"{outcomes.steps.sum():,}",
+        "agents" if agents > 1 else "agent": f"{agents}",
+        "objects": f"{len(set(outcomes.object_name.tolist()))}",
+        "hours of robot time": f"{outcomes.cost.sum() / _HOUR:.1f}",
     }
 
 
@@ -116,7 +117,7 @@ def _warnings(logs: Logs) -> Iterator[str]:
         yield section("Warning", text, f"<ul>{items}</ul>", kind="warning")
 
 
-def _agents(rows: list[SummaryRow], tally: Tally) -> str:
+def _agents(rows: list[SummaryRow], outcomes: TrialOutcomes) -> str:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "no answer"]
     cells = [
         [
@@ -153,21 +154,21 @@ def _agents(rows: list[SummaryRow], tally: Tally) -> str:
         "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
         "belief."
     )
-    return section("Agents", text, table(head, cells, best=best), *_differences(rows, tally), drawn)
+    differences = _differences(rows, outcomes)
+    return section("Agents", text, table(head, cells, best=best), *differences, drawn)
 
 
-def _differences(rows: list[SummaryRow], tally: Tally) -> Iterator[str]:
+def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[str]:
     """Compare every agent with the one that has the highest reward, on the tasks they share."""
     if len(rows) < 2:  # noqa: PLR2004
         return
     best = max(rows, key=lambda row: row.reward).agent
-    trials = [trial for agent in tally.agents.values() for trial in agent.trials]
     cells = []
     for row in rows:
         if row.agent == best:
             continue
         try:
-            found = [compare(trials, best, row.agent, measure=m) for m in ("reward", "cost")]
+            found = [compare(outcomes, best, row.agent, measure=m) for m in ("reward", "cost")]
         except SettingsError:  # no task in common
             continue
         cells.append([f"{best} - {row.agent}", *(_with_interval(one) for one in found)])
@@ -176,20 +177,38 @@ def _differences(rows: list[SummaryRow], tally: Tally) -> Iterator[str]:
         yield table(["difference", "reward", "cost, s"], cells)
 
 
-def _time(tally: Tally) -> str:
-    learned = [
-        _learning(name, agent) for name, agent in tally.agents.items() if len(agent.tested) > 1
-    ]
-    if learned:
-        drawn = plots.learning_curve(learned)
-        words = "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
-        return section("Learning", "", figures(figure(plots.svg(drawn), words)))
-    curves = [_so_far(name, agent.trials) for name, agent in tally.agents.items()]
+def _learning(tally: Tally, outcomes: TrialOutcomes) -> str:
+    """Write the learning curves; nothing where no agent has tests of two batches."""
+    batch, test = tally.batches()
+    curves = []
+    for name in outcomes.agents:
+        own = outcomes.agent == name
+        judged = own & test & outcomes.judged
+        numbers = np.unique(batch[judged])
+        if len(numbers) < 2:  # noqa: PLR2004
+            continue
+        trained = own & ~test & (batch >= 0)
+        spent = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]
+        success = [outcomes.success[judged & (batch == n)] for n in numbers]
+        found = [wilson_interval(int(values.sum()), len(values)) for values in success]
+        curves.append(_series(name or "agent", spent, found))
+    if not curves:
+        return ""
+    words = "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
+    return section("Learning", "", figures(figure(plots.svg(plots.learning_curve(curves)), words)))
+
+
+def _so_far(agents: dict[str, TrialOutcomes]) -> str:
+    curves = []
+    for name, own in agents.items():
+        hours = np.cumsum(own.cost)[own.judged] / _HOUR
+        right = np.cumsum(own.success[own.judged], dtype=int)
+        at = np.unique(np.linspace(0, len(right) - 1, min(_POINTS, len(right))).astype(int))
+        found = [wilson_interval(int(right[i]), int(i) + 1) for i in at]
+        curves.append(_series(name, hours[at].tolist(), found))
     drawn = plots.lines(curves, x_label="robot time, h", y_label="accuracy so far")
     words = "Accuracy of all trials so far over the hours that their behaviors took, 95 % band."
-    cost = plots.cost_distribution(
-        {name: [trial.cost for trial in agent.trials] for name, agent in tally.agents.items()}
-    )
+    cost = plots.cost_distribution({name: own.cost for name, own in agents.items()})
     return section(
         "Accuracy and cost",
         "",
@@ -200,35 +219,15 @@ def _time(tally: Tally) -> str:
     )
 
 
-def _learning(name: str, agent: AgentTally) -> plots.Series:
-    batches = sorted(agent.tested)
-    found = [wilson_interval(sum(agent.tested[b]), len(agent.tested[b])) for b in batches]
-    spent = [sum(s for t, s in agent.train_cost.items() if t < b) / _HOUR for b in batches]
-    return _series(name, spent, found)
-
-
-def _so_far(name: str, trials: list[Trial]) -> plots.Series:
-    judged = [trial.judged for trial in trials]
-    hours = np.cumsum([trial.cost for trial in trials])[judged] / _HOUR
-    right = np.cumsum([bool(trial.success) for trial in trials if trial.judged])
-    points = min(_POINTS, len(right))
-    at = np.unique(np.linspace(0, len(right) - 1, points).astype(int))
-    found = [wilson_interval(int(right[i]), int(i) + 1) for i in at]
-    return _series(name, [float(hours[i]) for i in at], found)
-
-
 def _series(name: str, x: list[float], found: list[Interval]) -> plots.Series:
     estimate, low, high = ([getattr(f, end) for f in found] for end in ("estimate", "low", "high"))
     return plots.Series(name, np.array(x), np.array(estimate), np.array(low), np.array(high))
 
 
-def _calibration(rows: list[SummaryRow], tally: Tally) -> str:
+def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> str:
     drawn = []
     for row in rows:
-        trials = tally.agents[row.agent or "agent"].trials
-        positive = np.concatenate([trial.last_belief.positive for trial in trials])
-        truth = np.concatenate([trial.truth for trial in trials])
-        positive, truth = positive[truth >= 0], truth[truth >= 0] == 1
+        positive, truth = outcomes.of_agent(row.agent).beliefs()
         if not len(truth):
             continue
         words = (
@@ -245,39 +244,42 @@ def _calibration(rows: list[SummaryRow], tally: Tally) -> str:
     return section("Calibration", text, figures(*drawn))
 
 
-def _attributes(tally: Tally) -> str:
-    asked = sum((agent.asked for agent in tally.agents.values()), start=Counter[str]())
-    names = sorted((n for n in asked if asked[n]), key=lambda name: (-asked[name], name))
+def _attributes(agents: dict[str, TrialOutcomes]) -> str:
+    asked, right = {}, {}
+    for name, own in agents.items():
+        known = (own.truth >= 0) & (own.ended == "")[:, None]
+        asked[name] = Counter(own.attribute[known].tolist())
+        right[name] = Counter(own.attribute[known & (own.report == own.truth)].tolist())
+    total = sum(asked.values(), start=Counter[str]())
     cells = []
-    for name in names:
-        row: list[str] = [name, f"{asked[name]:,}"]
-        for agent in tally.agents.values():
-            n = agent.asked[name]
-            share = agent.right[name] / n if n else math.nan
-            row.append(share_bar(share, f"{share:.3f}") if n else "-")
+    for attribute in sorted(total, key=lambda one: (-total[one], one)):
+        row: list[str] = [attribute, f"{total[attribute]:,}"]
+        for name in agents:
+            n = asked[name][attribute]
+            fraction = right[name][attribute] / n if n else math.nan
+            row.append(share_bar(fraction, f"{fraction:.3f}") if n else "-")
         cells.append(row)
     text = "How often an answer was right in this attribute; no answer counts as not right."
-    return section("Attributes", text, table(["attribute", "asked", *tally.agents], cells))
+    return section("Attributes", text, table(["attribute", "asked", *agents], cells))
 
 
-def _behaviors(tally: Tally) -> str:
-    names = list(tally.behaviors)
-    use = {
-        name: [agent.executed[b] / len(agent.trials) for b in names]
-        for name, agent in tally.agents.items()
-    }
+def _behaviors(agents: dict[str, TrialOutcomes]) -> str:
+    names = next(iter(agents.values())).behaviors
+    executed = {name: own.executed.sum(axis=0) for name, own in agents.items()}
+    failed = {name: own.failed.sum(axis=0) for name, own in agents.items()}
+    use = {name: (executed[name] / len(own)).tolist() for name, own in agents.items()}
     cells = []
-    for name in names:
-        row = [name]
-        for agent in tally.agents.values():
-            done, failed = agent.executed[name], agent.failed[name]
-            row.append(f"{done:,} ({failed / done:.0%})" if done else "-")
+    for column, behavior in enumerate(names):
+        row = [behavior]
+        for name in agents:
+            done, empty = executed[name][column], failed[name][column]
+            row.append(f"{done:,} ({empty / done:.0%})" if done else "-")
         cells.append(row)
     words = "Executions of each behavior in a trial, in the mean."
     drawn = figures(
         figure(plots.svg(plots.behavior_use(use, names)), words),
         "<div><p class='note'>Executions in all, and the share without a percept.</p>"
-        + table(["behavior", *tally.agents], cells)
+        + table(["behavior", *agents], cells)
         + "</div>",
     )
     return section("Behaviors", "", drawn)

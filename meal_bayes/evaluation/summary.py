@@ -2,11 +2,12 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.display import card, table_html
@@ -17,8 +18,9 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, clustered_se, paired_difference, plain
+from meal_bayes.evaluation.statistics import Interval, paired_difference, plain
 from meal_bayes.seeds import stream
+from meal_bayes.trial_log import TrialOutcomes
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -83,91 +85,110 @@ class Summary(list[SummaryRow]):
         return table_html("Summary", header, rows)
 
 
-def summarize(trials: Iterable[Trial], *, seconds: Mapping[str, float] | None = None) -> Summary:
+def summarize(
+    trials: Iterable[Trial] | TrialOutcomes, *, seconds: Mapping[str, float] | None = None
+) -> Summary:
     """Summarize trials, one row an agent in the order of their first trials.
 
     Parameters
     ----------
-    trials : of one data set, as objects' names are the clusters.
+    trials : or their outcomes; of one data set, as objects' names are the clusters.
     seconds : computing time by agent; trials do not hold wall-clock times.
     """
-    by_agent: dict[str, list[Trial]] = {}
-    for trial in trials:
-        by_agent.setdefault(trial.agent, []).append(trial)
-    times = seconds or {}
-    return Summary(_row(agent, own, times.get(agent, math.nan)) for agent, own in by_agent.items())
-
-
-def _row(agent: str, trials: list[Trial], seconds: float) -> SummaryRow:
-    whole = [trial for trial in trials if not trial.ended]
-    judged = [trial for trial in whole if trial.judged]
-    paid = [trial for trial in whole if not math.isnan(trial.reward)]
-    answered = [trial for trial in judged if trial.report is not None]
-    cost = np.array([trial.cost for trial in trials])
-    positive = np.concatenate([trial.last_belief.positive for trial in trials])
-    truth = np.concatenate([trial.truth for trial in trials])
-    positive, known = positive[truth >= 0], truth[truth >= 0] == 1
-    none = not len(known)
-    return SummaryRow(
-        agent=agent,
-        trials=len(trials),
-        judged=len(judged),
-        accuracy=_mean(bool(trial.success) for trial in judged),
-        accuracy_se=_clustered(judged, lambda trial: float(bool(trial.success))),
-        cost_s=float(cost.mean()),
-        cost_sd=float(cost.std(ddof=1)) if len(trials) > 1 else math.nan,
-        reward=_mean(trial.reward for trial in paid),
-        reward_se=_clustered(paid, lambda trial: trial.reward),
-        nll=math.nan if none else float(negative_log_likelihood(positive, known).mean()),
-        brier=math.nan if none else float(brier(positive, known).mean()),
-        ece=math.nan if none else calibration_error(positive, known),
-        ece_calibrated=math.nan
-        if none
-        else expected_calibration_error(positive, stream(0, "calibrated belief")),
-        abstained=_mean(trial.report is None for trial in whole),
-        answered_accuracy=_mean(bool(trial.success) for trial in answered),
-        seconds=seconds,
+    outcomes, times = TrialOutcomes.of(trials), seconds or {}
+    return Summary(
+        _row(agent, outcomes.of_agent(agent), times.get(agent, math.nan))
+        for agent in outcomes.agents
     )
 
 
-def _mean(values: Iterable[float]) -> float:
-    found = list(values)
-    return float(np.mean(found)) if found else math.nan
+def mean(trials: Iterable[Trial] | TrialOutcomes, measure: str) -> Interval:
+    """Compute the mean of a measure, objects as clusters; NaN where no trial has it.
 
+    Parameters
+    ----------
+    trials : or their outcomes.
+    measure : "reward", "cost", "success" or "abstained".
 
-def _clustered(trials: list[Trial], measure: Callable[[Trial], float]) -> float:
-    if not trials:
-        return math.nan
-    objects = [trial.task.object_name for trial in trials]
-    return clustered_se([measure(trial) for trial in trials], objects)
+    >>> mean([], "cost").estimate
+    nan
+    """
+    outcomes = TrialOutcomes.of(trials)
+    values = _measured(outcomes, measure)
+    known = ~np.isnan(values)
+    if not known.any():
+        return Interval(*[math.nan] * 4)
+    return paired_difference(values[known], 0.0, outcomes.object_name[known])
 
 
 def compare(
-    trials: Iterable[Trial], first: str, second: str, *, measure: str = "reward"
+    trials: Iterable[Trial] | TrialOutcomes, first: str, second: str, *, measure: str = "reward"
 ) -> Interval:
     """Compare two agents on the tasks they share: mean of first - second, clustered by object.
 
     Parameters
     ----------
-    trials : of both agents, paired by the keys of their tasks.
+    trials : of both agents, or their outcomes, paired by the keys of their tasks.
     first, second : the agents' names.
-    measure : "reward", "cost" or "success".
+    measure : "reward", "cost", "success" or "abstained".
     """
-    if measure not in ("reward", "cost", "success"):
-        raise SettingsError(f"Unknown measure {measure!r}; expected reward, cost or success.")
-    values: dict[str, dict[tuple[Any, ...], float]] = {first: {}, second: {}}
-    clusters: dict[tuple[Any, ...], str] = {}
-    for trial in trials:
-        if trial.agent in values and (trial.judged or measure == "cost"):
-            values[trial.agent][trial.task.key] = float(getattr(trial, measure))
-            clusters[trial.task.key] = trial.task.object_name
-    keys = [key for key in values[first] if key in values[second]]
-    if not keys:
+    outcomes = TrialOutcomes.of(trials)
+    one, other = outcomes.of_agent(first), outcomes.of_agent(second)
+    rows = dict(zip(one.key.tolist(), range(len(one)), strict=True))
+    others = dict(zip(other.key.tolist(), range(len(other)), strict=True))
+    pairs = [(row, others[key]) for key, row in rows.items() if key in others]
+    left, right = np.array(pairs, int).reshape(-1, 2).T
+    difference = _measured(one, measure)[left] - _measured(other, measure)[right]
+    known = ~np.isnan(difference)
+    if not known.any():
         raise SettingsError(
             f"Agents {first!r} and {second!r} share no task; run both under the same seed."
         )
-    return paired_difference(
-        [values[first][key] for key in keys],
-        [values[second][key] for key in keys],
-        [clusters[key] for key in keys],
+    return paired_difference(difference[known], 0.0, one.object_name[left][known])
+
+
+def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
+    judged, answered = own.judged, own.answered
+    reward, accuracy = mean(own, "reward"), mean(own, "success")
+    positive, truth = own.beliefs()
+    none = not len(truth)
+    return SummaryRow(
+        agent=agent,
+        trials=len(own),
+        judged=int(judged.sum()),
+        accuracy=accuracy.estimate,
+        accuracy_se=accuracy.se,
+        cost_s=float(own.cost.mean()),
+        cost_sd=float(own.cost.std(ddof=1)) if len(own) > 1 else math.nan,
+        reward=reward.estimate,
+        reward_se=reward.se,
+        nll=math.nan if none else float(negative_log_likelihood(positive, truth).mean()),
+        brier=math.nan if none else float(brier(positive, truth).mean()),
+        ece=math.nan if none else calibration_error(positive, truth),
+        ece_calibrated=math.nan
+        if none
+        else expected_calibration_error(positive, stream(0, "calibrated belief")),
+        abstained=mean(own, "abstained").estimate,
+        answered_accuracy=_mean(own.success[judged & answered]),
+        seconds=seconds,
+    )
+
+
+def _mean(values: NDArray[Any]) -> float:
+    return float(np.mean(values)) if len(values) else math.nan
+
+
+def _measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
+    """Return a measure of each trial, (n,); NaN where it has none."""
+    whole = outcomes.ended == ""
+    if measure == "cost":
+        return outcomes.cost
+    if measure == "reward":
+        return np.where(whole, outcomes.reward, np.nan)
+    if measure == "success":
+        return np.where(outcomes.judged, outcomes.success, np.nan)
+    if measure == "abstained":
+        return np.where(whole, ~outcomes.answered, np.nan)
+    raise SettingsError(
+        f"Unknown measure {measure!r}; expected reward, cost, success or abstained."
     )

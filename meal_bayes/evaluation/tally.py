@@ -1,23 +1,20 @@
-"""What a report needs of many trials, taken one by one: small rows, and whole only the worst."""
+"""What a report needs of many trials: their outcomes, and of the worst ones the whole trial."""
 
 import heapq
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from meal_bayes.agents.trial import Step, Trial
-from meal_bayes.momdp import Belief
-from meal_bayes.planners import unvalued
+from meal_bayes.agents.trial import Trial
+from meal_bayes.trial_log import Group, TrialOutcomes
 
 WORST = 10  # trials that are kept whole
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
+class Batch(NamedTuple):
     """Where a file of an online run belongs."""
 
     number: int
@@ -31,68 +28,55 @@ class Place(NamedTuple):
     number: int  # in the file
 
 
-@dataclass
-class AgentTally:
-    """The trials of one agent."""
+class Bad(NamedTuple):
+    """One of the worst trials."""
 
-    trials: list[Trial] = field(default_factory=list)  # in brief
-    executed: Counter[str] = field(default_factory=Counter)  # by behavior
-    failed: Counter[str] = field(default_factory=Counter)  # of those, without a percept
-    asked: Counter[str] = field(default_factory=Counter)  # by attribute
-    right: Counter[str] = field(default_factory=Counter)
-    train_cost: dict[int, float] = field(default_factory=dict)  # s, by batch
-    tested: dict[int, list[bool]] = field(default_factory=dict)  # successes, by batch
+    place: Place
+    outcome: TrialOutcomes  # one row
+    trial: Trial | None  # None of a compact log
 
 
 class Tally:
-    """Counts trials as they are read."""
+    """Collects groups of trials as they are read."""
 
     def __init__(self) -> None:
-        self.agents: dict[str, AgentTally] = {}
-        self.behaviors: dict[str, None] = {}  # in the order of the domain
-        self.trials = self.steps = 0
-        self.objects: set[str] = set()
-        self._worst: list[tuple[float, int, Place, Trial]] = []  # a heap, the least bad first
+        self.trials = 0
+        self._parts: list[TrialOutcomes] = []
+        self._batches: list[Batch | None] = []  # of the parts
+        self._worst: list[tuple[float, int, Bad]] = []  # a heap, the least bad first
+
+    def add(self, group: Group) -> None:
+        """Count a group, and keep its worst trials."""
+        outcomes = group.outcomes
+        badness = np.where(outcomes.judged, outcomes.certainty - outcomes.reward, -np.inf)
+        for row in np.argsort(-badness, kind="stable")[:WORST].tolist():
+            if badness[row] > -np.inf:
+                trial = group.trials[row] if group.trials else None
+                bad = Bad(Place(group.file, group.places[row]), outcomes.rows([row]), trial)
+                item = (float(badness[row]), -self.trials - row, bad)
+                if len(self._worst) < WORST:
+                    heapq.heappush(self._worst, item)
+                else:
+                    heapq.heappushpop(self._worst, item)
+        self._parts.append(outcomes)
+        self._batches.append(batch_of(group.header))
+        self.trials += len(outcomes)
 
     @property
-    def worst(self) -> list[tuple[Place, Trial]]:
+    def worst(self) -> list[Bad]:
         """The trials with the lowest reward; of equals, those that were surest, then the first."""
-        ordered = sorted(self._worst, key=lambda item: item[:2], reverse=True)
-        return [(place, trial) for _, _, place, trial in ordered]
+        return [bad for _, _, bad in sorted(self._worst, key=lambda item: item[:2], reverse=True)]
 
-    def add(self, trial: Trial, place: Place, batch: Batch | None = None) -> None:
-        """Count a trial."""
-        agent = self.agents.setdefault(trial.agent or "agent", AgentTally())
-        agent.trials.append(_brief(trial))
-        names = trial.momdp.behavior_names
-        self.behaviors.update(dict.fromkeys(names))
-        for step in trial.steps:
-            action = step.decision.action
-            if action < len(names):
-                agent.executed[names[action]] += 1
-                agent.failed[names[action]] += step.observation is None
-        if not trial.ended:
-            _count_answers(agent, trial)
-        if batch is not None:
-            self._in_batch(agent, trial, batch)
-        if trial.judged:
-            badness = trial.last_belief.certainty - trial.reward
-            item = (badness, -self.trials, place, trial)
-            if len(self._worst) < WORST:
-                heapq.heappush(self._worst, item)
-            else:
-                heapq.heappushpop(self._worst, item)
-        self.objects.add(trial.task.object_name)
-        self.trials, self.steps = self.trials + 1, self.steps + len(trial.steps)
+    def outcomes(self) -> TrialOutcomes:
+        """Return the outcomes of all trials."""
+        return TrialOutcomes.join(self._parts)
 
-    @staticmethod
-    def _in_batch(agent: AgentTally, trial: Trial, batch: Batch) -> None:
-        if batch.part == "test":
-            if trial.success is not None:
-                agent.tested.setdefault(batch.number, []).append(trial.success)
-        else:
-            spent = agent.train_cost.get(batch.number, 0.0)
-            agent.train_cost[batch.number] = spent + trial.cost
+    def batches(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the batch of each trial, (n,), -1 where it has none; and whether it is a test."""
+        sizes = list(map(len, self._parts))
+        number = [-1 if batch is None else batch.number for batch in self._batches]
+        test = [batch is not None and batch.part == "test" for batch in self._batches]
+        return np.repeat(number, sizes), np.repeat(test, sizes)
 
 
 def batch_of(header: Mapping[str, object]) -> Batch | None:
@@ -101,33 +85,3 @@ def batch_of(header: Mapping[str, object]) -> Batch | None:
     if isinstance(number, int) and part in ("train", "test"):
         return Batch(number, str(part))
     return None
-
-
-def _count_answers(agent: AgentTally, trial: Trial) -> None:
-    """Count the attributes whose truth is known, and which of them were reported right."""
-    right = np.zeros(len(trial.truth), np.bool_)
-    if trial.report is not None:
-        right = trial.report == (trial.truth == 1)
-    known = trial.truth >= 0
-    for name, told, hit in zip(trial.task.query.attributes, known, right, strict=True):
-        agent.asked[name] += int(told)
-        agent.right[name] += int(told and hit)
-
-
-def _brief(trial: Trial) -> Trial:
-    """Keep of a trial what measures need: one step stands for all, nothing of how it was chosen."""
-    last = trial.last_belief
-    nothing = np.zeros((len(trial.truth), 0, 0), np.int64)
-    belief = Belief(last.x, last.weight, nothing, last.log_share)
-    decision = unvalued(trial.momdp, 0)
-    step = Step(last.x, decision, last.x, None, trial.cost, trial.reward, belief)
-    return Trial(
-        trial.task,
-        trial.agent,
-        trial.momdp,
-        belief,
-        (step,),
-        trial.truth,
-        trial.report,
-        trial.ended,
-    )

@@ -20,7 +20,14 @@ from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.learner import Learner
-from meal_bayes.trial_log import TrialWriter, read_seconds, read_trials, remove_drafts
+from meal_bayes.trial_log import (
+    TrialOutcomes,
+    TrialWriter,
+    read_outcomes,
+    read_seconds,
+    read_trials,
+    remove_drafts,
+)
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
@@ -84,6 +91,10 @@ class OfflineRun:
         """Read all trials back, agent by agent."""
         for path in self.paths:
             yield from read_trials(path)
+
+    def outcomes(self) -> TrialOutcomes:
+        """Read the outcomes of all trials back, agent by agent."""
+        return TrialOutcomes.join([read_outcomes(path) for path in self.paths])
 
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row a trial; see `trials_frame`."""

@@ -16,7 +16,7 @@ from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import LogError
-from meal_bayes.trial_log import Marks, count_whole
+from meal_bayes.trial_log import count_whole
 
 log = logging.getLogger("meal_bayes.experiments")
 
@@ -46,7 +46,7 @@ class Store:
 
 
 def is_whole(path: Path, *, trials: int | None = None) -> bool:
-    """Check a unit's log, or its table of marks, to its end; what is damaged is warned of.
+    """Check a unit's log to its end; what is damaged is warned of.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def is_whole(path: Path, *, trials: int | None = None) -> bool:
     if not path.is_file():
         return False
     try:
-        found = _trials_of(path)
+        found = count_whole(path)
     except LogError as fault:
         log.warning("%s; it is made again", str(fault).partition(";")[0])
         return False
@@ -108,11 +108,6 @@ def code_digest() -> str:
     files = [p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz")]
     names = [path.relative_to(package).as_posix() for path in files]
     return digest_of(names, *files)[:16]
-
-
-def _trials_of(path: Path) -> int:
-    """Count the trials of a sound file."""
-    return len(Marks.load(path).cost) if path.suffix == ".csv" else count_whole(path)
 
 
 def _pieces(part: object) -> Iterator[bytes]:

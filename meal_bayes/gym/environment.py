@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, Morc, Streams, Task, Trial, load_agent
+from meal_bayes.agents import Agent, OfflineRunner, Streams, Task, Trial, load_agent
 from meal_bayes.agents.trial import RunningTrial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
@@ -74,7 +74,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         recipe = agent if isinstance(agent, Agent) else load_agent(agent)
         self.tasks = offline_tasks(table, attributes, trials, seed)
         self.render_mode, self._max_steps = render_mode, max_steps
-        self._morc = Morc(table, recipe, seed, percepts, reward)
+        self._runner = OfflineRunner(table, recipe, seed, percepts, reward)
         self._begun: RunningTrial | None = None
         self._action = 0
         n, x = attributes, len(table.domain.diagram.states)
@@ -104,7 +104,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """
         super().reset(seed=seed)
         index = (options or {}).get("task")
-        luck = self._morc.seed
+        luck = self._runner.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             luck = int(self.np_random.integers(_LUCK))
@@ -126,7 +126,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def decide(self) -> int:
         """Return what the agent itself would do now."""
-        _, policy = self._morc.prepare(self._running.task)
+        _, policy = self._runner.prepare(self._running.task)
         return int(policy.decide(self._running.history, self._running.streams.planner).action)
 
     def render(self) -> str | None:
@@ -142,11 +142,11 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     @property
     def trial(self) -> Trial:
         """The trial so far."""
-        return self._running.trial(self._morc.agent.name)
+        return self._running.trial(self._runner.agent.name)
 
     def _begin(self, task: Task, luck: int) -> None:
-        momdp, _ = self._morc.prepare(task)
-        runner = replace(self._morc, seed=luck)  # which shares what was learned
+        momdp, _ = self._runner.prepare(task)
+        runner = replace(self._runner, seed=luck)  # which shares what was learned
         columns = [runner.table.domain.attribute_index(name) for name in task.query.attributes]
         self._begun = RunningTrial(
             task,
@@ -154,13 +154,13 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             _Told(self, momdp),
             runner.robot(task),
             runner.perceiver(task),
-            Streams.of(luck, task, self._morc.agent.name),
+            Streams.of(luck, task, self._runner.agent.name),
             runner.table.labels[task.object_index, columns],
         )
         self._begun.start()
 
     def _observation(self) -> Observation:
-        running, domain = self._running, self._morc.table.domain
+        running, domain = self._running, self._runner.table.domain
         asked = [domain.attribute_index(name) for name in running.task.query.attributes]
         return {
             "state": running.belief.x,

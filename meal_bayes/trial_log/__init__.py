@@ -1,29 +1,39 @@
 """The record: trials to MCAP and back, the only store.
 
-In: `Trial`s and a header that says what the run was. Out: one file a unit of work, equal for equal
-runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked.
+In: `Trial`s and a header that describes the run. Out: one file a unit of work, equal for equal
+runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked. Where
+there are millions of trials, a compact log holds their outcomes alone, as columns.
 """
 
 from meal_bayes.trial_log.follow import Follower
-from meal_bayes.trial_log.logs import Logs, log_files
-from meal_bayes.trial_log.marks import BatchMarks, Marks
-from meal_bayes.trial_log.memory import Told, forget, read_memory, write_told
+from meal_bayes.trial_log.logs import Group, Logs, log_files
+from meal_bayes.trial_log.memory import ObjectLabels, forget, read_memory, write_labels
 from meal_bayes.trial_log.names import remove_drafts
-from meal_bayes.trial_log.reader import LogInfo, count_whole, log_info, read_header, read_trials
+from meal_bayes.trial_log.outcomes import BatchOutcomes, TrialOutcomes
+from meal_bayes.trial_log.reader import (
+    LogInfo,
+    count_whole,
+    log_info,
+    read_header,
+    read_outcomes,
+    read_trials,
+)
 from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
+from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, read_seconds, write_trials
 
 __all__ = [
     "ACTIVE",
     "FORMAT_VERSION",
-    "BatchMarks",
+    "BatchOutcomes",
     "Follower",
+    "Group",
     "LogInfo",
     "LogReport",
     "Logs",
-    "Marks",
-    "Told",
+    "ObjectLabels",
+    "OutcomeWriter",
+    "TrialOutcomes",
     "TrialWriter",
     "check_log",
     "count_whole",
@@ -32,11 +42,12 @@ __all__ = [
     "log_info",
     "read_header",
     "read_memory",
+    "read_outcomes",
     "read_seconds",
     "read_trials",
     "recover_log",
     "remove_drafts",
     "salvage",
-    "write_told",
+    "write_labels",
     "write_trials",
 ]

@@ -15,7 +15,7 @@ from google.protobuf.message import DecodeError
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer
+from mcap.records import Attachment, Channel, Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import DomainError, LogCorruptError, QueryError, SettingsError
@@ -68,7 +68,7 @@ def read_records(file: BinaryIO, size: int) -> Iterator[Record]:
     crc, summary_start = zlib.crc32(magic), 0
     while True:
         offset = file.tell()
-        record = _next_record(file, size)
+        record = next_record(file, size)
         head = HEAD.pack(record.opcode, len(record.content))
         if record.opcode == Opcode.DATA_END:
             _compare("data section", crc, _CRC.unpack(record.content)[0])
@@ -87,19 +87,29 @@ def read_summary(file: BinaryIO, size: int) -> Iterator[Record]:
     if end < len(MCAP0_MAGIC):
         raise LogCorruptError(f"the file ends after {size} bytes, without its closing records")
     file.seek(end)
-    start = Footer.read(_stream(_next_record(file, size).content)).summary_start
+    start = Footer.read(stream(next_record(file, size).content)).summary_start
     if not 0 < start <= end:
         raise LogCorruptError("the footer does not say where the summary begins")
     file.seek(start)
     crc = 0
     while True:
-        record = _next_record(file, size)
+        record = next_record(file, size)
         head = HEAD.pack(record.opcode, len(record.content))
         if record.opcode == Opcode.FOOTER:
             _check_end(file, record, zlib.crc32(head, crc), start)
             return
         crc = zlib.crc32(record.content, zlib.crc32(head, crc))
         yield record
+
+
+def read_attachment(record: Record) -> tuple[str, bytes]:
+    """Return name and data of an attachment, which has a checksum of its own."""
+    if record.opcode != Opcode.ATTACHMENT:
+        raise LogCorruptError(f"a record of kind {record.opcode} stands where an attachment should")
+    (crc,) = _CRC.unpack(record.content[-_CRC.size :])
+    _compare("attachment", zlib.crc32(record.content[: -_CRC.size]), crc)
+    found = Attachment.read(stream(record.content))
+    return found.name, found.data
 
 
 class Budget:
@@ -127,7 +137,7 @@ def chunk_messages(
     budget : of the file; by default the chunk has one of its own.
     """
     budget = Budget(len(content)) if budget is None else budget
-    data = _unpack(Chunk.read(_stream(content)), budget)
+    data = _unpack(Chunk.read(stream(content)), budget)
     position = 0
     while position < len(data):
         opcode, length = HEAD.unpack_from(data, position)
@@ -143,13 +153,14 @@ def chunk_messages(
                 raise LogCorruptError(f"a message on channel {channel}, which does not exist")
             yield channels[channel], data[begin + _MESSAGE_HEAD : position]
         elif opcode == Opcode.CHANNEL:
-            new = Channel.read(_stream(data[begin:position]))
+            new = Channel.read(stream(data[begin:position]))
             channels[new.id] = new.topic
         elif opcode != Opcode.SCHEMA:
             raise LogCorruptError(f"a record of kind {opcode} stands inside a chunk")
 
 
-def _next_record(file: BinaryIO, size: int) -> Record:
+def next_record(file: BinaryIO, size: int) -> Record:
+    """Read the record that begins here; `size` is the file's, which bounds its length."""
     offset = file.tell()
     head = file.read(HEAD.size)
     if len(head) < HEAD.size:
@@ -165,7 +176,8 @@ def _next_record(file: BinaryIO, size: int) -> Record:
     return Record(offset, opcode, content)
 
 
-def _stream(content: bytes) -> ReadDataStream:
+def stream(content: bytes) -> ReadDataStream:
+    """Return what the library reads a record from."""
     return ReadDataStream(BytesIO(content))
 
 
@@ -178,7 +190,7 @@ def _check_end(file: BinaryIO, footer: Record, crc: int, summary_start: int) -> 
     """Check footer and closing magic; `crc` covers the summary and the footer's head."""
     (expected,) = _CRC.unpack(footer.content[16:])
     _compare("summary section", zlib.crc32(footer.content[:16], crc), expected)
-    if Footer.read(_stream(footer.content)).summary_start != summary_start:
+    if Footer.read(stream(footer.content)).summary_start != summary_start:
         raise LogCorruptError("the summary does not begin where the footer says")
     if file.read(len(MCAP0_MAGIC) + 1) != MCAP0_MAGIC:
         raise LogCorruptError("the file does not end with its closing bytes")

@@ -1,6 +1,7 @@
-"""Message bytes -> trials, each checked against its digest before it is believed."""
+"""Message bytes -> trials or outcomes; what does not fit together is refused."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -13,8 +14,11 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.trial_log.encode import digest, trial_digest
+from meal_bayes.trial_log.compact import decode_outcomes
+from meal_bayes.trial_log.encode import judgment
+from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
+    COUNT_LIMIT,
     EDGE_LIMIT,
     FORMAT_VERSION,
     MOMDP_BYTES,
@@ -22,8 +26,8 @@ from meal_bayes.trial_log.schema import (
     MOMDPS,
     NAME_LIMIT,
     OUTCOME,
+    OUTCOMES,
     RUN,
-    SEEN_LIMIT,
     STEP,
     TRIAL,
     TRIAL_LIMIT,
@@ -39,31 +43,44 @@ from meal_bayes.untrusted import read_json
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
+class End(NamedTuple):
+    """What a file holds, as its writer counts."""
+
+    trials: int = 0
+    steps: int = 0
+    cost: float = 0.0  # s, of all trials
+
+    def after(self, found: Trial | TrialOutcomes) -> "End":
+        """Count what comes next."""
+        if isinstance(found, Trial):
+            return End(self.trials + 1, self.steps + len(found.steps), self.cost + found.cost)
+        steps, cost = int(found.steps.sum()), math.fsum(found.cost.tolist())
+        return End(self.trials + len(found), self.steps + steps, self.cost + cost)
+
+
 class _Known(NamedTuple):
     momdp: MOMDP
-    digest: bytes
     size: int  # bytes of its message
 
 
 @dataclass
 class TrialBuilder:
-    """Puts the messages of a file together again; what it has counted stays to be asked."""
+    """Puts the messages of a file together again and counts what they hold."""
 
     header: dict[str, object] | None = None
-    trials: int = 0
-    steps: int = 0
-    chain: bytes = b""  # digest over all trials so far
+    read: End = End()  # noqa: RUF009  immutable
+    _next: int = 0  # number of the next trial
     _momdps: dict[int, _Known] = field(default_factory=dict)
     _open: list[bytes] = field(default_factory=list)  # start and steps of the trial under way
     _size: int = 0  # their bytes
 
-    def add(self, topic: str, data: bytes) -> Trial | None:
-        """Take the next message; give the trial that it completes."""
+    def add(self, topic: str, data: bytes) -> Trial | TrialOutcomes | None:
+        """Add the next message; return the trial, or the outcomes, that it completes."""
         if topic == RUN:
             self.header = decode_header(data)
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
-            self._remember(message.id, _Known(_momdp(message), digest((data,)), len(data)))
+            self._remember(message.id, _Known(_momdp(message), len(data)))
         elif topic == TRIAL:
             self._check_closed()
             self._keep(data)
@@ -71,20 +88,26 @@ class TrialBuilder:
             if not self._open:
                 raise LogCorruptError("a step has no trial")
             self._keep(data)
-        elif topic == OUTCOME:
-            return self._finish(data)
+        elif topic in (OUTCOME, OUTCOMES):
+            first, found = self._finish(data) if topic == OUTCOME else decode_outcomes(data)
+            if first < self._next:
+                raise LogCorruptError(f"trial {first} is there twice, or not in order")
+            self.read = self.read.after(found)
+            self._next = first + (1 if topic == OUTCOME else len(found))  # type: ignore[arg-type]
+            return found
         return None
 
-    def check_end(self, end: Mapping[str, str]) -> None:
-        """Compare with what the writer said when it had written the last trial."""
+    def check_end(self, end: End | None) -> None:
+        """Compare with what the writer counted when it had written the last trial."""
         if self._open:
             steps = len(self._open) - 1
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
-        if not end:
+        if end is None:
             raise LogCorruptError("the closing record of the writer is missing")
-        found = {"trials": str(self.trials), "steps": str(self.steps), "digest": self.chain.hex()}
-        if found != end:
-            raise LogCorruptError(f"the trials are not those that were written ({found}, {end})")
+        if self.read != end:
+            raise LogCorruptError(
+                f"the trials are not those that were written ({self.read}, {end})"
+            )
 
     def _remember(self, number: int, known: _Known) -> None:
         """Keep a MOMDP, and forget the oldest as the writer does."""
@@ -119,7 +142,7 @@ class TrialBuilder:
         if self._size > TRIAL_LIMIT:
             raise LogCorruptError(f"a trial is longer than {TRIAL_LIMIT} bytes")
 
-    def _finish(self, data: bytes) -> Trial:
+    def _finish(self, data: bytes) -> tuple[int, Trial]:
         if not self._open:
             raise LogCorruptError("an outcome has no trial")
         start, *steps = self._open
@@ -128,15 +151,16 @@ class TrialBuilder:
         known = self._momdps.get(begin.momdp)
         if known is None:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        if trial_digest(known.digest, start, steps, outcome) != outcome.digest:
-            raise LogCorruptError(f"trial {begin.trial} was changed (its digest differs)")
-        if len(steps) != outcome.steps:
+        if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
-        trial = _trial(begin, (_parse(StepMessage, step) for step in steps), outcome, known.momdp)
-        self.trials += 1
-        self.steps += len(steps)
-        self.chain = digest((self.chain, data))
-        return trial
+        messages = (_parse(StepMessage, step) for step in steps)
+        trial = _trial(begin, messages, outcome, known.momdp)
+        found = (judgment(trial), trial.cost, trial.reward)
+        if not np.array_equal(
+            found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
+        ):
+            raise LogCorruptError(f"the outcome of trial {begin.trial} is not that of its steps")
+        return begin.trial, trial
 
 
 def decode_header(data: bytes) -> dict[str, object]:
@@ -163,6 +187,17 @@ def decode_header(data: bytes) -> dict[str, object]:
     return header
 
 
+def decode_end(data: bytes) -> End:
+    """Read what the writer counted."""
+    facts = read_json(data.decode())
+    if not isinstance(facts, dict) or set(facts) != set(End._fields):
+        raise LogCorruptError("the closing record holds no counts")
+    trials, steps, cost = (facts[name] for name in End._fields)
+    if type(trials) is not int or type(steps) is not int or type(cost) is not float:
+        raise LogCorruptError("the closing record holds no counts")
+    return End(trials, steps, cost)
+
+
 def _parse(kind: Any, data: bytes) -> Any:
     message = kind()
     message.ParseFromString(data)
@@ -178,16 +213,16 @@ def _momdp(message: Any) -> MOMDP:
     n, e, x = (len(column) for column in names)
     if not all(0 < count <= NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
-    counts = _array(message.counts, (n, e, 2, -1)) if message.counts else None
-    kinds = _array(message.kinds, (n, 2, -1))
-    c = kinds.shape[2]
+    counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
+    classes = _array(message.latent_classes, (n, 2, -1))
+    c = classes.shape[2]
     return MOMDP(
         query=Query(tuple(message.attributes)),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
         start=message.start,
         transition=_array(message.transition, (e, x, x)),
-        informative=_array(message.informative, (e, x, x)),
+        informative=_array(message.observation_probability, (e, x, x)),
         legal=_array(message.legal, (x, e), np.bool_),
         confusion=_array(message.confusion, (n, e, c, -1)),
         precision=_array(message.precision, (n, e, c)),
@@ -197,7 +232,7 @@ def _momdp(message: Any) -> MOMDP:
         incorrect=message.incorrect,
         bonus=_array(message.bonus, (n, e, 2)),
         limit=_array(message.limit, (e,)),
-        kinds=kinds,
+        kinds=classes,
         discount=message.discount,
         abstain=message.abstain,
         counts=counts,  # type: ignore[arg-type]  # zeros by default
@@ -206,8 +241,8 @@ def _momdp(message: Any) -> MOMDP:
 
 def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> Trial:
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-    if nothing.size * (1 + outcome.steps) > SEEN_LIMIT:
-        raise LogCorruptError(f"trial {begin.trial} counts more than {SEEN_LIMIT} percepts")
+    if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
+        raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
     belief = _belief(begin, nothing, momdp)
     first, steps, edges = belief, list[Step](), 0
     for index, message in enumerate(messages):
@@ -249,9 +284,10 @@ def _key(text: str) -> tuple[str | int, ...]:
 
 def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
-    seen = _array(message.seen, replayed.shape, np.int64) if message.seen else replayed
-    weight = _array(message.weight, (len(replayed), -1))
-    return Belief(message.belief_x, weight, seen, momdp.log_share)
+    counts = message.percept_counts
+    counted = _array(counts, replayed.shape, np.int64) if counts else replayed
+    log_prob = _array(message.log_prob, (len(replayed), -1))
+    return Belief(message.belief_x, log_prob, counted, momdp.log_share)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:

@@ -1,9 +1,5 @@
 """Trial -> message bytes: one start, the steps with a line of text each, one outcome."""
 
-import hashlib
-import json
-import struct
-from collections.abc import Iterable
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -13,9 +9,9 @@ from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import TreeEdge
+from meal_bayes.trial_log.outcomes import task_key
 from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
-    FORMAT_VERSION,
     LINES,
     MESSAGE_LIMIT,
     OUTCOME,
@@ -35,8 +31,11 @@ from meal_bayes.trial_log.shapes import report_misfit, size_misfit, start_misfit
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
-_ARRAYS = ("transition", "informative", "legal", "confusion", "precision")
-_VECTORS = ("prior", "kinds", "cost", "bonus", "limit")
+_ALIKE = ("transition", "legal", "confusion", "precision", "prior", "cost", "bonus", "limit")
+_ARRAYS = dict(zip(_ALIKE, _ALIKE, strict=True)) | {  # names in the log and in the MOMDP
+    "observation_probability": "informative",
+    "latent_classes": "kinds",
+}
 
 
 class Packed(NamedTuple):
@@ -47,27 +46,9 @@ class Packed(NamedTuple):
     data: bytes
 
 
-def digest(parts: Iterable[bytes]) -> bytes:
-    """Digest of byte strings; it names the format version, so no other version's can pass."""
-    state = hashlib.blake2b(digest_size=16, person=f"meal_bayes/{FORMAT_VERSION}".encode())
-    for part in parts:
-        state.update(struct.pack("<Q", len(part)))
-        state.update(part)
-    return state.digest()
-
-
-def trial_digest(momdp: bytes, start: bytes, steps: Iterable[bytes], outcome: Any) -> bytes:
-    """Digest of a trial: its MOMDP's digest, its messages, and what its outcome says."""
-    numbers = struct.pack(
-        "<qqqdd", outcome.trial, outcome.steps, outcome.success, outcome.cost, outcome.reward
-    )
-    ended = outcome.ended.encode()
-    return digest((momdp, start, *steps, bytes(outcome.report), numbers, ended))
-
-
 def encode_momdp(momdp: MOMDP) -> bytes:
     """Pack a MOMDP, without its number in the file."""
-    fields = {name: getattr(momdp, name).ravel().tolist() for name in (*_ARRAYS, *_VECTORS)}
+    fields = {entry: getattr(momdp, name).ravel().tolist() for entry, name in _ARRAYS.items()}
     return _bytes(
         MomdpMessage(
             attributes=momdp.query.attributes,
@@ -78,15 +59,10 @@ def encode_momdp(momdp: MOMDP) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
-            counts=_counts(momdp),
+            row_counts=momdp.counts.ravel().tolist() if momdp.counts.any() else [],
             **fields,
         )
     )
-
-
-def _counts(momdp: MOMDP) -> list[float]:
-    """Percepts behind the rows; nothing is written where there are none."""
-    return momdp.counts.ravel().tolist() if momdp.counts.any() else []
 
 
 def numbered(number: int, momdp: bytes) -> bytes:
@@ -104,7 +80,6 @@ class TrialEncoder:
     ----------
     number : of the trial in the file.
     momdp : number of its MOMDP in the file.
-    momdp_digest : the MOMDP's digest.
     pictures : draws confusion matrices.
 
     Raises
@@ -112,36 +87,30 @@ class TrialEncoder:
     LogError : the arrays do not fit each other, or the trial is beyond the format's limits.
     """
 
-    def __init__(
-        self,
-        number: int,
-        momdp: int,
-        momdp_digest: bytes,
-        pictures: ConfusionPictures | None = None,
-    ) -> None:
-        self._number, self._momdp, self._digest = number, momdp, momdp_digest
+    def __init__(self, number: int, momdp: int, pictures: ConfusionPictures | None = None) -> None:
+        self._number, self._momdp = number, momdp
         self._pictures, self._shown, self._size = pictures, -1, 0
-        self._start, self._steps, self._edges = b"", list[bytes](), 0
+        self._steps = self._edges = 0
 
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
         self._check(start_misfit(trial) or size_misfit(0, 0, trial.first_belief.seen.size))
         self._trial, self._before = trial, trial.first_belief
-        self._start = _bytes(_start(trial, self._number, self._momdp))
-        return self._counted([Packed(TRIAL, log_time(self._number, 0), self._start)])
+        start = _bytes(_start(trial, self._number, self._momdp))
+        return self._counted([Packed(TRIAL, log_time(self._number, 0), start)])
 
     def step(self, step: Step) -> list[Packed]:
         """Pack the next step with a line of text, and a picture where the behavior is another."""
-        momdp, index = self._trial.momdp, len(self._steps)
+        momdp, index = self._trial.momdp, self._steps
         self._edges += len(step.decision.tree)
         self._check(size_misfit(index + 1, self._edges, step.belief.seen.size))
         self._check(step_misfit(step, momdp, f"step {index}"))
         positive = _positive(step.belief)
-        seen = [] if _replays(self._before, step, momdp) else step.belief.seen.ravel().tolist()
-        data = _bytes(_step(step, momdp, self._number, index, positive, seen))
+        replayed = _replays(self._before, step, momdp)
+        counts = [] if replayed else step.belief.seen.ravel().tolist()
+        data = _bytes(_step(step, momdp, self._number, index, positive, counts))
         time = log_time(self._number, index + 1)
-        self._steps.append(data)
-        self._before = step.belief
+        self._steps, self._before = index + 1, step.belief
         line = _line(self._trial, step, self._number, index, positive, time)
         packed = [Packed(STEP, time, data), Packed(LINES, time, line)]
         action = step.decision.action
@@ -154,10 +123,8 @@ class TrialEncoder:
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
         self._check(report_misfit(trial))
-        outcome = _outcome(trial, self._number)
-        outcome.digest = trial_digest(self._digest, self._start, self._steps, outcome)
-        time = log_time(self._number, len(self._steps) + 1)
-        return self._counted([Packed(OUTCOME, time, _bytes(outcome))])
+        time = log_time(self._number, self._steps + 1)
+        return self._counted([Packed(OUTCOME, time, _bytes(_outcome(trial, self._number)))])
 
     def whole(self, trial: Trial) -> list[Packed]:
         """Pack a trial that is whole."""
@@ -206,12 +173,12 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         attributes=task.query.attributes,
         object_index=task.object_index,
         object_name=task.object_name,
-        key=json.dumps([part if isinstance(part, str) else int(part) for part in task.key]),
+        key=task_key(task.key),
         truth=trial.truth.tolist(),
         belief_x=first.x,
-        weight=first.weight.ravel().tolist(),
+        log_prob=first.weight.ravel().tolist(),
         positive=_positive(first),
-        seen=first.seen.ravel().tolist() if first.seen.any() else [],
+        percept_counts=first.seen.ravel().tolist() if first.seen.any() else [],
     )
 
 
@@ -225,7 +192,7 @@ def _replays(before: Belief, step: Step, momdp: MOMDP) -> bool:
 
 
 def _step(
-    step: Step, momdp: MOMDP, trial: int, index: int, positive: list[float], seen: list[int]
+    step: Step, momdp: MOMDP, trial: int, index: int, positive: list[float], counts: list[int]
 ) -> Any:
     decision, e = step.decision, momdp.n_behaviors
     report = momdp.query.values_of(decision.action - e).tolist() if decision.action >= e else ()
@@ -247,9 +214,9 @@ def _step(
         simulations=decision.simulations,
         sampled_rows=() if decision.sampled_rows is None else decision.sampled_rows.ravel(),
         belief_x=step.belief.x,
-        weight=step.belief.weight.ravel().tolist(),
+        log_prob=step.belief.weight.ravel().tolist(),
         positive=positive,
-        seen=seen,
+        percept_counts=counts,
         warning=step.warning,
         **_tree(decision.tree),
     )
@@ -275,11 +242,16 @@ def _outcome(trial: Trial, number: int) -> Any:
         trial=number,
         steps=len(trial.steps),
         report=() if trial.report is None else trial.report.tolist(),
-        success=-1 if trial.success is None else int(trial.success),
+        success=judgment(trial),
         cost=trial.cost,
         reward=trial.reward,
         ended=trial.ended,
     )
+
+
+def judgment(trial: Trial) -> int:
+    """Return 1 where a trial's report is right, 0, or -1 where that is unknown."""
+    return -1 if trial.success is None else int(trial.success)
 
 
 def _timed(picture: bytes, time: int) -> bytes:

@@ -3,22 +3,21 @@
 import contextlib
 import os
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Header
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import FAULTS, HEAD, chunk_messages
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.logs import log_files, run_digest, trial_digest
+from meal_bayes.trial_log.logs import log_files, outcome_digests, run_digest
 from meal_bayes.trial_log.names import stem_of
-from meal_bayes.trial_log.schema import PROFILE, RECORD_LIMIT, SUFFIX
+from meal_bayes.trial_log.outcomes import TrialOutcomes
+from meal_bayes.trial_log.reader import form_of
+from meal_bayes.trial_log.schema import FULL, RECORD_LIMIT, SUFFIX
 
 
 class Follower:
@@ -26,7 +25,8 @@ class Follower:
 
     `poll` gives what has been flushed since the last call. A file that gets its final name while
     it is read stays open, so nothing of it is missed or read twice; a trial that several files
-    hold is given once. A damaged file is told in `problems` and followed no further.
+    hold is given once. A damaged file is noted in `problems` and followed no further; a compact
+    log, which holds no steps, is passed over.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -60,7 +60,8 @@ class Follower:
         for tail in self._tails.values():
             try:
                 for trial in tail.poll():
-                    identity = run_digest(tail.builder.header or {}) + trial_digest(trial)
+                    ((_, content),) = outcome_digests(TrialOutcomes.of([trial]))
+                    identity = run_digest(tail.builder.header or {}) + content
                     if self._seen.setdefault(identity, tail) is tail:
                         yield trial
             except LogVersionError as fault:
@@ -100,13 +101,12 @@ class _Tail:
                 return
             opcode, content = record
             if opcode == Opcode.HEADER:
-                profile = Header.read(ReadDataStream(BytesIO(content))).profile
-                if profile != PROFILE:
-                    raise LogCorruptError(f"an MCAP file of another kind ({profile!r})")
+                if form_of(content) != FULL:  # without steps there is nothing to follow
+                    self.close()
             elif opcode == Opcode.CHUNK:
                 for topic, data in chunk_messages(content, self._channels):
                     trial = self.builder.add(topic, data)
-                    if trial is not None:
+                    if isinstance(trial, Trial):
                         yield trial
             elif opcode == Opcode.DATA_END:
                 self.close()

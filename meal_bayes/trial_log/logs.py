@@ -6,15 +6,30 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log.names import drafts_of, is_log, is_recovered, stem_of
-from meal_bayes.trial_log.reader import Scan, read_header
+from meal_bayes.trial_log.outcomes import TrialOutcomes
+from meal_bayes.trial_log.reader import Scan, grouped, read_header, without_steps
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
-_APART = ("agents", "repeats", "first")  # settings that choose trials of a run and change none
-_LATER = ("versions", "recovered_from", "told")  # entries of a header that are no setting
+# Settings that choose trials of a run, or the form of their log, and change none.
+_APART = ("agents", "repeats", "first", "log")
+_LATER = ("versions", "recovered_from", "labels")  # entries of a header that are no setting
+
+
+class Group(NamedTuple):
+    """Trials that stand next to each other in a file."""
+
+    header: dict[str, object]
+    file: Path
+    places: tuple[int, ...]  # of each trial in the file
+    outcomes: TrialOutcomes
+    trials: tuple[Trial, ...]  # none of a compact log
 
 
 def log_files(path: str | Path) -> list[Path]:
@@ -73,8 +88,8 @@ class Logs:
     def _headers(self) -> list[dict[str, object]]:
         return list(map(_header, self.files))
 
-    def parts(self) -> Iterator[tuple[dict[str, object], Iterator[tuple[int, Trial]]]]:
-        """Yield for each file its header and its trials, each with its number in the file.
+    def groups(self) -> Iterator[Group]:
+        """Yield the trials of all files in groups, each trial once.
 
         Raises
         ------
@@ -84,22 +99,29 @@ class Logs:
         self._check_data_sets()
         seen: dict[bytes, tuple[bytes, Path]] = {}
         for file, header in zip(self.files, self._headers, strict=True):
-            yield header, self._read(file, header, seen)
+            yield from self._read(file, header, seen)
 
     def trials(self) -> Iterator[Trial]:
-        """Yield the trials of all files.
+        """Yield the trials of all files; compact logs, which hold no steps, are noted.
 
         Raises
         ------
         LogCorruptError : there is not one trial that can be read, in files that are damaged.
-        LogError : there is no trial in them, though they are sound; and as for `parts`.
+        LogError : there is no trial in them, though they are sound; and as for `groups`.
         LogVersionError : a file of another format version.
         """
-        found = False
-        for _, trials in self.parts():
-            for _, trial in trials:
-                found = True
-                yield trial
+        found, compact = False, list[Path]()
+        for group in self.groups():
+            found = found or bool(group.trials)
+            yield from group.trials
+            if not group.trials and group.file not in compact:
+                compact.append(group.file)
+        if compact and not found:
+            raise LogError(without_steps(compact[0]))
+        if compact:
+            self.problems.append(
+                f"{len(compact)} compact logs, such as {compact[0]}, have no steps"
+            )
         if not found:
             self.complain_of_nothing()
 
@@ -119,30 +141,35 @@ class Logs:
             if isinstance(name, str):
                 found.setdefault(name, file)
         if len(found) > 1:
-            told = ", ".join(f"{name} (such as {file})" for name, file in found.items())
-            raise LogError(f"These logs are of {len(found)} data sets: {told}; name one's logs.")
+            named = ", ".join(f"{name} (such as {file})" for name, file in found.items())
+            raise LogError(f"These logs are of {len(found)} data sets: {named}; name one's logs.")
 
     def _read(
         self, file: Path, header: dict[str, object], seen: dict[bytes, tuple[bytes, Path]]
-    ) -> Iterator[tuple[int, Trial]]:
+    ) -> Iterator[Group]:
         """Read a file's trials that no file before has."""
         scan, run = Scan(file, tolerant=True), run_digest(header)
         settled = "config" in header  # then equal tasks make equal trials
         times = Counter[bytes]()  # a file may hold equal trials, which are different ones
-        for number, trial in enumerate(scan.trials()):
-            content = trial_digest(trial)
-            task = repr((trial.agent, trial.task.key)).encode() if settled else content
-            identity = run + task
-            times[identity] += 1
-            identity += str(times[identity]).encode()
-            if identity not in seen:
-                seen[identity] = content, file
-                yield number, trial
-            elif (held := seen[identity])[0] != content:
-                raise LogError(
-                    f"{held[1]} and {file} hold different trials of one task under equal settings, "
-                    "as other code or other recordings make them; name the logs of one run."
-                )
+        for place, outcomes, trials in grouped(scan):
+            new = []
+            for row, (task, content) in enumerate(outcome_digests(outcomes)):
+                identity = run + (task if settled else content)
+                times[identity] += 1
+                identity += str(times[identity]).encode()
+                held = seen.setdefault(identity, (content, file))
+                if held[0] != content:
+                    raise LogError(
+                        f"{held[1]} and {file} hold different trials of one task under equal "
+                        "settings, as other code or other recordings make them; name the logs of "
+                        "one run."
+                    )
+                if held[1] is file:
+                    new.append(row)
+            if new:
+                own = outcomes.rows(new) if len(new) < len(outcomes) else outcomes
+                kept = tuple(trials[row] for row in new if trials)
+                yield Group(header, file, tuple(place + row for row in new), own, kept)
         if file.name.endswith(ACTIVE):
             why = f" ({scan.problems[0]})" if scan.problems else ""
             self.problems.append(f"{file} was not finished by its writer{why}")
@@ -150,29 +177,36 @@ class Logs:
             self.problems += [f"{file}: {problem}" for problem in scan.problems]
 
 
-def trial_digest(trial: Trial) -> bytes:
-    """Digest what happened in a trial; equal trials have equal ones, whatever file they are in."""
-    parts: list[object] = [trial.agent, trial.task.name, trial.task.key, trial.task.object_name]
-    parts += [trial.truth.tolist(), None if trial.report is None else trial.report.tolist()]
-    for step in trial.steps:
-        seen = None if step.observation is None else step.observation.tolist()
-        parts += [
-            step.decision.action,
-            step.next_x,
-            seen,
-            step.reward,
-            step.belief.positive.tolist(),
-        ]
-    return hashlib.blake2b(repr(parts).encode(), digest_size=16).digest()
+def outcome_digests(outcomes: TrialOutcomes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield digests of each trial's task and of what came of it, whatever file it is in."""
+    numbers = np.column_stack(
+        [outcomes.positive, outcomes.cost, outcomes.reward, outcomes.steps, outcomes.truth,
+         outcomes.report]
+    )  # fmt: skip
+    asked = outcomes.attribute != ""
+    single = np.ones((len(outcomes), 3), np.bool_)
+    kept = np.column_stack([asked, single, asked, asked])
+    names = (outcomes.agent, outcomes.key, outcomes.object_name, outcomes.ended, outcomes.attribute)
+    texts = zip(*(column.tolist() for column in names), strict=True)
+    for values, mask, (agent, key, name, ended, asked_names) in zip(
+        numbers, kept, texts, strict=True
+    ):
+        task = f"{agent}\0{key}"
+        content = "\0".join([task, name, ended, *filter(None, asked_names)])
+        yield _digest(task.encode()), _digest(content.encode() + values[mask].tobytes())
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=16).digest()
 
 
 def run_digest(header: dict[str, object]) -> bytes:
-    """Digest what a log tells of the run and of its own place in it."""
-    told = {name: value for name, value in header.items() if name not in _LATER}
-    if isinstance(config := told.get("config"), dict):
-        told["config"] = {name: value for name, value in config.items() if name not in _APART}
-    text = json.dumps(told, sort_keys=True, default=str)
-    return hashlib.blake2b(text.encode(), digest_size=16).digest()
+    """Compute a digest of the run's settings and of the log's place in it."""
+    settings = {name: value for name, value in header.items() if name not in _LATER}
+    if isinstance(config := settings.get("config"), dict):
+        settings["config"] = {name: value for name, value in config.items() if name not in _APART}
+    text = json.dumps(settings, sort_keys=True, default=str)
+    return _digest(text.encode())
 
 
 def _header(file: Path) -> dict[str, object]:

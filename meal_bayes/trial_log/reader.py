@@ -4,13 +4,11 @@ import contextlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Statistics
+from mcap.records import AttachmentIndex, Channel, Header, Statistics
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
@@ -19,25 +17,29 @@ from meal_bayes.trial_log.container import (
     Budget,
     Record,
     chunk_messages,
+    next_record,
+    read_attachment,
     read_records,
     read_summary,
+    stream,
 )
-from meal_bayes.trial_log.decode import TrialBuilder, decode_header
+from meal_bayes.trial_log.decode import End, TrialBuilder, decode_end, decode_header
 from meal_bayes.trial_log.names import drafts_of
+from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
     FORMAT_VERSION,
+    FULL,
     MOMDPS,
-    OUTCOME,
-    PROFILE,
+    PROFILES,
     RUN,
-    STEP,
     SUFFIX,
     channels,
 )
 
-_PROBLEMS = 20  # that are told of one file
+_PROBLEMS = 20  # that are kept of one file
+GROUP = 100  # trials whose outcomes are computed at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +49,10 @@ class LogInfo:
     path: Path
     size: int  # bytes
     format_version: int
+    form: str  # "full" or "compact"
     trials: int
     steps: int
+    cost: float  # s, of all trials
     momdps: int
     header: dict[str, object]
 
@@ -64,38 +68,63 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     LogCorruptError : the file is unfinished, torn or changed.
     LogVersionError : the file has another format version.
     """
-    path = find_log(path)
-    if path.name.endswith(ACTIVE):
-        raise LogCorruptError(f"{path} was not finished by its writer; {_way_out(path)}")
-    return Scan(path).trials()
+    return _trials(Scan(_whole(path)))
+
+
+def read_outcomes(path: str | Path) -> TrialOutcomes:
+    """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
+    return TrialOutcomes.join([outcomes for _, outcomes, _ in grouped(Scan(_whole(path)))])
+
+
+def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...]]]:
+    """Yield trials in groups: place of the first, their outcomes, and the trials of a full log."""
+    place, waiting = 0, list[Trial]()
+    for found in scan.entries():
+        if isinstance(found, TrialOutcomes):
+            yield place, found, ()
+            place += len(found)
+            continue
+        waiting.append(found)
+        if len(waiting) == GROUP:
+            yield place, TrialOutcomes.of(waiting), tuple(waiting)
+            place, waiting = place + GROUP, []
+    if waiting:
+        yield place, TrialOutcomes.of(waiting), tuple(waiting)
 
 
 def read_header(path: str | Path) -> dict[str, object]:
     """Read what the run was (config, seed, versions), also from a torn file; errors as above."""
     path = find_log(path)
     with opened(path) as (file, size):
-        return _header(read_records(file, size))
+        return _header(read_records(file, size))[1]
 
 
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds from its first and last records alone; errors as above."""
     path = find_log(path)
     with opened(path) as (file, size):
-        header = _header(read_records(file, size))
-        topics, counts = dict[int, str](), dict[str, int]()
+        form, header = _header(read_records(file, size))
+        topics, counts, end = dict[int, str](), dict[str, int](), None
         for record in read_summary(file, size):
             if record.opcode == Opcode.CHANNEL:
-                channel = Channel.read(_stream(record))
+                channel = Channel.read(stream(record.content))
                 topics[channel.id] = channel.topic
             elif record.opcode == Opcode.STATISTICS:
-                found = Statistics.read(_stream(record)).channel_message_counts
+                found = Statistics.read(stream(record.content)).channel_message_counts
                 counts = {topics[number]: count for number, count in found.items()}
+            elif record.opcode == Opcode.ATTACHMENT_INDEX:
+                index = AttachmentIndex.read(stream(record.content))
+                end = index.offset if index.name == END else end
+        if end is None:
+            raise LogCorruptError("the closing record of the writer is missing")
+        file.seek(end)
+        held = decode_end(read_attachment(next_record(file, size))[1])
     return LogInfo(
         path,
         size,
         FORMAT_VERSION,
-        trials=counts.get(OUTCOME, 0),
-        steps=counts.get(STEP, 0),
+        form,
+        **held._asdict(),
         momdps=counts.get(MOMDPS, 0),
         header=header,
     )
@@ -123,14 +152,13 @@ class Scan:
         self.problems: list[str] = []
         self.builder = TrialBuilder()
         self._tolerant = tolerant
-        # Where the first chunk is lost, the others still mean what this format says they mean.
-        names = (topic for topic, _, _ in channels()) if tolerant else ()
-        self._channels = dict(enumerate(names, start=1))
-        self._end: dict[str, str] = {}
+        self.form = FULL
+        self._channels: dict[int, str] = {}
+        self._end: End | None = None
         self._budget = Budget(0)
 
-    def trials(self) -> Iterator[Trial]:
-        """Yield every whole trial."""
+    def entries(self) -> Iterator[Trial | TrialOutcomes]:
+        """Yield every whole trial, or of a compact log the outcomes of many trials each."""
         with opened(self.path) as (file, size):
             self._budget = Budget(size)
             records = read_records(file, size)
@@ -153,18 +181,22 @@ class Scan:
             self._note(fault)
             return None
 
-    def _read(self, record: Record) -> Iterator[Trial]:
+    def _read(self, record: Record) -> Iterator[Trial | TrialOutcomes]:
         try:
             if record.opcode == Opcode.CHUNK:
                 for topic, data in chunk_messages(record.content, self._channels, self._budget):
-                    trial = self.builder.add(topic, data)
-                    if trial is not None:
-                        yield trial
-            elif record.opcode == Opcode.METADATA:
-                metadata = Metadata.read(_stream(record))
-                self._end = metadata.metadata if metadata.name == END else self._end
+                    found = self.builder.add(topic, data)
+                    if found is not None:
+                        yield found
+            elif record.opcode == Opcode.ATTACHMENT:
+                name, content = read_attachment(record)
+                self._end = decode_end(content) if name == END else self._end
             elif record.opcode == Opcode.HEADER:
-                _check_profile(record)
+                self.form = form_of(record.content)
+                if self._tolerant:
+                    # Without its first chunk the others still mean what this format says.
+                    names = (topic for topic, _, _ in channels(self.form))
+                    self._channels = dict(enumerate(names, start=1))
         except FAULTS as fault:
             self.builder.drop()
             self._note(fault)
@@ -208,6 +240,36 @@ def find_log(path: str | Path) -> Path:
     raise LogError(f"There is no log {path}; expected the name of a {SUFFIX} file.")
 
 
+def form_of(content: bytes) -> str:
+    """Return the form that the header record of a file names."""
+    profile = Header.read(stream(content)).profile
+    for form, known in PROFILES.items():
+        if profile == known:
+            return form
+    raise LogCorruptError(f"an MCAP file of another kind ({profile!r}, not of meal_bayes)")
+
+
+def _trials(scan: Scan) -> Iterator[Trial]:
+    for found in scan.entries():
+        if isinstance(found, TrialOutcomes):
+            raise LogError(without_steps(scan.path))
+        yield found
+
+
+def without_steps(path: Path) -> str:
+    """Return why no trial can be shown of a compact log, and the way out."""
+    return (
+        f"{path} is a compact log: outcomes without steps; see them with: meal-bayes report {path}"
+    )
+
+
+def _whole(path: str | Path) -> Path:
+    path = find_log(path)
+    if path.name.endswith(ACTIVE):
+        raise LogCorruptError(f"{path} was not finished by its writer; {_way_out(path)}")
+    return path
+
+
 def _way_out(path: Path) -> str:
     return f"save its whole trials with: meal-bayes log recover {path}"
 
@@ -216,23 +278,15 @@ def _said(fault: Exception) -> str:
     return str(fault) if isinstance(fault, LogError) else f"{type(fault).__name__}: {fault}"
 
 
-def _stream(record: Record) -> ReadDataStream:
-    return ReadDataStream(BytesIO(record.content))
-
-
-def _check_profile(record: Record) -> None:
-    profile = Header.read(_stream(record)).profile
-    if profile != PROFILE:
-        raise LogCorruptError(f"an MCAP file of another kind ({profile!r}, expected {PROFILE!r})")
-
-
-def _header(records: Iterator[Record]) -> dict[str, object]:
+def _header(records: Iterator[Record]) -> tuple[str, dict[str, object]]:
+    """Read the form of a log, and what the run was."""
+    form = FULL
     for record in records:
         if record.opcode == Opcode.HEADER:
-            _check_profile(record)
+            form = form_of(record.content)
         elif record.opcode == Opcode.CHUNK:
             topic, data = next(chunk_messages(record.content, {}), ("", b""))
             if topic == RUN:
-                return decode_header(data)
+                return form, decode_header(data)
             break
     raise LogCorruptError("the header of the run is missing")

@@ -8,6 +8,7 @@ from pathlib import Path
 from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log.names import recovered_name
+from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.reader import Scan, find_log
 from meal_bayes.trial_log.schema import SUFFIX
 from meal_bayes.trial_log.writer import write_trials
@@ -33,14 +34,16 @@ def check_log(path: str | Path) -> LogReport:
     LogVersionError : the file has another format version.
     """
     scan = Scan(find_log(path), tolerant=True)
-    for _ in scan.trials():
+    for _ in scan.entries():
         pass
-    built = scan.builder
-    return LogReport(scan.path, built.trials, built.steps, not scan.problems, tuple(scan.problems))
+    read = scan.builder.read
+    return LogReport(scan.path, read.trials, read.steps, not scan.problems, tuple(scan.problems))
 
 
-def salvage(path: str | Path) -> Iterator[Trial]:
+def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     """Read every whole trial of a file, torn or not; the faults between them are passed over.
+
+    Of a compact log it yields the outcomes of many trials each.
 
     A trial that was under way when the file ends comes last, as far as it went, with `ended`.
 
@@ -81,12 +84,12 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     return out
 
 
-def _salvage(scan: Scan) -> Iterator[Trial]:
-    yield from scan.trials()
+def _salvage(scan: Scan) -> Iterator[Trial | TrialOutcomes]:
+    yield from scan.entries()
     unfinished = scan.unfinished()
     if unfinished is not None:
         yield unfinished
-    elif scan.builder.header is None and not scan.builder.trials:
+    elif scan.builder.header is None and not scan.builder.read.trials:
         raise LogCorruptError(
             f"{scan.path} holds nothing of a trial log: {scan.problems[0]}; expected a {SUFFIX} "
             "file that meal_bayes wrote."

@@ -10,13 +10,15 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
-FORMAT_VERSION = 4
-PROFILE = "meal_bayes"  # the profile of the MCAP header
+FORMAT_VERSION = 5
+FULL, COMPACT = "full", "compact"  # forms of a log: whole trials, or their outcomes alone
+PROFILES = {FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes"}  # in the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
-END = "end"  # metadata record behind the last trial: counts and a digest of all trials
+END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)
 
 RUN, MOMDPS, TRIAL, STEP, OUTCOME = "/run", "/momdp", "/trial", "/step", "/outcome"
+OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 LINES, PICTURES = "/log", "/confusion"  # for other tools; reading takes nothing from them
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
@@ -27,13 +29,13 @@ NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
 MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
 MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
 EDGE_LIMIT = 250_000  # edges of the search trees of one trial
-SEEN_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
+COUNT_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
 
 _SECOND = 1_000_000_000  # ns
 _TRIAL_SPAN = 1000  # s between the starts of two trials on the log's clock
 
 # A star marks a list; lists of more than one dimension are flat, in C order.
-_BELIEF = "belief_x:int64 weight:double* positive:double* seen:int64*"
+_BELIEF = "belief_x:int64 log_prob:double* positive:double* percept_counts:int64*"
 _TREE = (
     "tree_level:int64* tree_parent:int64* tree_action:int64* tree_visits:int64* "
     "tree_value:double* tree_observation_size:int64* tree_observation:int64*"
@@ -42,9 +44,10 @@ _FIELDS = {
     "Run": "format_version:int64 header:string",
     "Momdp": (
         "id:int64 attributes:string* x_names:string* behavior_names:string* start:int64 "
-        "transition:double* informative:double* legal:bool* confusion:double* precision:double* "
-        "prior:double* cost:double* correct:double incorrect:double bonus:double* limit:double* "
-        "discount:double abstain:bool kinds:double* additive:bool counts:double*"
+        "transition:double* observation_probability:double* legal:bool* confusion:double* "
+        "precision:double* prior:double* cost:double* correct:double incorrect:double "
+        "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
+        "row_counts:double*"
     ),
     "Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
@@ -57,28 +60,33 @@ _FIELDS = {
         "sampled_rows:double*"
     ),
     "Outcome": (
-        "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double digest:bytes "
-        "ended:string"
+        "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double ended:string"
+    ),
+    "Outcomes": (  # columns of `TrialOutcomes`; text columns hold places in `texts`
+        "first:int64 trials:int64 queried:int64 texts:string* behaviors:string* agent:int64* "
+        "key:int64* object_index:int64* object_name:int64* attribute:int64* truth:int64* "
+        "report:int64* positive:double* cost:double* reward:double* ended:int64* steps:int64* "
+        "executed:int64* failed:int64*"
     ),
 }
 _TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
+_COMPACT_TOPICS = {RUN: "Run", OUTCOMES: "Outcomes"}
 
 
-def _own_file() -> descriptor_pb2.FileDescriptorProto:
-    kinds = descriptor_pb2.FieldDescriptorProto
+def _own_file(name: str) -> descriptor_pb2.FileDescriptorProto:
+    types = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(
-        name="meal_bayes/trial_log.proto", package="meal_bayes", syntax="proto3"
+        name=f"meal_bayes/{name}.proto", package="meal_bayes", syntax="proto3"
     )
-    for name, table in _FIELDS.items():
-        message = file.message_type.add(name=name)
-        for number, entry in enumerate(table.split(), start=1):
-            field, kind = entry.split(":")
-            message.field.add(
-                name=field,
-                number=number,
-                type=getattr(kinds, f"TYPE_{kind.rstrip('*').upper()}"),
-                label=kinds.LABEL_REPEATED if kind.endswith("*") else kinds.LABEL_OPTIONAL,
-            )
+    message = file.message_type.add(name=name)
+    for number, entry in enumerate(_FIELDS[name].split(), start=1):
+        field, kind = entry.split(":")
+        message.field.add(
+            name=field,
+            number=number,
+            type=getattr(types, f"TYPE_{kind.rstrip('*').upper()}"),
+            label=types.LABEL_REPEATED if kind.endswith("*") else types.LABEL_OPTIONAL,
+        )
     return file
 
 
@@ -150,7 +158,7 @@ def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
 
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_timestamp_file(), _LOG_FILE, _IMAGE_FILE, _own_file()):
+for _file in (_timestamp_file(), _LOG_FILE, _IMAGE_FILE, *map(_own_file, _FIELDS)):
     _POOL.Add(_file)
 
 
@@ -163,21 +171,23 @@ MomdpMessage = _message_class("meal_bayes.Momdp")
 TrialMessage = _message_class("meal_bayes.Trial")
 StepMessage = _message_class("meal_bayes.Step")
 OutcomeMessage = _message_class("meal_bayes.Outcome")
+OutcomesMessage = _message_class("meal_bayes.Outcomes")
 LogMessage = _message_class("foxglove.Log")
 ImageMessage = _message_class("foxglove.CompressedImage")
 
 
-def channels() -> Iterator[tuple[str, str, bytes]]:
-    """Yield topic, schema name and schema data of every channel, in the order of their ids."""
-    own = descriptor_pb2.FileDescriptorSet(file=[_own_file()]).SerializeToString()
-    for topic, name in _TOPICS.items():
-        yield topic, f"meal_bayes.{name}", own
+def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
+    """Yield topic, schema name and schema data of a form's channels, in the order of their ids."""
+    for topic, name in (_TOPICS if form == FULL else _COMPACT_TOPICS).items():
+        own = descriptor_pb2.FileDescriptorSet(file=[_own_file(name)])
+        yield topic, f"meal_bayes.{name}", own.SerializeToString()
     for topic, name, file in (
         (LINES, "Log", _LOG_FILE),
         (PICTURES, "CompressedImage", _IMAGE_FILE),
     ):
-        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), file])
-        yield topic, f"foxglove.{name}", both.SerializeToString()
+        if form == FULL:
+            both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), file])
+            yield topic, f"foxglove.{name}", both.SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:

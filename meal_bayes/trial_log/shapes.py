@@ -6,7 +6,7 @@ import numpy as np
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.trial_log.schema import EDGE_LIMIT, NAME_LIMIT, SEEN_LIMIT
+from meal_bayes.trial_log.schema import COUNT_LIMIT, EDGE_LIMIT, NAME_LIMIT
 
 
 def misfit(trial: Trial) -> str | None:
@@ -46,8 +46,8 @@ def size_misfit(steps: int, edges: int, counts: int) -> str | None:
     """
     if edges > EDGE_LIMIT:
         return f"its search trees have {edges} edges, a log holds at most {EDGE_LIMIT} of a trial"
-    if (1 + steps) * counts > SEEN_LIMIT:
-        return f"its beliefs count more than {SEEN_LIMIT} percepts, which no log holds of a trial"
+    if (1 + steps) * counts > COUNT_LIMIT:
+        return f"its beliefs count more than {COUNT_LIMIT} percepts, which no log holds of a trial"
     return None
 
 

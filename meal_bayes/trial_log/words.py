@@ -48,17 +48,17 @@ def percept_words(
     return [named[z] if told else silent for z, told in pairs]
 
 
-def truth_words(trial: Trial) -> str:
+def truth_words(attributes: Sequence[str], truth: Sequence[int] | NDArray[np.int8]) -> str:
     """Name the truth of what was asked; "not told" where it is not known.
 
     Of several attributes of which some are known, those are named.
     """
     known = [
         name if value == 1 else f"not {name}"
-        for name, value in zip(trial.task.query.attributes, trial.truth, strict=True)
+        for name, value in zip(attributes, truth, strict=True)
         if value >= 0
     ]
-    missing = len(trial.truth) - len(known)
+    missing = len(truth) - len(known)
     return ", ".join([*known, NOT_TOLD] if missing else known)
 
 

@@ -1,107 +1,60 @@
-"""Trials -> one MCAP file, flushed after every trial and named when whole."""
+"""Trials -> one MCAP file, flushed after every trial (or every few) and named when whole."""
 
-import contextlib
+import hashlib
 import itertools
-import json
-import os
-import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self, TextIO, TypeVar
-
-import numpy as np
-from mcap.writer import Writer
+from typing import NamedTuple, TypeVar
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import replace_whole
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.encode import Packed, TrialEncoder, digest, encode_momdp, numbered
-from meal_bayes.trial_log.names import new_draft, timing_of
+from meal_bayes.trial_log.compact import encode_outcomes
+from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
+from meal_bayes.trial_log.log_file import LogFile
+from meal_bayes.trial_log.names import timing_of
+from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
-    END,
-    FORMAT_VERSION,
+    COMPACT,
+    FULL,
+    MESSAGE_LIMIT,
     MOMDP_BYTES,
     MOMDP_MEMORY,
     MOMDPS,
-    PROFILE,
-    RUN,
-    SUFFIX,
-    RunMessage,
-    channels,
+    OUTCOMES,
     log_time,
 )
-from meal_bayes.untrusted import read_json
 
 Value = TypeVar("Value")
 Result = TypeVar("Result")
+
+
+ROWS = 250  # trials in a message of the compact form
 
 
 class _Placed(NamedTuple):
     """A MOMDP of the file."""
 
     number: int
-    digest: bytes
-    content: bytes  # digest of what it says, whatever its number
     size: int  # bytes of its message
 
 
-class TrialWriter:
-    """Writes trials into `path`, which exists only once the file is whole.
+class TrialWriter(LogFile):
+    """Writes whole trials into one log; see `LogFile` for drafts, timing and parameters.
 
-    Until then the file is a draft, `active_path`, of a name that no other writer has; when `write`
-    returns, the trial has left the process, and `salvage` reads it whatever happens next. It is a
-    `Recorder` as well: a trial that is told step by step is on disk step by step. Seconds of
-    wall-clock time go into `<stem>.timing.csv` beside the file, so that two equal runs write equal
-    logs. Where the `with` block ends by an exception, the draft stays.
-
-    Parameters
-    ----------
-    path : ends in .mcap; missing folders are made, a file of that name is replaced.
-    header : what the run was, in JSON values: config, seed, git. `versions` is filled in.
+    When `write` returns, the trial has left the process, and `salvage` reads it whatever happens
+    next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
     """
 
+    form = FULL
+
     def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
-        self.path = Path(path)
-        if self.path.suffix != SUFFIX:
-            raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
-        self.active_path = new_draft(self.path)  # its name while it is being written
-        self.header = {"versions": _versions(), **header}
-        self._text = _json(self.header)
-        self._file: BinaryIO | None = None
-        self._timing: TextIO | None = None
-        self._trials = self._steps = self._momdps = 0
-        self._chain = b""
+        super().__init__(path, header)
+        self._momdps = 0
         self._pictures = ConfusionPictures()
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
-        self._last: tuple[MOMDP, _Placed] | None = None
-        self._open = False  # a trial was begun and has no end yet
-        self._torn = False  # a write was broken off: what follows could not be read
-
-    @property
-    def timing_path(self) -> Path:
-        """The table of seconds."""
-        return timing_of(self.path)
-
-    def __enter__(self) -> Self:
-        with self._faults_told():
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            if self.path.exists() and not self.path.is_file():
-                raise OSError(f"{self.path} is no file")
-            self._file = self.active_path.open("xb")
-            self._mcap: Any = Writer(self._file, enable_data_crcs=True)
-            self._mcap.start(profile=PROFILE)
-            self._channels = {
-                topic: self._mcap.register_channel(
-                    topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
-                )
-                for topic, name, data in channels()
-            }
-            self._describe()
-        return self
+        self._last: tuple[MOMDP, bytes] | None = None
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
@@ -113,163 +66,146 @@ class TrialWriter:
         """
         packed = self._place_trial(trial)
         packed += self._packed(self._encoder.whole, trial)
-        self._put(packed, seconds=seconds)
-        self._close(trial, packed[-1])
+        self.put(packed, seconds=[seconds])
+        self._close(trial)
 
     def begin(self, trial: Trial) -> None:
         """Put the start of a trial on disk; its steps follow one by one, then its end."""
         packed = self._place_trial(trial)
         packed += self._packed(self._encoder.begin, trial)
-        self._open = True
-        self._put(packed, sync=True)
+        self.begun = True
+        self.put(packed, sync=True)
 
     def step(self, step: Step) -> None:
         """Put the next step of the trial that was begun on disk."""
-        self._put(self._packed(self._encoder.step, step), sync=True)
+        self.put(self._packed(self._encoder.step, step), sync=True)
 
     def end(self, trial: Trial) -> None:
         """Put the outcome of the trial that was begun on disk."""
         packed = self._packed(self._encoder.end, trial)
-        self._put(packed, sync=True)
-        self._open = False
-        self._close(trial, packed[-1])
+        self.put(packed, sync=True)
+        self.begun = False
+        self._close(trial)
 
     def _place_trial(self, trial: Trial) -> list[Packed]:
         """Make the encoder of the next trial, and pack its MOMDP where that is new."""
-        if self._file is None or self._torn or self._open:
-            raise LogError(f"{self.path} is not open; write inside `with TrialWriter(...) as log`.")
-        number = self._trials
-        placed, momdp = self._packed(self._place, trial.momdp)
-        self._placed = placed
-        self._encoder = TrialEncoder(number, placed.number, placed.digest, self._pictures)
-        return [Packed(MOMDPS, log_time(number, 0), momdp)] if momdp else []
+        self.check_open()
+        if self.begun:
+            raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
+        number = self.written.trials
+        content, momdp = self._packed(self._place, trial.momdp)
+        self._content, self._momdp_size = content, len(momdp)
+        known = self._known.get(content)
+        self._encoder = TrialEncoder(
+            number, known.number if known else self._momdps, self._pictures
+        )
+        return [] if known else [Packed(MOMDPS, log_time(number, 0), momdp)]
 
     def _packed(self, pack: Callable[[Value], Result], value: Value) -> Result:
         try:
             return pack(value)
         except (TypeError, ValueError, OverflowError) as fault:
-            raise LogError(f"Trial {self._trials} cannot be logged: {fault}.") from fault
+            raise LogError(f"Trial {self.written.trials} cannot be logged: {fault}.") from fault
 
-    def _put(
-        self, packed: list[Packed], *, seconds: float | None = None, sync: bool = False
-    ) -> None:
-        """Write messages; when this returns they have left the process, or (sync) are on disk."""
-        if self._file is None or self._torn:
-            raise LogError(f"{self.path} is not open; write inside `with TrialWriter(...) as log`.")
-        self._torn = True
-        with self._faults_told():
-            for message in packed:
-                self._add(message.topic, message.time, message.data)
-            self._mcap.flush()
-            if seconds is not None:
-                self._note_seconds(self._trials, seconds)
-            if sync:
-                self._file.flush()
-                os.fsync(self._file.fileno())
-        self._torn = False
-
-    def _close(self, trial: Trial, outcome: Packed) -> None:
-        self._remember(trial.momdp, self._placed)
-        self._trials, self._steps = self._trials + 1, self._steps + len(trial.steps)
-        self._chain = digest((self._chain, outcome.data))
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._file is None:
-            return
-        whole = kind is None and not self._torn and not self._open
-        file, timing = self._file, self._timing
-        self._file = self._timing = None
-        with self._faults_told(), contextlib.ExitStack() as stack:
-            for one in (file, timing):
-                if one is not None:
-                    stack.enter_context(contextlib.closing(one))
-            if whole:
-                self._finish(file)
-        if whole:
-            with self._faults_told():
-                if timing is None:
-                    self.timing_path.unlink(missing_ok=True)
-                else:
-                    replace_whole(timing_of(self.active_path), self.timing_path)
-                replace_whole(self.active_path, self.path)  # last: with it the log is there
-
-    @contextlib.contextmanager
-    def _faults_told(self) -> Iterator[None]:
-        """Turn the system's errors into ours, which name the file."""
-        try:
-            yield
-        except OSError as fault:
-            kept = f" ({self._trials} trials are kept in {self.active_path})" * (self._trials > 0)
-            why = fault.strerror or fault
-            raise LogError(f"{self.path} cannot be written: {why}{kept}.") from fault
-
-    def _describe(self) -> None:
-        """Write what the run was: metadata and an attachment for other tools, /run for ours."""
-        flat = {
-            name: value if isinstance(value, str) else _json(value)
-            for name, value in sorted(self.header.items())
-        }
-        self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
-        config = _json(self.header.get("config", self.header))
-        self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
-        run = RunMessage(format_version=FORMAT_VERSION, header=self._text)
-        self._add(RUN, 0, run.SerializeToString())
-        self._mcap.flush()
-
-    def _finish(self, file: BinaryIO) -> None:
-        end = {"trials": self._trials, "steps": self._steps, "digest": self._chain.hex()}
-        self._mcap.add_metadata(END, {name: str(value) for name, value in end.items()})
-        self._mcap.finish()
-        file.flush()
-
-    def _add(self, topic: str, time: int, data: bytes) -> None:
-        self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
-
-    def _place(self, momdp: MOMDP) -> tuple[_Placed, bytes]:
-        """Find a MOMDP in the file, or number and pack it as the next."""
+    def _place(self, momdp: MOMDP) -> tuple[bytes, bytes]:
+        """Return a digest of what a MOMDP says and, where it is new, its message."""
         if self._last is not None and self._last[0] is momdp:
             return self._last[1], b""
         packed = encode_momdp(momdp)
-        content = digest((packed,))
-        if content in self._known:
-            return self._known[content], b""
-        data = numbered(self._momdps, packed)
-        return _Placed(self._momdps, digest((data,)), content, len(data)), data
+        content = hashlib.blake2b(packed, digest_size=16).digest()
+        return content, b"" if content in self._known else numbered(self._momdps, packed)
 
-    def _remember(self, momdp: MOMDP, placed: _Placed) -> None:
-        self._last = momdp, placed
-        if placed.content not in self._known:
-            self._known[placed.content] = placed
+    def _close(self, trial: Trial) -> None:
+        """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
+        self.written = self.written.after(trial)
+        self._last = trial.momdp, self._content
+        if self._content not in self._known:
+            self._known[self._content] = _Placed(self._momdps, self._momdp_size)
             self._momdps += 1
             sizes = [one.size for one in self._known.values()]
             while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
                 del self._known[next(iter(self._known))], sizes[0]
 
-    def _note_seconds(self, number: int, seconds: float) -> None:
-        if self._timing is None:
-            self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
-            self._timing.write("trial,seconds\n")
-        self._timing.write(f"{number},{seconds:.6f}\n")
-        self._timing.flush()
+
+class OutcomeWriter(LogFile):
+    """Writes the outcomes of trials into one compact log; see `LogFile`.
+
+    Trials leave the process 250 at a time, as columns in one message; what is lost when it is
+    killed is less than that.
+    """
+
+    form = COMPACT
+
+    def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
+        super().__init__(path, header)
+        self._waiting: list[TrialOutcomes] = []
+        self._seconds: list[float | None] = []
+
+    def write(self, trial: Trial, *, seconds: float | None = None) -> None:
+        """Append the outcome of one trial; parameters and errors as for `TrialWriter.write`."""
+        self.check_open()
+        try:
+            self._waiting.append(TrialOutcomes.of([trial]))
+        except (SettingsError, ValueError, TypeError) as fault:
+            number = self.written.trials + len(self._waiting)
+            raise LogError(f"Trial {number} cannot be logged: {fault}") from fault
+        self._seconds.append(seconds)
+        if len(self._waiting) == ROWS:
+            self.flush()
+
+    def write_outcomes(
+        self, outcomes: TrialOutcomes, *, seconds: Sequence[float | None] = ()
+    ) -> None:
+        """Append outcomes, at once.
+
+        Raises
+        ------
+        LogError : the disk is full; or 250 trials do not fit in a message.
+        """
+        for begin in range(0, len(outcomes), ROWS):
+            part = outcomes.rows(slice(begin, begin + ROWS))
+            first = self.written.trials
+            data = encode_outcomes(part, first)
+            if len(data) > MESSAGE_LIMIT:
+                raise LogError(f"{len(part)} outcomes take {len(data)} bytes: too many attributes.")
+            packed = [Packed(OUTCOMES, log_time(first, 0), data)]
+            self.put(packed, seconds=seconds[begin : begin + ROWS])
+            self.written = self.written.after(part)
+
+    def flush(self) -> None:
+        """Write the outcomes that are waiting."""
+        waiting, seconds = TrialOutcomes.join(self._waiting), self._seconds
+        self._waiting, self._seconds = [], []
+        self.write_outcomes(waiting, seconds=seconds)
 
 
 def write_trials(
     path: str | Path,
-    trials: Iterable[Trial],
+    trials: Iterable[Trial | TrialOutcomes],
     *,
     header: Mapping[str, object],
     seconds: Sequence[float] = (),
 ) -> None:
-    """Write trials into one log (see `TrialWriter`), with the seconds of the first of them."""
+    """Write trials into one log, with the seconds of the first of them.
+
+    Parameters
+    ----------
+    trials : whole ones make a full log, outcomes a compact one.
+    """
+    found = iter(trials)
+    first = next(found, None)
+    known = itertools.chain(seconds, itertools.repeat(None))
+    if isinstance(first, TrialOutcomes):
+        with OutcomeWriter(path, header) as compact:
+            for part in itertools.chain([first], found):
+                assert isinstance(part, TrialOutcomes)
+                taken = tuple(itertools.islice(known, len(part)))
+                compact.write_outcomes(part, seconds=taken)
+        return
     with TrialWriter(path, header) as log:
-        known = itertools.chain(seconds, itertools.repeat(None))
-        for trial, taken in zip(trials, known, strict=False):
-            log.write(trial, seconds=taken)
+        for trial in itertools.chain([] if first is None else [first], found):
+            assert isinstance(trial, Trial)
+            log.write(trial, seconds=next(known))
 
 
 def read_seconds(path: str | Path) -> list[float]:
@@ -279,24 +215,3 @@ def read_seconds(path: str | Path) -> list[float]:
         return [float(row.split(",")[1]) for row in rows]
     except (FileNotFoundError, IndexError, ValueError):
         return []
-
-
-def _versions() -> dict[str, str]:
-    try:
-        own = version("meal-bayes")
-    except PackageNotFoundError:  # run from a folder, not installed
-        own = "unknown"
-    return {"meal_bayes": own, "numpy": np.__version__, "python": platform.python_version()}
-
-
-def _json(value: object) -> str:
-    if isinstance(value, Mapping) and not all(isinstance(name, str) for name in value):
-        raise SettingsError(f"Names in a log's header must be text; found {list(value)}.")
-    try:
-        text = json.dumps(value, sort_keys=True, allow_nan=False)
-        read_json(text)  # a reader must take it
-    except (TypeError, ValueError) as fault:
-        raise SettingsError(
-            f"A log's header holds JSON values (text, finite numbers, lists, tables); {fault}."
-        ) from fault
-    return text

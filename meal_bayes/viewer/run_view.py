@@ -146,7 +146,7 @@ class RunView:
     def _note_worst(self, number: int, trial: Trial) -> None:
         """Keep the trials with the lowest reward, the surest of them first."""
         sure = trial.last_belief.certainty
-        truth = plain(truth_words(trial))
+        truth = plain(truth_words(trial.task.query.attributes, trial.truth))
         said = "no answer"
         if trial.report is not None:
             said = plain(trial.task.query.report_name(trial.report))

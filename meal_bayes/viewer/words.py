@@ -140,7 +140,7 @@ def _answer(moment: Moment) -> Sequence[str]:
         best = _said(trial, moment.positive > 0.5)  # noqa: PLR2004
         sure = float(np.maximum(moment.positive, 1 - moment.positive).prod())
         return [f"now it would answer **{best}** ({percent(sure)} sure)"]
-    truth = plain(truth_words(trial))
+    truth = plain(truth_words(trial.task.query.attributes, trial.truth))
     if trial.ended:
         return ["### broken off", f"{plain(trial.ended)}; truth: {truth}"]
     if trial.report is None:

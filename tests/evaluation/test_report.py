@@ -12,9 +12,9 @@ import pytest
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
 from meal_bayes.evaluation.report import write_report
-from meal_bayes.evaluation.tally import WORST, Place, Tally, batch_of
+from meal_bayes.evaluation.tally import WORST, Tally, batch_of
 from meal_bayes.learner.asking import ask
-from meal_bayes.trial_log import Logs, TrialWriter, write_trials
+from meal_bayes.trial_log import Group, Logs, TrialOutcomes, TrialWriter, write_trials
 
 OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
 AGENTS = ("predefined", "random", "greedy")
@@ -107,14 +107,17 @@ def test_attributes_and_behaviors_are_counted(trials, page):
 
 def test_the_worst_trials_come_first(trials):
     tally = Tally()
-    for number, trial in enumerate(trials):
-        tally.add(trial, Place(Path("a.mcap"), number))
-    worst = [trial.reward for _, trial in tally.worst]
+    for at in range(0, len(trials), 7):
+        part = tuple(trials[at : at + 7])
+        places = tuple(range(at, at + len(part)))
+        tally.add(Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
+    worst = [bad.trial.reward for bad in tally.worst]
     assert len(worst) == WORST
     assert worst[0] == min(trial.reward for trial in trials)
     assert max(worst) <= sorted(trial.reward for trial in trials)[WORST - 1] + 1
-    place, trial = tally.worst[0]
-    assert trials[place.number] is trial
+    for bad in tally.worst:
+        assert trials[bad.place.number] is bad.trial
+        assert bad.outcome.reward == bad.trial.reward
 
 
 def test_nothing_is_fetched_and_nothing_runs(page):

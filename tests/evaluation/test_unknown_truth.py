@@ -32,8 +32,8 @@ def trials():
 
 def test_words(trials):
     assert [verdict_word(trial) for trial in trials[2:]] == ["not told", "broken off"]
-    assert truth_words(trials[2]) == "not heavy, not told"
-    assert truth_words(trials[0]) == "heavy, blue"
+    assert truth_words(trials[2].task.query.attributes, trials[2].truth) == "not heavy, not told"
+    assert truth_words(trials[0].task.query.attributes, trials[0].truth) == "heavy, blue"
     assert trials[2].success is trials[3].success is None
 
 

@@ -107,7 +107,7 @@ def config(own_data):
 
 
 def contents(folder):
-    paths = [*folder.rglob("*.marks.csv"), *folder.rglob("*.mcap")]
+    paths = folder.rglob("*.mcap")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
@@ -122,7 +122,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
         logs = tmp_path / "there"
         wait_for(lambda: len({*logs.rglob("repeat-*")}) >= 2, "nothing begun")
         os.kill(workers[0].pid, signal.SIGKILL)
-        seen.append(len([*logs.rglob("02-test.marks.csv")]))
+        seen.append(len([*logs.rglob("02-test.mcap")]))
 
     killer = threading.Thread(target=kill_one)
     killer.start()

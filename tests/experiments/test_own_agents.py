@@ -161,7 +161,7 @@ def test_online_runs_take_them_too(own_data, module, tmp_path):
     runs = [run_online(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]
     assert contents(runs[0].folder) == contents(runs[1].folder)
     assert runs[0].config.reward == 100.0  # the domain's own
-    assert {marks.agent for marks in runs[0].results()} == {"Looker"}
+    assert {result.agent for result in runs[0].results()} == {"Looker"}
 
 
 def test_what_an_agent_is():

@@ -5,30 +5,30 @@ import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner, PublishedVariants
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import _body
 from meal_bayes.experiments.world import Protocol
-from meal_bayes.trial_log import Marks, read_header, read_trials
+from meal_bayes.trial_log import TrialOutcomes, read_header, read_trials
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
 ROOT = Path(__file__).resolve().parents[2]
 
 KILLED = """
 import os, signal, sys
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner
 from meal_bayes.experiments import OnlineConfig, run_online
 
-train, done = MorcItrs.train, 0
+train, done = OnlineLearner.train, 0
 
 def train_until(self, task):
     global done
@@ -37,24 +37,36 @@ def train_until(self, task):
         os.kill(os.getpid(), signal.SIGKILL)
     return train(self, task)
 
-MorcItrs.train = train_until
+OnlineLearner.train = train_until
 config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
-                      agents=("iterative_random_legal", "bayes_memory"))
+                      agents=("iterative_random_legal", "bayes_memory"), log="full")
 run_online(config, logs=sys.argv[3])
 """
 
 
 def contents(folder):
-    """Bytes of all marks and logs below a folder, by their relative names."""
-    paths = [*folder.rglob("*.marks.csv"), *folder.rglob("*.mcap")]
+    """Bytes of all logs below a folder, by their relative names."""
+    paths = folder.rglob("*.mcap")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def same(left, right):
+    """Whether outcomes are equal in every column, bit by bit."""
+    return left.behaviors == right.behaviors and all(
+        np.array_equal(a, b, equal_nan=a.dtype == float)
+        for a, b in (
+            (getattr(left, name), getattr(right, name))
+            for name in TrialOutcomes.__slots__
+            if name != "behaviors"
+        )
+    )
 
 
 @pytest.fixture(scope="module")
 def config(own_data):
     return OnlineConfig(
         str(own_data), root=str(own_data.parent), batches=2, trials=5, repeats=2, seed=3,
-        agents=AGENTS,
+        agents=AGENTS, log="full",
     )  # fmt: skip
 
 
@@ -76,11 +88,10 @@ class TestAFinishedRun:
     def test_every_batch_of_every_unit_is_there(self, whole):
         names = [f"{b:02d}-test" for b in range(3)] + [f"{b:02d}-train" for b in (1, 2)]
         expected = {
-            f"{agent}/repeat-{repeat:03d}/{name}{end}"
+            f"{agent}/repeat-{repeat:03d}/{name}.mcap"
             for agent in AGENTS
             for repeat in range(2)
             for name in names
-            for end in (".mcap", ".marks.csv")
         }
         assert set(whole) == expected
 
@@ -106,11 +117,7 @@ class TestAFinishedRun:
         ]
         for result in results:
             tests = logs_of(finished, result.agent, result.repeat, "test")
-            marks = Marks.of(read_trials(tests[result.batch]), ("red", "heavy"))
-            for field in fields(Marks):
-                np.testing.assert_array_equal(
-                    getattr(marks, field.name), getattr(result.marks, field.name)
-                )
+            assert same(TrialOutcomes.of(read_trials(tests[result.batch])), result.outcomes)
             trained = logs_of(finished, result.agent, result.repeat, "train")[: result.batch]
             spent = sum(trial.cost for path in trained for trial in read_trials(path))
             assert result.hours == pytest.approx(spent / 3600)
@@ -118,8 +125,8 @@ class TestAFinishedRun:
 
     def test_agents_begin_alike_and_end_apart(self, whole):
         assert (
-            whole["bayes_memory/repeat-000/00-test.marks.csv"]
-            != (whole["bayes_memory/repeat-000/02-test.marks.csv"])
+            whole["bayes_memory/repeat-000/00-test.mcap"]
+            != (whole["bayes_memory/repeat-000/02-test.mcap"])
         )
 
     def test_headers_tell_the_settings(self, finished, config):
@@ -147,10 +154,10 @@ class TestAFinishedRun:
     [
         ["02-test.*"],
         ["02-test.*", "02-train.*"],
-        ["02-train.marks.csv"],
-        ["01-test.marks.csv"],
+        ["02-train.mcap"],
+        ["01-test.mcap"],
         ["00-test.*", "01-test.*"],
-        ["01-train.marks.csv", "02-*"],
+        ["01-train.mcap", "02-*"],
         ["*"],
     ],
     ids="+".join,
@@ -169,7 +176,7 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
 
 @pytest.mark.parametrize("stop", [1, 8, 20])
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
-    train, calls = MorcItrs.train, []
+    train, calls = OnlineLearner.train, []
 
     def failing(self, task):
         calls.append(task)
@@ -177,10 +184,10 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
             raise RuntimeError("the power went")
         return train(self, task)
 
-    monkeypatch.setattr(MorcItrs, "train", failing)
+    monkeypatch.setattr(OnlineLearner, "train", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_online(config, logs=tmp_path)
-    monkeypatch.setattr(MorcItrs, "train", train)
+    monkeypatch.setattr(OnlineLearner, "train", train)
     assert len(contents(tmp_path)) < len(whole)
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
@@ -192,7 +199,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", KILLED, *words], env=environment, check=False)
     assert done.returncode == -signal.SIGKILL
-    before = list(tmp_path.rglob("*.marks.csv"))
+    before = list(tmp_path.rglob("*.mcap"))
     assert 0 < len(before) < len(whole) / 2
     steps = []
     run = run_online(config, logs=tmp_path, on_progress=lambda *step: steps.append(step))
@@ -218,15 +225,22 @@ def test_agents_and_repeats_join_the_folder(finished, config):
     assert [(r.agent, r.repeat) for r in run.results()] == [(AGENTS[0], 1)] * 3
 
 
-def test_tests_that_are_not_logged_leave_the_same_marks(config, whole, tmp_path):
-    run = run_online(replace(config, agents=AGENTS[1:], repeats=1, log="train"), logs=tmp_path)
-    found = contents(run.folder)
-    assert {name.rpartition("/")[2] for name in found if name.endswith(".mcap")} == {
-        "01-train.mcap", "02-train.mcap",
-    }  # fmt: skip
-    for name, data in found.items():
-        if name.endswith(".csv"):
-            assert data == whole[name]
+def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(config, finished, tmp_path):
+    compact = replace(config, agents=AGENTS[1:], repeats=1, log="compact")
+    run = run_online(compact, logs=tmp_path)
+    before = contents(run.folder)
+    expected = {(one.repeat, one.batch): one for one in finished.results() if
+                one.agent == AGENTS[1]}  # fmt: skip
+    for result in run.results():
+        full = expected[result.repeat, result.batch]
+        assert result.hours == full.hours
+        assert same(result.outcomes, full.outcomes)
+    for path in run.folder.rglob("*-test.mcap"):
+        assert path.stat().st_size < finished.folder.joinpath(
+            path.relative_to(run.folder)).stat().st_size  # fmt: skip
+    (run.folder / AGENTS[1] / "repeat-000" / "01-test.mcap").unlink()
+    run_online(compact, logs=tmp_path)
+    assert contents(run.folder) == before
 
 
 def test_fresh_runs_everything_again(config, whole, tmp_path):
@@ -235,8 +249,8 @@ def test_fresh_runs_everything_again(config, whole, tmp_path):
     run_online(one, logs=tmp_path)
     run = run_online(one, logs=tmp_path, fresh=True, on_progress=lambda *step: steps.append(step))
     assert steps == [(0, 3), (3, 3)]
-    marks = {k: v for k, v in contents(run.folder).items() if k.endswith(".csv")}
-    assert marks == {k: whole[k] for k in marks}
+    expected = run_online(one, logs=tmp_path / "other").folder
+    assert contents(run.folder) == contents(expected)
 
 
 def test_every_setting_reaches_the_run(config, whole, tmp_path):
@@ -244,7 +258,8 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
-        {"published": ("joint_label",)}, {"trials": 4},
+        {"published": PublishedVariants(joint_label=True)},
+        {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
     for change in changes:
@@ -283,7 +298,7 @@ def test_curious_agents_take_their_weights(config, tmp_path):
         ({"log": "some"}, "log 'some'"),
         ({"answers": "verdikt"}, "did you mean 'verdict'"),
         ({"error": 1.5}, "give 0 to below 1"),
-        ({"published": ("shaped",)}, "published variant 'shaped'"),
+        ({"normalizer": "papre"}, "did you mean 'paper'"),
         ({"alpha": -1.0}, "alpha"),
         ({"beta": float("nan")}, "beta"),
         ({"horizon": 0}, "horizon"),

@@ -3,8 +3,10 @@ import re
 from math import inf, nan
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from meal_bayes import read_trials
 from meal_bayes.errors import SettingsError
 from paper_repro import frame, trials
 from paper_repro.items import table3
@@ -85,7 +87,7 @@ def test_random_legal_asks_at_the_start_alone_as_published_and_never_on_recordin
         trials.run_agent(setting, protocol, "ispy32", 1, "random_legal", 30)
     asks = {}
     for path in tmp_path.rglob("*.mcap"):
-        for trial in trials.read_trials(path):
+        for trial in read_trials(path):
             ask, start = trial.momdp.behavior_names.index("ask"), trial.momdp.start
             where = [step.x == start for step in trial.steps if step.decision.action == ask]
             asks.setdefault("published" in str(path.parent.parent), []).extend(where)
@@ -134,10 +136,9 @@ def test_margins_are_written_down_before_the_run():
 
 
 def _constant(value):
-    from numpy import arange, full, ones, zeros
-
-    columns = full(8, value)
-    return trials.Columns(columns, columns, columns, arange(8), ones((8, 2), bool), zeros(8, bool))
+    own = np.full(8, value)
+    yes = np.ones((8, 2), bool)
+    return trials.Columns(own, own, own, np.arange(8), yes, ~yes[:, 0])
 
 
 def test_plain_values_are_json_of_six_digits():

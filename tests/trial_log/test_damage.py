@@ -19,6 +19,7 @@ from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import (
     TrialWriter,
     check_log,
+    log_file,
     log_info,
     read_header,
     read_trials,
@@ -26,7 +27,6 @@ from meal_bayes.trial_log import (
     salvage,
     schema,
     write_trials,
-    writer,
 )
 from meal_bayes.trial_log.names import drafts_of, timing_of
 
@@ -210,7 +210,7 @@ def test_a_damaged_chunk_costs_only_its_own_trials(whole, make, tmp_path):
 
 def test_another_version_is_refused_with_the_way_out(make, monkeypatch, tmp_path):
     path = tmp_path / "a.mcap"
-    monkeypatch.setattr(writer, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
+    monkeypatch.setattr(log_file, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
     write_trials(path, make.trials(1), header={"versions": {"meal_bayes": "9.1"}})
     monkeypatch.undo()
     for read in (
@@ -221,7 +221,7 @@ def test_another_version_is_refused_with_the_way_out(make, monkeypatch, tmp_path
         lambda: check_log(path),
         lambda: recover_log(path),
     ):
-        with pytest.raises(LogVersionError, match=r"format 5.*reads format 4.*meal_bayes 9\.1"):
+        with pytest.raises(LogVersionError, match=r"format 6.*reads format 5.*meal_bayes 9\.1"):
             read()
 
 
@@ -271,7 +271,7 @@ def test_a_decompression_bomb_asks_for_no_memory(size, tmp_path):
     parts = [zeros.compress(bytes(1 << 20)) for _ in range(1 << 10)]
     packed = b"".join([*parts, zeros.flush()])
     path = tmp_path / "a.mcap"
-    path.write_bytes(records(Header(schema.PROFILE, ""), chunk(packed, size)))
+    path.write_bytes(records(Header(schema.PROFILES[schema.FULL], ""), chunk(packed, size)))
     tracemalloc.start()
     with pytest.raises(LogCorruptError, match="claims to unpack"):
         list(read_trials(path))
@@ -289,7 +289,10 @@ def test_a_chunk_of_nonsense_with_right_checksums(tmp_path):
         packed = zstandard.compress(nonsense)
         path = tmp_path / "a.mcap"
         path.write_bytes(
-            records(Header(schema.PROFILE, ""), chunk(packed, length, zlib.crc32(nonsense)))
+            records(
+                Header(schema.PROFILES[schema.FULL], ""),
+                chunk(packed, length, zlib.crc32(nonsense)),
+            )
         )
         with pytest.raises(LogCorruptError):
             list(read_trials(path))
@@ -304,6 +307,7 @@ def test_trials_of_one_log_do_not_pass_in_another_order(whole, outcome_of, tmp_p
         reader = make_reader(file)
         found = [(c.topic, s, m) for s, c, m in reader.iter_messages(log_time_order=False)]
         metadata = list(reader.iter_metadata())
+        attached = list(reader.iter_attachments())
     outcomes = [index for index, (topic, _, _) in enumerate(found) if topic == "/outcome"]
     first, second = outcomes[0] + 1, outcomes[1] + 1
     variants = {
@@ -316,7 +320,7 @@ def test_trials_of_one_log_do_not_pass_in_another_order(whole, outcome_of, tmp_p
     for name, messages in variants.items():
         with path.open("wb") as file:
             out, known = Writer(file, enable_data_crcs=True), {}
-            out.start(profile=schema.PROFILE)
+            out.start(profile=schema.PROFILES[schema.FULL])
             for topic, kind, message in messages:
                 if topic not in known:
                     number = out.register_schema(kind.name, kind.encoding, kind.data)
@@ -324,6 +328,8 @@ def test_trials_of_one_log_do_not_pass_in_another_order(whole, outcome_of, tmp_p
                 out.add_message(known[topic], message.log_time, message.data, message.publish_time)
             for record in metadata:
                 out.add_metadata(record.name, record.metadata)
+            for one in attached:
+                out.add_attachment(0, 0, one.name, one.media_type, one.data)
             out.finish()
         fault = outcome_of(lambda: list(read_trials(path)))
         assert isinstance(fault, list if name == "same" else LogCorruptError), (name, fault)

@@ -7,10 +7,10 @@ from meal_bayes.trial_log import (
     Follower,
     Logs,
     TrialWriter,
+    log_file,
     log_files,
     schema,
     write_trials,
-    writer,
 )
 
 
@@ -32,8 +32,12 @@ def test_the_logs_of_a_folder_in_order(make, tmp_path):
         assert all(map(make.equal, found.trials(), trials))
         (problem,) = found.problems
         assert "not finished by its writer" in problem
-    parts = [(header["unit"], len(list(given))) for header, given in Logs(tmp_path / "run").parts()]
-    assert parts == [(0, 2), (1, 2), (2, 2)]
+    groups = Logs(tmp_path / "run").groups()
+    assert [(group.header["unit"], len(group.trials)) for group in groups] == [
+        (0, 2),
+        (1, 2),
+        (2, 2),
+    ]
 
 
 def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
@@ -48,12 +52,12 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
     write_trials(tmp_path / "nothing.mcap", [], header={})
     with pytest.raises(LogError, match="holds no trial yet"):
         list(Logs(tmp_path / "nothing.mcap").trials())
-    monkeypatch.setattr(writer, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
+    monkeypatch.setattr(log_file, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
     write_trials(tmp_path / "new.mcap", make.trials(1), header={})
     monkeypatch.undo()
-    with pytest.raises(LogVersionError, match="format 5"):
+    with pytest.raises(LogVersionError, match="format 6"):
         list(Logs(tmp_path / "new.mcap").trials())
-    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 5"):
+    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 6"):
         list(Follower(tmp_path / "new.mcap").poll())
 
 

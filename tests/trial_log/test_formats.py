@@ -26,7 +26,7 @@ from meal_bayes.trial_log.encode import TrialEncoder
 from meal_bayes.trial_log.picture import confusion_picture, png, truth_rows
 from meal_bayes.trial_log.schema import LINES, PICTURES, STEP, ImageMessage
 
-OLD = (1, 2, 3)  # each with a file that was written by its code
+OLD = (1, 2, 3, 4)  # each with a file that was written by its code
 
 
 @pytest.mark.parametrize("version", OLD)
@@ -35,7 +35,7 @@ OLD = (1, 2, 3)  # each with a file that was written by its code
              lambda p: list(salvage(p)), lambda p: list(Logs(p).trials())]
 )  # fmt: skip
 def test_a_log_of_an_earlier_format_is_refused_in_one_clear_line(read, version):
-    says = rf"format {version}, this meal_bayes reads format 4; .*again"
+    says = rf"format {version}, this meal_bayes reads format 5; .*again"
     with pytest.raises(LogVersionError, match=says):
         read(Path(__file__).with_name(f"format{version}.mcap"))
 
@@ -174,6 +174,6 @@ def test_a_picture_comes_with_every_change_of_behavior(make, tmp_path):
 
 def test_messages_without_pictures_are_the_same(make):
     (trial,) = make.trials(1)
-    assert {message.topic for message in TrialEncoder(0, 0, b"").whole(trial)} == {
+    assert {message.topic for message in TrialEncoder(0, 0).whole(trial)} == {
         "/trial", "/step", "/log", "/outcome"
     }  # fmt: skip

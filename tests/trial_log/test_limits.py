@@ -28,7 +28,6 @@ from meal_bayes.trial_log import (
     write_trials,
 )
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.encode import digest, trial_digest
 from meal_bayes.trial_log.schema import MOMDPS, OUTCOME, RUN, STEP, TRIAL
 
 KINDS = {
@@ -51,9 +50,9 @@ def messages(make, tmp_path_factory):
 
 def packed(*chunks):
     """Write an MCAP file of chunks of messages, without closing records."""
-    topics = list(schema.channels())
+    topics = list(schema.channels(schema.FULL))
     out = RecordBuilder()
-    Header(schema.PROFILE, "").write(out)
+    Header(schema.PROFILES[schema.FULL], "").write(out)
     for number, chunk in enumerate(chunks):
         inner = RecordBuilder()
         for index, (topic, name, data) in enumerate(topics if number == 0 else (), 1):
@@ -68,7 +67,7 @@ def packed(*chunks):
 
 
 def changed(messages, change, steps=None):
-    """Change the messages of a trial, and make its digests right again."""
+    """Change the messages of a trial."""
     made = {topic: [] for topic in KINDS}
     for topic, data in messages:
         if topic in KINDS:
@@ -86,7 +85,6 @@ def changed(messages, change, steps=None):
     between = [message.SerializeToString() for message in made[STEP]]
     outcome = made[OUTCOME][0]
     outcome.steps = len(between)
-    outcome.digest = trial_digest(digest((momdp,)), start, between, outcome)
     rest = [(MOMDPS, momdp), (TRIAL, start), *((STEP, data) for data in between)]
     return [messages[0], *rest, (OUTCOME, outcome.SerializeToString())]
 
@@ -150,13 +148,13 @@ def wide(n):
 
     def change(topic, m):
         if topic == MOMDPS:
-            for name in ("confusion", "precision", "prior", "kinds", "bonus"):
+            for name in ("confusion", "precision", "prior", "latent_classes", "bonus"):
                 values = list(getattr(m, name))
                 getattr(m, name)[:] = values[: len(values) // 2] * n
         if topic in (MOMDPS, TRIAL):
             m.attributes[:] = [f"a{i}" for i in range(n)]
         if topic in (TRIAL, STEP):
-            m.weight[:] = list(m.weight)[: len(m.weight) // 2] * n
+            m.log_prob[:] = list(m.log_prob)[: len(m.log_prob) // 2] * n
         if topic == TRIAL:
             m.truth[:] = [1] * n
         if topic == STEP:
@@ -195,7 +193,7 @@ def test_a_file_of_endless_messages_is_refused(messages, tmp_path):
 
 def test_a_file_of_endless_bytes_is_refused(tmp_path):
     out = RecordBuilder()
-    Header(schema.PROFILE, "").write(out)
+    Header(schema.PROFILES[schema.FULL], "").write(out)
     zeros = bytes(15 << 20)
     for _ in range(8):
         Chunk("zstd", zstandard.compress(zeros), 0, 0, zlib.crc32(zeros), len(zeros)).write(out)
@@ -233,8 +231,8 @@ def test_a_reader_forgets_the_oldest_momdp(messages, monkeypatch):
     [
         (MOMDPS, "cost", float("nan")), (MOMDPS, "correct", float("inf")),
         (MOMDPS, "bonus", float("inf")), (STEP, "cost", float("nan")),
-        (STEP, "reward", -float("inf")), (STEP, "weight", float("nan")),
-        (TRIAL, "weight", float("inf")),
+        (STEP, "reward", -float("inf")), (STEP, "log_prob", float("nan")),
+        (TRIAL, "log_prob", float("inf")),
     ],
 )  # fmt: skip
 def test_numbers_that_nothing_can_cost_are_refused(messages, topic, name, value, tmp_path):

@@ -120,10 +120,8 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
 
 def test_the_positions_of_a_file_stay(killed):
     folder, _, _, trials = killed
-    parts = list(Logs(folder).parts())
-    (_, first), (_, second) = parts
-    assert [number for number, _ in first] == [0, 1, 2, 3, 4, 5]
-    assert list(second) == []
+    (first,) = Logs(folder).groups()
+    assert first.places == (0, 1, 2, 3, 4, 5)
     assert len(trials) == 6
 
 

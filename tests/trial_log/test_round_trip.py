@@ -145,7 +145,7 @@ def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     write_trials(tmp_path / "a.mcap", [trial, odd], header={})
     back = list(read_trials(tmp_path / "a.mcap"))
     assert all(map(make.equal, [trial, odd], back))
-    told = [bool(step.seen) for step in messages(tmp_path / "a.mcap", "/step")]
+    told = [bool(step.percept_counts) for step in messages(tmp_path / "a.mcap", "/step")]
     n = len(trial.steps)
     assert told == [False] * n + [i in (2, 3) for i in range(n)]
 
@@ -201,11 +201,12 @@ def test_metadata_attachment_and_header(make, header, tmp_path):
     with path.open("rb") as file:
         reader = make_reader(file)
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-        (attachment,) = reader.iter_attachments()
+        attachment, end = reader.iter_attachments()
     assert metadata["run"]["format_version"] == str(FORMAT_VERSION)
     assert metadata["run"]["seed"] == "7"
     assert set(json.loads(metadata["run"]["versions"])) == {"meal_bayes", "numpy", "python"}
     assert json.loads(attachment.data) == header["config"]
+    assert json.loads(end.data).keys() == {"trials", "steps", "cost"}
     found = read_header(path)
     assert {name: found[name] for name in header} == header
     assert found["versions"]["numpy"] == np.__version__
@@ -263,7 +264,7 @@ def test_writer_says_what_it_needs(make, tmp_path):
     for header in ({"when": float("nan")}, {"where": tmp_path}, {3: "x"}):
         with pytest.raises(SettingsError, match="header"):
             TrialWriter(tmp_path / "a.mcap", header)
-    with pytest.raises(LogError, match="inside `with"):
+    with pytest.raises(LogError, match="inside the `with"):
         TrialWriter(tmp_path / "a.mcap", {}).write(make.trials(1)[0])
     (tmp_path / "file").write_text("")
     with pytest.raises(LogError, match="cannot be written"):

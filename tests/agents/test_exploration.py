@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Experience
-from meal_bayes.agents.curiosity import chosen_weights, exploration_bonus, information_value
+from meal_bayes.agents import Experience, Progress
+from meal_bayes.agents.exploration import (
+    first_percept_value,
+    fitted_weights,
+    information_value,
+)
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import load_domain
@@ -16,7 +20,7 @@ from meal_bayes.posterior import ConfusionPosterior
 TOY = load_domain("toy")
 DATASET = make_synthetic(TOY, objects=6, recordings=2, rng=np.random.default_rng(0))
 VALUE = np.array([[1.0, 2.0, 0.0], [4.0, 8.0, 0.0]])  # (P,E)
-PRE = np.array([0, 1])
+PRE, EVERY = np.array([0, 1]), np.arange(6)
 
 
 def start(*, memory=False):
@@ -37,19 +41,27 @@ def table(look=(6, 4), lift=(6, 4)):
     return counts
 
 
+def progress(experience, *, value=VALUE, knowledge=None, queries=9.0):
+    return Progress(knowledge or knowledge_from(table()), experience, value, queries, EVERY)
+
+
+def bonus_of(experience, object_index, columns):
+    return first_percept_value(progress(experience), object_index, columns)
+
+
 class TestBonus:
     def test_new_objects_pay_for_the_queried_attributes(self):
         for column in (0, 1):
-            bonus = exploration_bonus(VALUE, start(), None, [column], 9.0)
+            bonus = bonus_of(start(), None, [column])
             np.testing.assert_allclose(bonus, 9 * VALUE[column] / 3)  # after two objects
-        both = exploration_bonus(VALUE, start(), 4, [1, 0], 9.0)
+        both = bonus_of(start(), 4, [1, 0])
         np.testing.assert_allclose(both, 9 * VALUE.sum(axis=0) / 3)
 
     def test_what_is_recorded_pays_nothing(self):
-        assert (exploration_bonus(VALUE, start(), 0, [0, 1], 9.0) == 0).all()
+        assert (bonus_of(start(), 0, [0, 1]) == 0).all()
         labels = start().labels.copy()
         labels[4, 1, 0, 0] = 1  # lifted, and known to be red or not
-        bonus = exploration_bonus(VALUE, replace(start(), labels=labels), 4, [0], 9.0)
+        bonus = bonus_of(replace(start(), labels=labels), 4, [0])
         np.testing.assert_allclose(bonus, [9 * 1.0 / 3, 0.0, 0.0])
 
     def test_memory_pays_for_what_was_told_before_as_well(self):
@@ -58,15 +70,15 @@ class TestBonus:
             told = experience.told.copy()
             told[4, 1] = 0
             experience = replace(experience, told=told)
-            bonus = exploration_bonus(VALUE, experience, 4, [0], 9.0)
+            bonus = bonus_of(experience, 4, [0])
             np.testing.assert_allclose(bonus, 3 * (VALUE.sum(axis=0) if memory else VALUE[0]))
-            other = exploration_bonus(VALUE, experience, 5, [0], 9.0)
+            other = bonus_of(experience, 5, [0])
             np.testing.assert_allclose(other, 3 * VALUE[0])
 
     def test_more_objects_are_worth_less_each(self):
         labels = start().labels.copy()
         labels[3, 0, 0, 0] = 1
-        after = exploration_bonus(VALUE, replace(start(), labels=labels), 4, [0], 9.0)
+        after = bonus_of(replace(start(), labels=labels), 4, [0])
         np.testing.assert_allclose(after, [9 * 1.0 / 4, 9 * 2.0 / 3, 0.0])
 
 
@@ -97,20 +109,20 @@ class TestInformation:
         assert (value[1, :2] < value[0, :2]).all()
 
 
-class TestChosenWeights:
+class TestFittedWeights:
     def test_they_are_nonnegative_and_scale_with_the_queries(self):
         knowledge = knowledge_from(table(lift=(9, 1)))
         for seed in range(5):
             value = np.random.default_rng(seed).uniform(0, 5, (2, 3))
-            one = chosen_weights(value, knowledge, start(), 36.0, 10.0)
-            ten = chosen_weights(value, knowledge, start(), 36.0, 100.0)
+            one = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=10.0))
+            ten = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=100.0))
             assert one.alpha >= 0 <= one.beta
-            assert one.delta == 36.0
+            assert one.delta == 12.0
             assert (ten.alpha, ten.beta) == pytest.approx((10 * one.alpha, 10 * one.beta))
 
     def test_worthless_exploring_is_not_paid(self):
-        weights = chosen_weights(np.zeros((2, 3)), knowledge_from(table()), start(), 36.0, 10.0)
-        assert weights == ITRS(0.0, 0.0, 36.0)
+        weights = fitted_weights(progress(start(), value=np.zeros((2, 3))))
+        assert weights == ITRS(0.0, 0.0, 12.0)
 
     def test_a_bonus_of_equation_11_is_found_again(self):
         knowledge = knowledge_from(table(look=(9, 1), lift=(6, 4)))
@@ -119,9 +131,11 @@ class TestChosenWeights:
         experience = replace(start(), labels=labels)
         rows = knowledge.posterior.select(range(2), exact=True)[0][:, :2]
         entropy = -(rows * np.log2(rows)).sum(axis=-1).mean(axis=-1)
-        ie = experience.evidence()[:, :2] / 36.0
+        ie = experience.evidence()[:, :2] / 12.0
         objects = (experience.labels >= 0).any(axis=2).sum(axis=0).T[:, :2]
         value = np.zeros((2, 3))
         value[:, :2] = (7.0 * entropy - 11.0 * ie) * (objects + 1) / 5.0
-        weights = chosen_weights(value, knowledge, experience, 36.0, 5.0)
+        weights = fitted_weights(
+            progress(experience, value=value, knowledge=knowledge, queries=5.0)
+        )
         assert (weights.alpha, weights.beta) == pytest.approx((7.0, 11.0))

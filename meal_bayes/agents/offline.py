@@ -1,4 +1,4 @@
-"""Algorithm 1, MORC: from a query to a report, for an object left out of everything learned."""
+"""Algorithm 1: from a query to a report, about an object left out of everything learned."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import ConfusionSampler, Perceiver, RecordedPercepts
+from meal_bayes.perception import Perceiver, recorded_percepts, sampled_percepts
 from meal_bayes.planners import Policy
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
@@ -25,7 +25,7 @@ _KEPT = 64  # policies; one over a grid of three attributes takes more than a me
 
 
 @dataclass(slots=True)
-class Morc:
+class OfflineRunner:
     """Runs trials of one agent on a percept table; keeps posteriors, and policies used lately.
 
     With ``percepts="recorded"`` a percept is a held-out classifier's output on a real recording,
@@ -114,7 +114,7 @@ class Morc:
         return np.where(senses, counts, self.table.recordings)
 
     def robot(self, task: Task) -> CheckedRobot:
-        """Return the body of a trial, with the trial's own luck."""
+        """Return the body of a trial, with random streams of the trial's own."""
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
@@ -127,9 +127,9 @@ class Morc:
         return CheckedRobot(robot, domain, object_index=task.object_index)
 
     def perceiver(self, task: Task) -> Perceiver:
-        """Return who perceives what the body does."""
+        """Return the perceiver of a trial."""
         if self.percepts == "recorded":
-            return RecordedPercepts(self.table, self.agent.levels)
+            return recorded_percepts(self.table, self.agent.levels)
         every = range(len(self.table.domain.attributes))
         confusion, _ = self.knowledge(task.object_index).posterior.select(every, exact=True)
-        return ConfusionSampler(self.table.domain, self.table.labels, confusion)
+        return sampled_percepts(self.table.domain, self.table.labels, confusion)

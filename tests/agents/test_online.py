@@ -6,23 +6,22 @@ import numpy as np
 import pytest
 
 from meal_bayes.agents import (
-    ONLINE_AGENTS,
-    PUBLISHED,
+    AGENTS,
     Experience,
     Feedback,
-    MorcItrs,
-    OnlineAgent,
-    Surroundings,
+    OnlineLearner,
+    PublishedVariants,
+    RunContext,
     Task,
-    heard,
-    load_online_agent,
+    load_agent,
 )
 from meal_bayes.agents.knowledge import knowledge_of
-from meal_bayes.agents.morc_itrs import with_success
+from meal_bayes.agents.online import with_success
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.perception import ConfusionSampler, FittedPercepts, Kernels, fit_and_score
+from meal_bayes.momdp import observation_entropy
+from meal_bayes.perception import ConfusionSampler, Kernels, ScoredPercepts, fit_and_score
 
 TOY = load_domain("toy")
 PRE, TRAIN, TEST = np.arange(6), np.arange(6, 12), np.arange(12, 18)
@@ -30,15 +29,15 @@ RECORDINGS = 3
 DATASET = make_synthetic(
     TOY, objects=18, recordings=RECORDINGS, signal=8.0, rng=np.random.default_rng(2)
 )
-EVERY = sorted(ONLINE_AGENTS)
+EVERY = sorted(AGENTS.keys() - {"random", "predefined", "predefined_plus", "olfc"})
 
 
-def world_of(dataset, pre=PRE, **options):
+def context_of(dataset, pre=PRE, **options):
     """What every agent meets, and the experience that it begins with."""
     start = Experience.none(dataset, np.random.default_rng(1)).pretrain(dataset, pre)
     facts = {
-        "objects": np.concatenate([TRAIN, TEST]),
-        "delta": RECORDINGS * 12.0,
+        "scored": np.concatenate([TRAIN, TEST]),
+        "counted": TRAIN,
         "queries": 40.0,
         "reward": 300.0,
         "feedback": Feedback(),
@@ -46,12 +45,12 @@ def world_of(dataset, pre=PRE, **options):
         **options,
     }
     kernels = Kernels.of(dataset, start.training_set())
-    return Surroundings(dataset=dataset, kernels=kernels, **facts), start
+    return RunContext(dataset=dataset, kernels=kernels, **facts), start
 
 
-def learner_of(name, world, start):
-    agent = load_online_agent(name)
-    return MorcItrs.learn(agent, world, replace(start, memory=agent.memory), 7)
+def learner_of(name, context, start):
+    agent = load_agent(name)
+    return OnlineLearner.fit(agent, context, replace(start, memory=agent.memory), 7)
 
 
 def task_of(o, *attributes, index=0):
@@ -61,13 +60,13 @@ def task_of(o, *attributes, index=0):
 
 def trained(name, dataset=DATASET, trials=12, *, pre=PRE, **options):
     """Work through some trials and learn from them; give the trials with the new learner."""
-    world, start = world_of(dataset, pre, **options)
-    learner, done = learner_of(name, world, start), []
+    context, start = context_of(dataset, pre, **options)
+    learner, done = learner_of(name, context, start), []
     for k in range(trials):
         attribute = TOY.attributes[k // len(TRAIN) % 2]
         done.append(learner.train(task_of(int(TRAIN[k % len(TRAIN)]), attribute, index=k)))
-        learner.absorb(done[-1])
-    return done, MorcItrs.learn(learner.agent, world, learner.experience, 7)
+        learner.tell(done[-1])
+    return done, OnlineLearner.fit(learner.agent, context, learner.experience, 7)
 
 
 def facts(trial):
@@ -94,8 +93,8 @@ def learned(trials, learner):
         "dispersion": posterior.dispersion.tolist(),
         "base rates": learner.knowledge.base_rates.tolist(),
         "degree": None if degree is None else degree.kinds.tolist(),
-        "gain": learner.gain.tolist(),
-        "training percepts": learner.percepts.log_odds[TRAIN, :, :2].tolist(),
+        "value": learner.value.tolist(),
+        "training percepts": learner.perceiver.perceiver.log_odds[TRAIN, :, :2].tolist(),
     }
 
 
@@ -136,8 +135,8 @@ class TestLeaks:
         assert not same & {"experience", "counts", "tables", "training percepts"}
 
     def test_testing_teaches_nothing(self):
-        world, start = world_of(DATASET)
-        learner = learner_of("bayes_memory", world, start)
+        context, start = context_of(DATASET)
+        learner = learner_of("bayes_memory", context, start)
         before = learner.experience
         tests = [facts(learner.test(task_of(int(o), "red"))) for o in TEST]
         assert learner.experience is before
@@ -162,8 +161,8 @@ def test_shuffled_labels_teach_nothing():
 
 
 def test_random_legal_keeps_to_its_budget_and_draws_anew():
-    world, start = world_of(DATASET)
-    learner = learner_of("iterative_random_legal", world, start)
+    context, start = context_of(DATASET)
+    learner = learner_of("iterative_random_legal", context, start)
     budget, dearest = TOY.legal_budget[0], max(b.cost for b in TOY.behaviors)
     trials = [learner.test(task_of(int(o), "red")) for o in TEST]
     assert all(budget <= trial.cost < budget + dearest for trial in trials)
@@ -172,34 +171,85 @@ def test_random_legal_keeps_to_its_budget_and_draws_anew():
 
 @pytest.mark.parametrize("name", ["iterative_morc", "bayes"])
 def test_what_is_not_curious_is_tested_without_bonus(name):
-    world, start = world_of(DATASET, published=("shaped_test",))
-    plain, _ = world_of(DATASET)
+    context, start = context_of(DATASET, published=PublishedVariants(shaped_test=True))
+    plain, _ = context_of(DATASET)
     task = task_of(13, "red")
-    trial = learner_of(name, world, start).test(task)
+    trial = learner_of(name, context, start).test(task)
     assert not trial.momdp.bonus.any()
     assert facts(trial) == facts(learner_of(name, plain, start).test(task))
-    shaped = learner_of("morc_itrs", world, start).test(task)
+    shaped = learner_of("morc_itrs", context, start).test(task)
     assert shaped.momdp.bonus.any()
     assert not learner_of("morc_itrs", plain, start).test(task).momdp.bonus.any()
 
 
 def test_experience_repels_from_the_next_trial_on():
-    world, start = world_of(DATASET)
-    learner = learner_of("morc_itrs", world, start)
+    context, start = context_of(DATASET)
+    learner = learner_of("morc_itrs", context, start)
     first = learner.train(task_of(7, "red", index=0))
-    learner.absorb(first)
+    learner.tell(first)
     second = learner.train(task_of(8, "red", index=1))
     new = learner.experience.evidence()[0] - start.evidence()[0]
     senses = np.array([bool(behavior.modalities) for behavior in TOY.behaviors])
     assert new.sum() > 0
-    lost = (first.momdp.bonus - second.momdp.bonus)[0].mean(axis=-1)
-    np.testing.assert_allclose(lost[senses], 30 * new[senses] / world.delta, atol=1e-9)
+    lost = (first.momdp.bonus - second.momdp.bonus)[0]
+    lost = lost - 6 * (observation_entropy(first.momdp) - observation_entropy(second.momdp))[0]
+    repelled = 30 * new[senses] / (RECORDINGS * len(TRAIN))
+    np.testing.assert_allclose(lost[senses].mean(axis=-1), repelled, atol=1e-9)
+
+
+class TestTell:
+    @staticmethod
+    def told(name, context, start, o=7):
+        """Return the learner after a trial, the trial, and the posterior before."""
+        learner = learner_of(name, context, start)
+        before = learner.knowledge.posterior
+        trial = learner.train(task_of(o, "red"))
+        learner.tell(trial)
+        return learner, trial, before
+
+    @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
+    def test_percepts_of_a_new_object_are_one_row_of_counts(self, name):
+        context, start = context_of(DATASET, feedback=Feedback("all"))
+        learner, trial, before = self.told(name, context, start)
+        shown = np.zeros(before.counts.shape)
+        for step in trial.steps:
+            if step.observation is not None:
+                truth, level = DATASET.labels[7, 0], step.observation[0]
+                shown[0, step.decision.action, truth, level] += 1
+        assert shown.sum() > 0
+        expected = before.replace_object(np.zeros(shown.shape), shown)
+        posterior = learner.knowledge.posterior
+        np.testing.assert_array_equal(posterior.counts, expected.counts)
+        np.testing.assert_array_equal(posterior.concentration, expected.concentration)
+        np.testing.assert_array_equal(posterior.evidence, learner.experience.evidence())
+
+    def test_percepts_of_what_classifiers_have_seen_wait_for_the_refit(self):
+        context, start = context_of(DATASET, np.append(PRE, 7), feedback=Feedback("all"))
+        learner, _, before = self.told("bayes", context, start)
+        assert learner.experience.evidence()[0].sum() > start.evidence()[0].sum()
+        np.testing.assert_array_equal(learner.knowledge.posterior.counts, before.counts)
+
+    def test_later_answers_are_planned_with_it(self):
+        context, start = context_of(DATASET, feedback=Feedback("all"))
+        learner = learner_of("iterative_morc", context, start)
+        test, other = task_of(13, "red"), task_of(13, "heavy")
+        first, kept = learner.test(test).momdp, learner.test(other).momdp
+        learner.tell(learner.train(task_of(7, "red")))
+        assert (learner.test(test).momdp.rows != first.rows).any()
+        assert learner.test(other).momdp is kept
+
+    def test_base_rates_follow_the_labels(self):
+        context, start = context_of(DATASET, feedback=Feedback("all"))
+        learner, _, _ = self.told("bayes", context, start)
+        labels = [*start.told[PRE, 0].tolist(), DATASET.labels[7, 0]]
+        assert learner.knowledge.base_rates[0] == (sum(labels) + 1) / (len(labels) + 2)
+        assert learner.test(task_of(13, "red")).momdp.prior == learner.knowledge.base_rates[:1]
 
 
 def test_a_told_object_is_known_again_only_with_memory():
     for name, prior in (("bayes_memory", 0.9), ("morc_itrs", 0.5)):
-        world, start = world_of(DATASET, feedback=Feedback("all", 0.1))
-        learner = learner_of(name, world, start)
+        context, start = context_of(DATASET, feedback=Feedback("all", 0.1))
+        learner = learner_of(name, context, start)
         told = start.told.copy()
         told[7, 0] = 1
         learner.experience = replace(learner.experience, told=told)
@@ -215,7 +265,10 @@ class TestPublishedVariants:
         )
 
         def claimed(*published):
-            options = {"published": published, "feedback": Feedback("all")}
+            options = {
+                "published": PublishedVariants.named(*published),
+                "feedback": Feedback("all"),
+            }
             learner = trained("iterative_random_legal", strange, 24, **options)[1]
             yes = learner.knowledge.posterior.mean[:, :2, :, 1]
             return (yes[..., 1] - yes[..., 0]).mean()
@@ -223,35 +276,39 @@ class TestPublishedVariants:
         assert claimed("sample_wise") > claimed() + 0.2
 
     def test_the_joint_label_is_true_where_all_are(self):
-        world, start = world_of(DATASET, published=("joint_label",), feedback=Feedback("all"))
-        learner = learner_of("iterative_morc", world, start)
+        context, start = context_of(
+            DATASET, published=PublishedVariants(joint_label=True), feedback=Feedback("all")
+        )
+        learner = learner_of("iterative_morc", context, start)
         trial = learner.train(task_of(7, "red", "heavy"))
         for truth, labels in (([1, 1], [1, 1]), ([1, 0], [0, 0]), ([0, 0], [0, 0])):
-            told = heard(world, replace(trial, truth=np.array(truth, bool)), 7)
+            told = context.labels_of(replace(trial, truth=np.array(truth, bool)), 7)
             assert told.tolist() == labels
 
     def test_model_percepts_are_drawn_from_the_tables_without_end(self):
-        world, start = world_of(DATASET, published=("model_percepts",))
-        learner = learner_of("iterative_morc", world, start)
-        assert isinstance(learner.percepts, ConfusionSampler)
+        context, start = context_of(DATASET, published=PublishedVariants(model_percepts=True))
+        learner = learner_of("iterative_morc", context, start)
+        assert isinstance(learner.perceiver.perceiver, ConfusionSampler)
         tables, _ = learner.knowledge.posterior.select(range(2), exact=True)
-        np.testing.assert_array_equal(learner.percepts.confusion, tables)
+        np.testing.assert_array_equal(learner.perceiver.perceiver.confusion, tables)
         assert np.isinf(learner.test(task_of(13, "red")).momdp.limit).all()
-        plain = learner_of("iterative_morc", *world_of(DATASET))
-        assert isinstance(plain.percepts, FittedPercepts)
+        plain = learner_of("iterative_morc", *context_of(DATASET))
+        assert isinstance(plain.perceiver.perceiver, ScoredPercepts)
 
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_model_percepts_do_not_run_out_in_training_either(self, name):
-        trials, learner = trained(name, published=("model_percepts",))
+        trials, learner = trained(name, published=PublishedVariants(model_percepts=True))
         assert max(len(trial.steps) for trial in trials) < 100
         evidence = learner.experience.evidence()
         np.testing.assert_array_equal(learner.knowledge.posterior.evidence, evidence)
         assert (learner.experience.gathered[TRAIN].sum(axis=2) <= RECORDINGS).all()
 
     def test_names_are_checked(self):
-        assert world_of(DATASET, published=PUBLISHED)
+        every = PublishedVariants(True, True, True, True)
+        assert PublishedVariants.named("all") == every
+        assert PublishedVariants.named("joint_label") == PublishedVariants(joint_label=True)
         with pytest.raises(SettingsError, match="did you mean 'joint_label'"):
-            world_of(DATASET, published=("joint_labels",))
+            PublishedVariants.named("joint_labels")
 
 
 class TestSuccess:
@@ -286,12 +343,3 @@ class TestSuccess:
             self.lift(learner.knowledge.domain)
         )
         assert self.lift(trained("bayes", trials=2, body=body)[1].knowledge.domain) == 0.9
-
-
-def test_recipes_are_checked_and_named():
-    assert {agent.name for agent in ONLINE_AGENTS.values()} == set(EVERY)
-    with pytest.raises(SettingsError, match="did you mean 'bayes_memory'"):
-        load_online_agent("bayes_memori")
-    some = load_online_agent("bayes")
-    with pytest.raises(SettingsError, match="did you mean 'information'"):
-        OnlineAgent("odd", some.recipe, curiosity="informations")

@@ -1,0 +1,195 @@
+"""A log under way: a draft of a unique name, which gets its own when it is whole."""
+
+import contextlib
+import json
+import os
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, ClassVar, Self, TextIO
+
+import numpy as np
+from mcap.writer import Writer
+
+from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.files import replace_whole
+from meal_bayes.trial_log.decode import End
+from meal_bayes.trial_log.encode import Packed
+from meal_bayes.trial_log.names import new_draft, timing_of
+from meal_bayes.trial_log.schema import (
+    END,
+    FORMAT_VERSION,
+    PROFILES,
+    RUN,
+    SUFFIX,
+    RunMessage,
+    channels,
+)
+from meal_bayes.untrusted import read_json
+
+
+class LogFile:
+    """Writes a log into `path`, which exists only once the file is whole.
+
+    Until then the file is a draft, `active_path`, of a name that no other writer has. Seconds of
+    wall-clock time go into `<stem>.timing.csv` beside the file, so that two equal runs write equal
+    logs. Where the `with` block ends by an exception, the draft stays.
+
+    Parameters
+    ----------
+    path : ends in .mcap; missing folders are made, a file of that name is replaced.
+    header : what the run was, in JSON values: config, seed, git. `versions` is filled in.
+    """
+
+    form: ClassVar[str]
+
+    def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
+        self.path = Path(path)
+        if self.path.suffix != SUFFIX:
+            raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
+        self.active_path = new_draft(self.path)  # its name while it is being written
+        self.header = {"versions": _versions(), **header}
+        self._text = _json(self.header)
+        self._file: BinaryIO | None = None
+        self._timing: TextIO | None = None
+        self.written = End()
+        self.begun = False  # a trial was begun and has no end yet
+        self._torn = False  # a write was broken off: what follows could not be read
+
+    @property
+    def timing_path(self) -> Path:
+        """The table of seconds."""
+        return timing_of(self.path)
+
+    def __enter__(self) -> Self:
+        with self._faults_named():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.exists() and not self.path.is_file():
+                raise OSError(f"{self.path} is no file")
+            self._file = self.active_path.open("xb")
+            self._mcap: Any = Writer(self._file, enable_data_crcs=True)
+            self._mcap.start(profile=PROFILES[self.form])
+            self._channels = {
+                topic: self._mcap.register_channel(
+                    topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
+                )
+                for topic, name, data in channels(self.form)
+            }
+            self._describe()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._file is None:
+            return
+        whole = kind is None and not self._torn and not self.begun
+        file = self._file
+        with self._faults_named(), contextlib.ExitStack() as stack:
+            stack.enter_context(file)
+            stack.callback(self._close_timing)
+            if whole:
+                self.flush()
+                self._mcap.add_attachment(
+                    0, 0, END, "application/json", _json(self.written._asdict()).encode()
+                )
+                self._mcap.finish()
+                file.flush()
+        if whole:
+            with self._faults_named():
+                if self._timing is None:
+                    self.timing_path.unlink(missing_ok=True)
+                else:
+                    replace_whole(timing_of(self.active_path), self.timing_path)
+                replace_whole(self.active_path, self.path)  # last: with it the log is there
+
+    def _close_timing(self) -> None:
+        self._file = None
+        if self._timing is not None:
+            self._timing.close()
+
+    def flush(self) -> None:
+        """Write what is waiting."""
+
+    def put(
+        self, packed: list[Packed], *, seconds: Sequence[float | None] = (), sync: bool = False
+    ) -> None:
+        """Write messages; when this returns they have left the process, or (sync) are on disk."""
+        self.check_open()
+        self._torn = True
+        with self._faults_named():
+            for message in packed:
+                self._add(message.topic, message.time, message.data)
+            self._mcap.flush()
+            for number, taken in enumerate(seconds, start=self.written.trials):
+                if taken is not None:
+                    self._note_seconds(number, taken)
+            if sync and self._file is not None:
+                self._file.flush()
+                os.fsync(self._file.fileno())
+        self._torn = False
+
+    def check_open(self) -> None:
+        """Raise where nothing can be written."""
+        if self._file is None or self._torn:
+            raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
+
+    @contextlib.contextmanager
+    def _faults_named(self) -> Iterator[None]:
+        """Turn the system's errors into ours, which name the file."""
+        try:
+            yield
+        except OSError as fault:
+            trials = self.written.trials
+            kept = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
+            why = fault.strerror or fault
+            raise LogError(f"{self.path} cannot be written: {why}{kept}.") from fault
+
+    def _describe(self) -> None:
+        """Write what the run was: metadata and an attachment for other tools, /run for ours."""
+        flat = {
+            name: value if isinstance(value, str) else _json(value)
+            for name, value in sorted(self.header.items())
+        }
+        self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
+        config = _json(self.header.get("config", self.header))
+        self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
+        run = RunMessage(format_version=FORMAT_VERSION, header=self._text)
+        self._add(RUN, 0, run.SerializeToString())
+        self._mcap.flush()
+
+    def _add(self, topic: str, time: int, data: bytes) -> None:
+        self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
+
+    def _note_seconds(self, number: int, seconds: float) -> None:
+        if self._timing is None:
+            self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
+            self._timing.write("trial,seconds\n")
+        self._timing.write(f"{number},{seconds:.6f}\n")
+        self._timing.flush()
+
+
+def _versions() -> dict[str, str]:
+    try:
+        own = version("meal-bayes")
+    except PackageNotFoundError:  # run from a folder, not installed
+        own = "unknown"
+    return {"meal_bayes": own, "numpy": np.__version__, "python": platform.python_version()}
+
+
+def _json(value: object) -> str:
+    if isinstance(value, Mapping) and not all(isinstance(name, str) for name in value):
+        raise SettingsError(f"Names in a log's header must be text; found {list(value)}.")
+    try:
+        text = json.dumps(value, sort_keys=True, allow_nan=False)
+        read_json(text)  # a reader must take it
+    except (TypeError, ValueError) as fault:
+        raise SettingsError(
+            f"A log's header holds JSON values (text, finite numbers, lists, tables); {fault}."
+        ) from fault
+    return text

@@ -1,0 +1,260 @@
+"""Outcomes: what measures need of many trials, in columns, a row a trial."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents.trial import Trial
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.errors import SettingsError
+
+Texts = NDArray[np.object_]
+Bits = NDArray[np.bool_]
+
+TEXTS = {"agent": "n", "key": "n", "object_name": "n", "attribute": "nq", "ended": "n"}
+INTEGERS = {
+    "object_index": "n", "truth": "nq", "report": "nq", "steps": "n", "executed": "ne",
+    "failed": "ne",
+}  # fmt: skip
+REALS = {"positive": "nq", "cost": "n", "reward": "n"}
+_PADDING: dict[str, Any] = {"attribute": "", "truth": -1, "report": -1, "positive": np.nan}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialOutcomes:
+    """Outcomes of n trials; N is the largest number of attributes asked in one of them.
+
+    A row with fewer attributes ends in attribute "", truth -1, report -1 and belief NaN.
+
+    Attributes
+    ----------
+    behaviors : names of the E behaviors.
+    agent : (n,) names of agents.
+    key : (n,) what names the task, in JSON; trials of two agents are paired by it.
+    object_index : (n,) places in the data set; -1 of an object without recordings.
+    object_name : (n,) names of objects, the clusters of standard errors.
+    attribute : (n,N) names of the attributes asked.
+    truth : (n,N) 1 true, 0 false, -1 unknown.
+    report : (n,N) 1 true, 0 false; -1 where the agent abstained.
+    positive : (n,N) final belief in "true".
+    cost : (n,) s, Eq. 6.
+    reward : (n,) unshaped and undiscounted; NaN where it is unknown.
+    ended : (n,) why a trial was broken off; "" where it was not.
+    steps : (n,) actions, a report included.
+    executed : (n,E) executions of each behavior.
+    failed : (n,E) executions of these without a percept.
+
+    Raises
+    ------
+    SettingsError : columns that do not fit each other, or values that no trial has.
+    """
+
+    behaviors: tuple[str, ...]
+    agent: Texts
+    key: Texts
+    object_index: NDArray[np.int64]
+    object_name: Texts
+    attribute: Texts
+    truth: NDArray[np.int8]
+    report: NDArray[np.int8]
+    positive: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    ended: Texts
+    steps: NDArray[np.int64]
+    executed: NDArray[np.int64]
+    failed: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        kinds = dict.fromkeys(TEXTS, object) | dict.fromkeys(INTEGERS, np.int64)
+        kinds |= {"truth": np.int8, "report": np.int8}
+        for field in fields(self)[1:]:
+            values = freeze(getattr(self, field.name), kinds.get(field.name, np.float64))
+            set_frozen(self, **{field.name: values})
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self.agent)
+
+    @classmethod
+    def of(cls, trials: "Iterable[Trial] | TrialOutcomes") -> "TrialOutcomes":
+        """Compute the outcomes of trials; outcomes are returned as they are."""
+        if isinstance(trials, TrialOutcomes):
+            return trials
+        found = [_Row.of(trial) for trial in trials]
+        behaviors = tuple(dict.fromkeys(name for row in found for name in row.behaviors))
+        n, q = len(found), max((len(row.attributes) for row in found), default=0)
+        wide = {name: np.full((n, q), value, object) for name, value in _PADDING.items()}
+        executed, failed = np.zeros((2, n, len(behaviors)), np.int64)
+        place = {name: i for i, name in enumerate(behaviors)}
+        for k, row in enumerate(found):
+            asked = slice(len(row.attributes))
+            for name, values in zip(wide, (row.attributes, row.truth, row.report, row.positive),
+                                    strict=True):  # fmt: skip
+                wide[name][k, asked] = values
+            columns = [place[name] for name in row.behaviors]
+            executed[k, columns], failed[k, columns] = row.executed, row.failed
+        single = zip(*(row.single for row in found), strict=True) if found else [[]] * 7
+        names = ("agent", "key", "object_index", "object_name", "cost", "reward", "ended")
+        return cls(
+            behaviors=behaviors,
+            **dict(zip(names, single, strict=True)),  # type: ignore[arg-type]
+            **wide,
+            steps=np.array([row.steps for row in found], np.int64),
+            executed=executed,
+            failed=failed,
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
+        """Concatenate rows; fewer attributes are padded, behaviors matched by name."""
+        behaviors = tuple(dict.fromkeys(name for part in parts for name in part.behaviors))
+        n, q = sum(map(len, parts)), max((part.attribute.shape[1] for part in parts), default=0)
+        columns: dict[str, Any] = {}
+        for name, shape in (TEXTS | INTEGERS | REALS).items():
+            own = [getattr(part, name) for part in parts]
+            if shape == "n":
+                columns[name] = np.concatenate(own) if own else []
+                continue
+            kind = own[0].dtype if own else object
+            width = q if shape == "nq" else len(behaviors)
+            whole = columns[name] = np.full((n, width), _PADDING.get(name, 0), kind)
+            row = 0
+            for part, values in zip(parts, own, strict=True):
+                places = [behaviors.index(b) for b in part.behaviors] if shape == "ne" else slice(
+                    values.shape[1])  # fmt: skip
+                whole[row : row + len(part), places] = values
+                row += len(part)
+        return cls(behaviors=behaviors, **columns)
+
+    def rows(self, chosen: Any) -> "TrialOutcomes":
+        """Return some rows.
+
+        Parameters
+        ----------
+        chosen : a mask (n,), a slice, or indices.
+        """
+        columns = {name: getattr(self, name)[chosen] for name in TEXTS | INTEGERS | REALS}
+        return TrialOutcomes(self.behaviors, **columns)
+
+    def of_agent(self, name: str) -> "TrialOutcomes":
+        """Return the rows of one agent."""
+        return self.rows(self.agent == name)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of the agents, in the order of their first trials."""
+        return tuple(dict.fromkeys(self.agent.tolist()))
+
+    @property
+    def answered(self) -> Bits:
+        """Whether there is a report, (n,)."""
+        return np.asarray((self.report >= 0).any(axis=1))
+
+    @property
+    def judged(self) -> Bits:
+        """Whether the trial came to its end and its truth is known, (n,)."""
+        known = (self.truth >= 0) | (self.attribute == "")
+        return np.asarray((self.ended == "") & known.all(axis=1))
+
+    @property
+    def success(self) -> NDArray[np.int8]:
+        """Eq. 5, (n,): 1 where the report is right in every attribute, 0, or -1 if not judged."""
+        right = self.answered & (self.report == self.truth).all(axis=1)
+        return np.where(self.judged, right, -1).astype(np.int8)
+
+    @property
+    def certainty(self) -> NDArray[np.float64]:
+        """Pr(most probable values), (n,), by the agent's final belief."""
+        likelier = np.maximum(self.positive, 1 - self.positive)
+        return np.asarray(np.nanprod(likelier, axis=1))
+
+    def beliefs(self) -> tuple[NDArray[np.float64], Bits]:
+        """Return final beliefs and truths of all attributes whose truth is known, (M,) each."""
+        known = self.truth >= 0
+        return self.positive[known], self.truth[known] == 1
+
+    def _check(self) -> None:
+        size = {"n": len(self), "e": len(self.behaviors)}
+        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1  # noqa: PLR2004
+        for name, shape in (TEXTS | INTEGERS | REALS).items():
+            found, expected = getattr(self, name).shape, tuple(size[letter] for letter in shape)
+            if found != expected:
+                raise SettingsError(f"{name} has shape {found}, expected {expected}.")
+        asked = self.attribute != ""
+        answered = self.report >= 0
+        wrong = {
+            "truth": ~np.isin(self.truth, (-1, 0, 1)) | ((self.truth >= 0) & ~asked),
+            "report": ~np.isin(self.report, (-1, 0, 1))
+            | (answered != (asked & answered.any(axis=1, keepdims=True))),
+            "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
+                                 ~np.isnan(self.positive)),
+            "cost": ~np.isfinite(self.cost),
+            "reward": np.isinf(self.reward),
+            "steps": self.steps < self.executed.sum(axis=1),
+            "executed": self.executed < self.failed,
+            "failed": self.failed < 0,
+            "object_index": self.object_index < -1,
+        }  # fmt: skip
+        for name, places in wrong.items():
+            if places.any():
+                row = int(np.argwhere(places)[0][0])
+                raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
+
+
+class BatchOutcomes(NamedTuple):
+    """Test trials after a batch of an online run; batch 0 is before any training."""
+
+    agent: str
+    repeat: int
+    batch: int
+    hours: float  # of exploration so far: summed cost of the training trials
+    outcomes: TrialOutcomes
+
+
+class _Row(NamedTuple):
+    """One trial's outcome."""
+
+    single: tuple[Any, ...]
+    attributes: tuple[str, ...]
+    truth: NDArray[np.int8]
+    report: Any
+    positive: NDArray[np.float64]
+    behaviors: tuple[str, ...]
+    steps: int
+    executed: NDArray[np.int64]
+    failed: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, trial: Trial) -> "_Row":
+        task, names = trial.task, trial.momdp.behavior_names
+        done = [s for s in trial.steps if s.decision.action < len(names)]
+        actions = [step.decision.action for step in done]
+        empty = [step.decision.action for step in done if step.observation is None]
+        return cls(
+            single=(
+                trial.agent, task_key(task.key), task.object_index, task.object_name, trial.cost,
+                trial.reward, trial.ended,
+            ),
+            attributes=task.query.attributes,
+            truth=trial.truth,
+            report=-1 if trial.report is None else trial.report.astype(np.int8),
+            positive=trial.last_belief.positive,
+            behaviors=names,
+            steps=len(trial.steps),
+            executed=np.bincount(actions, minlength=len(names)),
+            failed=np.bincount(empty, minlength=len(names)),
+        )  # fmt: skip
+
+
+def task_key(key: Iterable[str | int]) -> str:
+    """Write a task's key as JSON.
+
+    >>> task_key(("offline", 3))
+    '["offline", 3]'
+    """
+    return json.dumps([part if isinstance(part, str) else int(part) for part in key])
