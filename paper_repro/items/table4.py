@@ -13,7 +13,7 @@ from paper_repro.online import BEST, mean_of, run_curves, steps_of
 from paper_repro.statements import Evidence, above, joined, mean_interval, within
 
 GRASP, ATTRIBUTE = "grasp", "soft"
-DELTA = 5 * 33  # recordings of the objects in training, Eq. 10 as the paper reads it
+DELTA = {"recorded": 5 * 33, "published": 5 * 40}  # recordings of training's objects (Eq. 10)
 FIRST, EARLY, LATE = 1, 2, 10  # batches: before any training; where T1 lies; the last
 NOTE = """Rows are those of the MOMDPs of training trials that ask for SOFT, means over repeats:
 early in the second batch, where the paper's T1 lies, late in the last. IE counts the labelled
@@ -35,7 +35,7 @@ def run(setting: Setting) -> Result:
 
         def run_one(agent: str, repeats: int, where: str = protocol) -> Traits:
             training = run_curves(setting, "cy101", 1, agent, repeats, where).training
-            return traits_of(training)
+            return traits_of(training, DELTA[where])
 
         runs, evidence[protocol] = until_decided(
             (BEST,), steps, run_one, lambda runs: judge(runs[BEST])
@@ -103,7 +103,7 @@ def youden(traits: Traits, when: str) -> NDArray[np.float64]:
     return traits[f"{when} 1"] - traits[f"{when} 0"]
 
 
-def traits_of(training: tuple[tuple[Path, ...], ...]) -> Traits:
+def traits_of(training: tuple[tuple[Path, ...], ...], delta: int) -> Traits:
     """Read the traits of each repeat off its training trials."""
     rows = []
     for logs in training:
@@ -115,7 +115,7 @@ def traits_of(training: tuple[tuple[Path, ...], ...]) -> Traits:
             **{f"early {k}": early[k] for k in ("0", "1", "presses")},
             **{f"late {k}": late[k] for k in ("0", "1", "presses")},
             "grasp": late["grasp"],
-            "experience": (late["count"] - first["count"]) / DELTA,
+            "experience": (late["count"] - first["count"]) / delta,
         })  # fmt: skip
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 

@@ -33,6 +33,11 @@ KINDS = (STANDS, FALLS, UNDECIDED)
 TRIALS, OBJECTS, REPEATS = 200, 20, 20
 
 
+def kinds(*values):
+    """Pair what makes a statement stand, fall and stay undecided with these outcomes."""
+    return list(zip(KINDS, values, strict=True))
+
+
 def interval(mean, reach):
     return Interval(mean, reach / 2, mean - reach, mean + reach)
 
@@ -159,7 +164,7 @@ def test_runs_go_on_until_decided_or_the_steps_end():
     assert len(ran) == 6
 
 
-@pytest.mark.parametrize(("kind", "shift"), zip(KINDS, (0.0, 0.3, 0.05), strict=True))
+@pytest.mark.parametrize(("kind", "shift"), kinds(0.0, 0.3, 0.05))
 def test_table_3_judges_printed_numbers(kind, shift):
     runs = {
         "random": columns(0.245 + shift, 0.05), table3.ALL: columns(0.583), "morc": columns(0.86)
@@ -169,7 +174,7 @@ def test_table_3_judges_printed_numbers(kind, shift):
     assert table3.judge(costs, 2)["random, 2 attributes: cost 17.56"].outcome == kind
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (2.0, -2.0, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(2.0, -2.0, 0.0))
 def test_table_3_judges_that_morc_is_ahead(kind, lead):
     runs = {"morc": columns(lead), "random": columns(0, seed=1), table3.ALL: columns(0, seed=2)}
     evidence = table3.judge(runs, 2)
@@ -180,7 +185,7 @@ def test_table_3_judges_that_morc_is_ahead(kind, lead):
     assert evidence["MORC at 2 attributes: less cost than every baseline"].outcome == kind
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (50.0, -50.0, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(50.0, -50.0, 0.0))
 def test_fig_8_calls_nobody_best_who_is_not_ahead(kind, lead):
     """The rival alone decides: the other three are far behind."""
     far = {name: columns(-900, 30, seed=n) for n, name in enumerate(fig8.BASELINES)}
@@ -203,7 +208,7 @@ def test_fig_8_judges_costs(kind, rise, falls, level):
     assert [one.outcome for one in evidence.values()] == [kind] * 3
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (0.3, -0.3, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
 def test_eq_7_judges_successes_within_a_budget(kind, lead):
     def run(success, seed):
         own = columns(0.5, 0.3, seed=seed)
@@ -222,7 +227,7 @@ def test_successes_are_counted_while_the_budget_lasts():
     assert eq7.successes_within(success, np.zeros(4), 60) == 3
 
 
-@pytest.mark.parametrize(("kind", "more"), zip(KINDS, (1.0, -1.0, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "more"), kinds(1.0, -1.0, 0.0))
 def test_a_larger_reward_is_judged_on_the_same_queries(kind, more):
     runs = {"2000": columns(more, seed=1), "100": columns(0.0), "500": columns(5.0)}
     assert {one.outcome for one in risk.judge(runs).values()} == {kind}
@@ -257,7 +262,7 @@ def test_fig_9_exploring_that_never_grows_is_undecided_or_falls():
                                ].outcome == FALLS  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (0.1, -0.1, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
 def test_fig_10_judges_areas_and_budgets(kind, lead):
     panel = {"morc_itrs": curves(0.8 + lead, seed=1, first=0.5 + lead),
              "iterative_morc": curves(0.8, seed=2),
@@ -275,7 +280,7 @@ def test_areas_are_means_over_hours():
     assert online.at_hours(hours, values, 9.0) == pytest.approx([1.0])
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (0.1, -0.1, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
 def test_fig_11_judges_attributes(kind, lead):
     rng = np.random.default_rng(0)
 
@@ -301,7 +306,7 @@ def test_fig_11_judges_attributes(kind, lead):
         assert FALLS in outcomes[4:]
 
 
-@pytest.mark.parametrize(("kind", "lead"), zip(KINDS, (0.05, -0.05, 0.0), strict=True))
+@pytest.mark.parametrize(("kind", "lead"), kinds(0.05, -0.05, 0.0))
 def test_fig_12_judges_the_grid(kind, lead):
     grid = {}
     for n, (alpha, beta) in enumerate((a, b) for a in fig12.ALPHAS for b in fig12.BETAS):
@@ -340,7 +345,7 @@ def test_table_4_judges_tables_and_choices(kind, early, late, grasp, experience,
     assert table4.judge(traits)[table4.texts()[0]].outcome != STANDS
 
 
-@pytest.mark.parametrize(("kind", "errors"), zip(KINDS, ((0, 2), (2, 0), (2, 2)), strict=True))
+@pytest.mark.parametrize(("kind", "errors"), kinds((0, 2), (2, 0), (2, 2)))
 def test_fig_4_orders_attributes_by_kappa(kind, errors):
     counts = np.zeros((30, 2, 2, 2))
     for p, wrong in enumerate(errors):
