@@ -67,8 +67,8 @@ class Statement:
         needed = [one.needed for one in open_ if one.needed is not None]
         return {
             "text": self.text,
-            "recorded": own and own.outcome,
-            "published": code and code.outcome,
+            "recorded": own.outcome if own else None,
+            "published": code.outcome if code else None,
             "repeats": min((one.repeats for one in counted), default=0),
             "needed": max(needed, default=None),
         }
@@ -89,7 +89,8 @@ def change_of_means(
         x, names = np.asarray(values, float), np.asarray(clusters)
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
-    return paired_difference(*([side[name] for name in shared] for side in sides), shared)
+    means = [[side[name] for name in shared] for side in sides]
+    return paired_difference(means[0], means[1], shared)
 
 
 def above(

@@ -113,7 +113,7 @@ def run_agent(
         reward=own.reward,
         objects=own.object_index,
         correct=own.report == own.truth,
-        abstained=(own.report < 0).all(axis=1),
+        abstained=np.asarray((own.report < 0).all(axis=1)),
         seconds=sum(done.seconds.values()),
     )
 

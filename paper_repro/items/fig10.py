@@ -119,7 +119,8 @@ def judge(panel: Panel, title: str) -> dict[str, Evidence]:
         for other in (BASE, LEGAL)
         for hours in budgets
     }
-    first, last = (lambda x: x.hours[:, 1]), min(len(best), len(legal))
+    starts = {name: curves.hours[:, 1] for name, curves in panel.items()}
+    last = min(len(best), len(legal))
     outcomes = (
         above(paired(*area(best, base, "accuracy")), 0, number, pair, of="accuracy less its"),
         above(paired(*area(best, base, "reward")), 0, number, pair, of="reward less its"),
@@ -127,8 +128,8 @@ def judge(panel: Panel, title: str) -> dict[str, Evidence]:
             above(found, 0, number, (BEST, other), of=f"accuracy at {hours:g} h less {other}'s")
             for (other, hours), found in leads.items()
         ),
-        above(paired(first(best), first(base)), 0, number, pair, of="hours less its"),
-        below(paired(first(best), first(legal)), 0, last, (BEST, LEGAL), of="hours less its"),
+        above(paired(starts[BEST], starts[BASE]), 0, number, pair, of="hours less its"),
+        below(paired(starts[BEST], starts[LEGAL]), 0, last, (BEST, LEGAL), of="hours less its"),
     )
     return dict(zip(texts(title), outcomes, strict=True))
 

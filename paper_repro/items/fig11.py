@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.evaluation import Interval, plots
-from paper_repro.frame import Cell, Result, Setting, Table, paper_values, until_decided
+from paper_repro.frame import Cell, Estimate, Result, Setting, Table, paper_values, until_decided
 from paper_repro.online import (
     ATTRIBUTES,
     BASE,
@@ -128,6 +128,6 @@ def at_two_hours(curves: Curves, hours: float) -> NDArray[np.float64]:
     return found
 
 
-def _mean(values: NDArray[np.float64]) -> tuple[float, float]:
+def _mean(values: NDArray[np.float64]) -> Estimate:
     known = values[~np.isnan(values)]
     return mean_of(known) if len(known) else mean_of(np.array([np.nan]))

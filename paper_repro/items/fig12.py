@@ -77,7 +77,7 @@ def judge(grid: Grid) -> dict[str, Evidence]:
 
     def over(axis: int, wanted: tuple[int, ...]) -> NDArray[np.float64]:
         own = [area[name] for name in names if int(name.split(", ")[axis]) in wanted]
-        return np.mean(own or [area[name] for name in names], axis=0)
+        return np.asarray(np.mean(own or list(area.values()), axis=0))
 
     middle = over(1, BETAS[1:-1])
     ends = {f"beta {b}": paired(middle, over(1, (b,))) for b in (BETAS[0], BETAS[-1])}

@@ -126,7 +126,7 @@ def _row(n: int, agent: str, runs: Mapping[str, Runs]) -> tuple[Cell, ...]:
         sides = [(Estimate(p, sqrt(p * (1 - p)) / root), cost, printed["sd"])]
     for protocol in ("published", "recorded"):
         own = runs[protocol][agent] if protocol in runs else None
-        sides.append(own and (own.mean("success"), own.mean("cost"), own.cost_sd))
+        sides.append((own.mean("success"), own.mean("cost"), own.cost_sd) if own else None)
     return (n, agent, *(side and side[m] for m in range(3) for side in sides))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes import read_trials
+from meal_bayes.evaluation import Interval
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values, until_decided
 from paper_repro.items.t1t2 import PRESS
 from paper_repro.online import BEST, mean_of, run_curves, steps_of
@@ -82,19 +83,20 @@ def judge(traits: Traits) -> dict[str, Evidence]:
     paper, trials = paper_values("table4"), paper_values("t1t2")
     margin = paper["margin"]
     change = youden(traits, "late") - youden(traits, "early")
-    outcomes = [above(*_known(change), (BEST,), of="rise of TPR - FPR")]
+    interval, number = _known(change)
+    outcomes = [above(interval, 0, number, (BEST,), of="rise of TPR - FPR")]
     for values, printed, of in (
         (youden(traits, "early"), _youden(paper["early"]), "TPR - FPR"),
         (youden(traits, "late"), _youden(paper["late"]), "TPR - FPR"),
         (traits["grasp"], _youden(trials["grasp"]), "TPR - FPR"),
         (traits["experience"], trials["experience"], "IE"),
     ):
-        interval, _, number = _known(values)
+        interval, number = _known(values)
         outcomes.append(
             within(interval, printed - margin, printed + margin, number, (BEST,), of=of)
         )
-    presses = traits["late presses"] - traits["early presses"]
-    outcomes.append(above(*_known(presses), (BEST,), of="rise of the fraction that presses"))
+    interval, number = _known(traits["late presses"] - traits["early presses"])
+    outcomes.append(above(interval, 0, number, (BEST,), of="rise of the fraction that presses"))
     return dict(zip(texts(), outcomes, strict=True))
 
 
@@ -142,11 +144,12 @@ def _read(log: Path) -> dict[str, float]:
     return found | ({"presses": float(np.mean(presses))} if presses else {})
 
 
-def _known(values: NDArray[np.float64]) -> tuple:  # type: ignore[type-arg]
+def _known(values: NDArray[np.float64]) -> tuple[Interval, int]:
+    """Estimate the mean over the repeats that have one; nothing is known where none has."""
     known = values[~np.isnan(values)]
     if not len(known):
-        known = np.zeros(1)
-    return mean_interval(known, range(len(known))), 0, len(known)
+        return Interval(np.nan, np.nan, np.nan, np.nan), 0
+    return mean_interval(known, range(len(known))), len(known)
 
 
 def _mean(values: NDArray[np.float64]) -> Cell:
