@@ -45,6 +45,7 @@ class Setting:
     logs: Path = Path("logs")
     as_published: bool = False  # the published code's protocol alone
     cluster: str | None = None  # address of a Dask scheduler
+    trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 runs none
     on_progress: Callable[[int, int], None] | None = None
 
@@ -62,12 +63,13 @@ class Setting:
         """Return the size of a full run, or of a quick one."""
         return quick if self.quick else full
 
-    def steps(self, full: Sequence[int], quick: int) -> tuple[int, ...]:
-        """Return the steps of repeats, cut at the most that are wanted; none where that is 0."""
-        steps = (quick,) if self.quick else tuple(full)
-        if self.repeats is None:
-            return steps
-        return tuple(dict.fromkeys(min(step, self.repeats) for step in steps if self.repeats))
+    def trial_steps(self, full: Sequence[int], quick: int) -> tuple[int, ...]:
+        """Return the steps of offline trials, cut at the most that are wanted."""
+        return _cut((quick,) if self.quick else full, self.trials)
+
+    def repeat_steps(self, full: Sequence[int]) -> tuple[int, ...]:
+        """Return the steps of online repeats, cut likewise; a quick run has one."""
+        return _cut((1,) if self.quick else full, self.repeats)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -219,7 +221,11 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
 def command(item: str, setting: Setting) -> str:
     """Return the command behind a result."""
     quick, code = " --quick" * setting.quick, " --as-published" * setting.as_published
-    most = "" if setting.repeats is None else f" --repeats {setting.repeats}"
+    most = "".join(
+        f" --{name} {value}"
+        for name, value in (("trials", setting.trials), ("repeats", setting.repeats))
+        if value is not None
+    )
     return f"meal-bayes reproduce {item}{quick}{code}{most} --seed {setting.seed}"
 
 
@@ -231,6 +237,13 @@ def plain_cell(cell: Cell) -> Any:
         nothing = abs(cell) < _ZERO  # what rounding leaves over
         return None if not math.isfinite(cell) else 0.0 if nothing else float(f"{cell:.6g}")
     return cell
+
+
+def _cut(steps: Sequence[int], most: int | None) -> tuple[int, ...]:
+    """Return steps up to the most; none where that is 0."""
+    if most is None:
+        return tuple(steps)
+    return tuple(dict.fromkeys(min(step, most) for step in steps if most))
 
 
 def _evidence(statements: Sequence[Statement]) -> list[Table]:

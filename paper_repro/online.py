@@ -1,6 +1,5 @@
 """Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -137,8 +136,3 @@ def series(curves: Curves, values: Array, name: str) -> plots.Series:
     mean, root = values.mean(axis=0), max(len(curves), 2) ** 0.5
     error = values.std(axis=0, ddof=min(1, len(curves) - 1)) / root
     return plots.Series(name, curves.hours.mean(axis=0), mean, mean - error, mean + error)
-
-
-def steps_of(setting: Setting, steps: Sequence[int] = STEPS) -> tuple[int, ...]:
-    """Return the steps of repeats, cut at the setting's limit; none where it is 0."""
-    return setting.steps(steps, quick=1)

@@ -75,9 +75,16 @@ class Statement:
 
 
 def mean_interval(values: ArrayLike, clusters: ArrayLike) -> Interval:
-    """Return the mean with its 95 % interval over clusters."""
+    """Return the mean with its 95 % interval over clusters.
+
+    Where all cases are right, or all wrong, it reaches by the rule of three: three clusters in all.
+    """
     x = np.asarray(values, float)
-    return paired_difference(x, np.zeros_like(x), clusters)
+    found, number = paired_difference(x, np.zeros_like(x), clusters), len(np.unique(clusters))
+    if number > 1 and x.min() == x.max() and x[0] in (0.0, 1.0):
+        low, high = (max(0.0, x[0] - 3 / number), min(1.0, x[0] + 3 / number))
+        return Interval(float(x[0]), found.se, float(low), float(high))
+    return found
 
 
 def change_of_means(
@@ -125,7 +132,7 @@ def within(
     of: str = "it",
 ) -> Evidence:  # fmt: skip
     """Judge that a quantity lies in a range: its whole interval must."""
-    rule = f"{of} is in [{low:.4g}, {high:.4g}]"
+    rule = f"{of} is in [{low:.5g}, {high:.5g}]"
     if low <= interval.low and interval.high <= high:
         return Evidence(STANDS, rule, interval, repeats, None, tuple(agents))
     if interval.high < low or interval.low > high:

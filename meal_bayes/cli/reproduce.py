@@ -38,8 +38,12 @@ _PACKAGE = "paper_repro"
     help=f"Where the items are; {_PACKAGE}/ here or above by default.",
 )  # fmt: skip
 @click.option(
+    "--trials", type=Whole(1, MOST_TRIALS), metavar="T",
+    help="Of an agent offline, at most. By default until every statement is decided.",
+)  # fmt: skip
+@click.option(
     "--repeats", type=Whole(0, MOST_TRIALS), metavar="R",
-    help="Of online runs, at most; 0 runs none. By default until every statement is decided.",
+    help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
 @json_option
 def reproduce(
@@ -51,6 +55,7 @@ def reproduce(
     cluster: str | None,
     logs: Path,
     scripts: Path | None,
+    trials: int | None,
     repeats: int | None,
     as_json: bool,
 ) -> None:
@@ -71,7 +76,7 @@ def reproduce(
         try:
             with progress(item, "trials") as advance:
                 setting = frame.Setting(
-                    quick, seed, jobs, logs, as_published, cluster, repeats, advance
+                    quick, seed, jobs, logs, as_published, cluster, trials, repeats, advance
                 )
                 results.append(frame.reproduce(item, setting))
         except DownloadError as fault:  # no recordings; the rest does without

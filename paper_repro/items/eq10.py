@@ -2,7 +2,7 @@
 
 from paper_repro.frame import Cell, Estimate, Result, Setting, Table
 from paper_repro.items.fig10 import area
-from paper_repro.online import BEST, mean_of, paired, run_curves, steps_of
+from paper_repro.online import BEST, mean_of, paired, run_curves
 
 READINGS = {"paper": "labelled instances of training, over 5 recordings of its objects",
             "all": "those of pretraining too, and its objects"}  # fmt: skip
@@ -16,7 +16,7 @@ def run(setting: Setting) -> Result:
     """Run MORC-ITRS under both readings, on the same tasks."""
     rows: list[tuple[Cell, ...]] = []
     effects = {}
-    for repeats in () if setting.as_published else steps_of(setting, STEPS):
+    for repeats in () if setting.as_published else setting.repeat_steps(STEPS):
         first, second = (
             run_curves(setting, "cy101", 1, BEST, repeats, normalizer=name) for name in READINGS
         )

@@ -24,7 +24,7 @@ SHOWS = """The paper draws no such figure. Successes, one line a strategy, over 
 
 def run(setting: Setting) -> Result:
     """Count successes within budgets on recorded percepts, and in the published protocol."""
-    steps, evidence = setting.choose(STEPS, (6,)), dict[str, dict[str, Evidence]]()
+    steps, evidence = setting.trial_steps(STEPS, 6), dict[str, dict[str, Evidence]]()
     compared: dict[str, Runs] = {}
     for protocol in setting.protocols:
         evidence[protocol] = {}

@@ -5,7 +5,7 @@ from typing import Any
 from paper_repro.frame import Cell, Estimate, Result, Setting, Table
 from paper_repro.trials import AGAINST, MEASURES, against, domain_path, run_agent
 
-TRIALS = (400, 8)
+STEPS = (400,)  # trials: nothing is to be decided
 CHANGES: dict[str, tuple[str, int, str, str, dict[str, Any]]] = {
     # number in errata.toml: data set, attributes, what is changed, protocol and settings beside it
     "1": ("roc36", 3, "percepts drawn from the learned tables", "published", {"domain": "roc36"}),
@@ -21,7 +21,7 @@ COLUMNS = ("departure", "data set", "changed", *MEASURES, "reward less ours, pai
 
 def run(setting: Setting) -> Result:
     """Run MORC on the queries of Table 3 and Fig. 8, then with one departure at a time."""
-    count, seconds = setting.choose(*TRIALS), 0.0
+    (count,), seconds = setting.trial_steps(STEPS, 8), 0.0
     rows: list[tuple[Cell, ...]] = []
     effects = {}
     for number, (dataset, n, text, protocol, options) in CHANGES.items():

@@ -21,6 +21,7 @@ from paper_repro.online import (
     LEGAL,
     OURS,
     PAPERS,
+    STEPS,
     Curves,
     at_hours,
     mean_of,
@@ -28,7 +29,6 @@ from paper_repro.online import (
     paired,
     run_curves,
     series,
-    steps_of,
 )
 from paper_repro.statements import Evidence, above, below, every, joined
 
@@ -49,7 +49,7 @@ Panel = Mapping[str, Curves]
 
 def run(setting: Setting) -> Result:
     """Run every panel in both protocols until its statements are decided."""
-    steps = steps_of(setting)
+    steps = setting.repeat_steps(STEPS)
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     tables, figures = [], {}
     leads: dict[str, list[str]] = {name: [] for name in setting.protocols}

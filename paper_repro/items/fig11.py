@@ -11,11 +11,11 @@ from paper_repro.online import (
     ATTRIBUTES,
     BASE,
     BEST,
+    STEPS,
     Curves,
     mean_of,
     paired,
     run_curves,
-    steps_of,
 )
 from paper_repro.statements import (
     Evidence,
@@ -41,7 +41,7 @@ Scores = Mapping[str, NDArray[np.float64]]  # (S,P) by agent
 
 def run(setting: Setting) -> Result:
     """Read the curves of Fig. 10 at two hours, attribute by attribute, in both protocols."""
-    paper, steps = paper_values("fig11"), steps_of(setting)
+    paper, steps = paper_values("fig11"), setting.repeat_steps(STEPS)
     found: dict[str, Scores] = {}
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     for protocol in setting.protocols:

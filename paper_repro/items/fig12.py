@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.evaluation import plots
 from paper_repro.frame import Cell, Result, Setting, Table, until_decided
-from paper_repro.online import BEST, mean_of, paired, run_curves, steps_of
+from paper_repro.online import BEST, mean_of, paired, run_curves
 from paper_repro.statements import Evidence, above, every, joined
 
 ALPHAS, BETAS = (0, 3, 6, 12, 24), (0, 10, 30, 60, 120)
@@ -32,7 +32,7 @@ Grid = Mapping[str, NDArray[np.float64]]  # accuracy (S,B) by "alpha, beta"
 def run(setting: Setting) -> Result:
     """Run the grid on recordings, and the agent that chooses its weights itself."""
     alphas, betas = setting.choose(ALPHAS, (6,)), setting.choose(BETAS, (30,))
-    steps = steps_of(setting, STEPS)
+    steps = setting.repeat_steps(STEPS)
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
     grid: Grid = {}
     evidence: Mapping[str, Evidence | None] = dict.fromkeys(TEXTS)

@@ -1,4 +1,4 @@
-"""Fig. 8: five strategies, and ours, on ISPY32 with one, two and three attributes."""
+"""Fig. 8: five strategies on ISPY32 with one, two and three attributes."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -17,10 +17,9 @@ from paper_repro.trials import (
 )
 
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
-AGENTS = (*BASELINES, AGAINST, "bayes")
+AGENTS = (*BASELINES, AGAINST)
 MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
 STEPS = (200, 400, 800)  # trials; the paper's are 200
-OURS = 20  # trials of `bayes`, which no statement is about
 NOTE = """No numbers are printed. Best is ahead of every other strategy of the paper by more than
 the interval of the paired difference excludes. In the published protocol Random Legal may ask a
 person at the start, as in the published code; in the recorded one it explores, as the paper's text
@@ -40,11 +39,10 @@ def run(setting: Setting) -> Result:
         for n in numbers:
 
             def run_one(agent: str, trials: int, n: int = n, where: str = protocol) -> Columns:
-                count = min(trials, OURS) if agent == "bayes" else trials
-                return run_agent(setting, where, "ispy32", n, agent, count)
+                return run_agent(setting, where, "ispy32", n, agent, trials)
 
             runs[protocol][n], found = until_decided(
-                AGENTS, setting.choose(STEPS, (6,)), run_one,
+                AGENTS, setting.trial_steps(STEPS, 6), run_one,
                 lambda some, n=n: judge_best(some, n),  # type: ignore[misc]
             )  # fmt: skip
             evidence[protocol] |= found

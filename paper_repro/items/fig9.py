@@ -33,7 +33,7 @@ from above 150 to below 25, cost first rises and then falls as the planner gives
 
 def run(setting: Setting) -> Result:
     """Run the super MOMDP with 0 to 5 irrelevant attributes, two relevant ones and one."""
-    numbers, steps = setting.choose(IRRELEVANT, (0, 2)), setting.choose(STEPS, (4,))
+    numbers, steps = setting.choose(IRRELEVANT, (0, 2)), setting.trial_steps(STEPS, 4)
     points = {str(k): k for k in numbers}
     runs: dict[str, Runs] = {}
     evidence: dict[str, dict[str, Evidence]] = {}

@@ -27,7 +27,7 @@ def run(setting: Setting) -> Result:
             return run_agent(setting, where, PLACE, N, AGAINST, trials, reward=size)
 
         runs[protocol], evidence[protocol] = until_decided(
-            names, setting.choose(STEPS, (6,)), run_one, judge
+            names, setting.trial_steps(STEPS, 6), run_one, judge
         )
     rows: list[tuple[Cell, ...]] = [
         (size, *(run[f"{size:g}"].mean(m) for m in MEASURES for run in runs.values()))

@@ -27,9 +27,8 @@ from paper_repro.trials import (
 )
 
 PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diagram; the paper's
-AGENTS = ("random", ALL, PLUS, AGAINST, "bayes")
+AGENTS = ("random", ALL, PLUS, AGAINST)
 STEPS = (400, 800, 1600)  # trials; the paper's are 400
-OURS = 60  # trials of `bayes`, which no statement is about
 COLUMNS = ("attributes", "agent", "accuracy: paper", "published", "recorded", "cost, s: paper",
            "published", "recorded", "its sd: paper", "published", "recorded")  # fmt: skip
 NOTE = """The paper's errors are those of 400 trials. Its Predefined Plus costs what all eleven
@@ -48,7 +47,7 @@ def run(setting: Setting) -> Result:
         runs: dict[str, Runs] = {}
         for protocol in setting.protocols:
             runs[protocol], found = until_decided(
-                AGENTS, setting.choose(STEPS, (8,)), _runner(setting, protocol, n),
+                AGENTS, setting.trial_steps(STEPS, 8), _runner(setting, protocol, n),
                 lambda some, n=n: judge(some, n),  # type: ignore[misc]
             )  # fmt: skip
             evidence[protocol] |= found
@@ -78,8 +77,7 @@ def _runner(setting: Setting, protocol: str, n: int):  # type: ignore[no-untyped
         where = table if agent == ALL or (code and agent == "random") else ""
         where = where or (domain_path("roc36_table3") if code else "")
         name = PLUS if agent == ALL else agent
-        count = min(trials, OURS) if agent == "bayes" else trials
-        return run_agent(setting, protocol, "roc36", n, name, count, domain=where)
+        return run_agent(setting, protocol, "roc36", n, name, trials, domain=where)
 
     return run_one
 

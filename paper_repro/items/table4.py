@@ -10,7 +10,7 @@ from meal_bayes import read_trials
 from meal_bayes.evaluation import Interval
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values, until_decided
 from paper_repro.items.t1t2 import PRESS
-from paper_repro.online import BEST, mean_of, run_curves, steps_of
+from paper_repro.online import BEST, STEPS, mean_of, run_curves
 from paper_repro.statements import Evidence, above, joined, mean_interval, within
 
 GRASP, ATTRIBUTE = "grasp", "soft"
@@ -26,7 +26,7 @@ Traits = Mapping[str, NDArray[np.float64]]  # (S,) by trait
 
 def run(setting: Setting) -> Result:
     """Read tables, experience and choices off the training trials of Fig. 10's runs."""
-    paper, steps = paper_values("table4"), steps_of(setting)
+    paper, steps = paper_values("table4"), setting.repeat_steps(STEPS)
     found: dict[str, Traits] = {}
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     for protocol in setting.protocols:
@@ -48,7 +48,9 @@ def run(setting: Setting) -> Result:
             cells = [_mean(one[f"{when} {truth}"]) for one in found.values()]
             rows.append((f"{when}, {name}", paper[when][truth][1], *cells))
     words = {
-        protocol: ", ".join(f"{np.nanmean(youden(one, w)):.2f} {w}" for w in ("early", "late"))
+        protocol: ", ".join(
+            f"{_known(youden(one, w))[0].estimate:.2f} {w}" for w in ("early", "late")
+        )
         for protocol, one in found.items()
     }
     columns = ("truth", "Pr(percept soft): paper", *found)
