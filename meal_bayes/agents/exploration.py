@@ -7,6 +7,7 @@ all queries to come gain from where they then are. No weight is left to choose, 
 of queries to come.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -30,14 +31,14 @@ class Progress:
     Attributes
     ----------
     knowledge, experience : so far.
-    value : (P,E) `information_value` at the last refit, s a query.
+    valued : returns (P,E) `information_value` at the last refit, s a query.
     queries : about each attribute, to come.
     counted : objects whose labelled instances are experience (Eq. 10).
     """
 
     knowledge: Knowledge
     experience: Experience
-    value: Array
+    valued: Callable[[], Array]
     queries: float
     counted: NDArray[np.intp]
 
@@ -166,7 +167,7 @@ def first_percept_value(progress: Progress, object_index: int | None, columns: l
         (Those still to be told would too, but to record for them first costs more than it brings.)
     """
     experience = progress.experience
-    new = np.zeros(progress.value.shape, np.bool_)  # (P,E)
+    new = np.zeros(progress.instances.shape, np.bool_)  # (P,E)
     new[columns] = True
     if object_index is not None:
         if experience.memory:
@@ -202,7 +203,7 @@ def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
 def _object_value(progress: Progress) -> Array:
     """Value one more object in a table, (P,E), s: the more it has, the less another moves it."""
     objects = progress.experience.recorded().sum(axis=0).T  # (P,E)
-    return np.asarray(progress.queries * progress.value / (objects + 1))
+    return np.asarray(progress.queries * progress.valued() / (objects + 1))
 
 
 def _senses(knowledge: Knowledge) -> NDArray[np.bool_]:

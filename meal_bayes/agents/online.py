@@ -4,7 +4,9 @@ After every training trial D grows, and the posterior by the percepts of objects
 has seen (Alg. 2, l. 18-23); after every batch classifiers and tables are fitted anew on D (l. 6).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -52,7 +54,7 @@ class OnlineLearner:
     agent, context, experience, seed : as `fit` takes them; the experience grows by `tell`.
     knowledge : fitted on D, updated by `tell`.
     perceiver : the classifiers, or draws from the tables.
-    value : (P,E) `information_value` at the refit.
+    valued : returns (P,E) `information_value` at the refit.
     """
 
     agent: Agent
@@ -61,7 +63,7 @@ class OnlineLearner:
     seed: int
     knowledge: Knowledge
     perceiver: Perceiver
-    value: NDArray[np.float64]
+    valued: Callable[[], NDArray[np.float64]]
     _levels: NDArray[np.int8]  # (O,R,E,P) percepts of all recordings
     _unseen: NDArray[np.bool_]  # (O,E,P) no classifier has seen the object
     _answering: dict[Names, tuple[MOMDP, Policy]] = field(default_factory=dict)
@@ -90,11 +92,15 @@ class OnlineLearner:
             perceiver = sampled_percepts(domain, dataset.labels, confusion)
         else:
             perceiver = scored_percepts(domain, dataset.labels, outputs, agent.levels)
-        value = information_value(knowledge, reward=context.reward, discount=agent.discount)
+
+        @cache
+        def valued() -> NDArray[np.float64]:
+            return information_value(knowledge, reward=context.reward, discount=agent.discount)
+
         levels = levels_of(outputs, BIN_EDGES, agent.levels)
         unseen = ~experience.recorded()
         return cls(
-            agent, context, experience, seed, knowledge, perceiver, value, levels, unseen
+            agent, context, experience, seed, knowledge, perceiver, valued, levels, unseen
         )  # fmt: skip
 
     def test(self, task: Task) -> Trial:
@@ -186,7 +192,7 @@ class OnlineLearner:
         """Pay for exploring; `object_index` None: as about an object that is new."""
         context = self.context
         progress = Progress(
-            self.knowledge, self.experience, self.value, context.queries, context.counted
+            self.knowledge, self.experience, self.valued, context.queries, context.counted
         )
         return self.agent.exploration.shape(momdp, object_index, progress)
 

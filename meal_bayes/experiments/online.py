@@ -217,10 +217,6 @@ def _shared(config: OnlineConfig) -> dict[str, object]:
     return {**shared, "data": fingerprint(config.dataset, config.root), "sources": sources}
 
 
-def _dataset(config: OnlineConfig) -> Dataset:
-    return _loaded(config.dataset, config.root, fingerprint(config.dataset, config.root))
-
-
 @lru_cache(maxsize=2)
 def _loaded(name: str, root: str | None, content: str) -> Dataset:
     dataset = load_dataset(name, root=root)
@@ -230,10 +226,19 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 
 
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
+    content = fingerprint(config.dataset, config.root)
+    data = (config.dataset, config.root, content)
+    return _drawn(data, config.attributes, config.seed, repeat, config.split)
+
+
+@lru_cache(maxsize=2)
+def _drawn(
+    data: tuple[str, str | None, str], attributes: int, seed: int, repeat: int,
+    shares: tuple[int, int, int],
+) -> Protocol:  # fmt: skip
     return Protocol.of(
-        _dataset(config), attributes=config.attributes, seed=config.seed, repeat=repeat,
-        shares=config.split,
-    )  # fmt: skip
+        _loaded(*data), attributes=attributes, seed=seed, repeat=repeat, shares=shares
+    )
 
 
 def _run_unit(unit: _Unit) -> tuple[str, int]:

@@ -42,7 +42,7 @@ def table(look=(6, 4), lift=(6, 4)):
 
 
 def progress(experience, *, value=VALUE, knowledge=None, queries=9.0):
-    return Progress(knowledge or knowledge_from(table()), experience, value, queries, EVERY)
+    return Progress(knowledge or knowledge_from(table()), experience, lambda: value, queries, EVERY)
 
 
 def bonus_of(experience, object_index, columns):

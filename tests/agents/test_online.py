@@ -93,7 +93,7 @@ def learned(trials, learner):
         "dispersion": posterior.dispersion.tolist(),
         "base rates": learner.knowledge.base_rates.tolist(),
         "degree": None if degree is None else degree.kinds.tolist(),
-        "value": learner.value.tolist(),
+        "value": learner.valued().tolist(),
         "training percepts": learner.perceiver.perceiver.log_odds[TRAIN, :, :2].tolist(),
     }
 
@@ -297,7 +297,9 @@ class TestPublishedVariants:
 
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_model_percepts_do_not_run_out_in_training_either(self, name):
-        trials, learner = trained(name, published=PublishedVariants(model_percepts=True))
+        every = np.append(PRE, TRAIN)  # else nothing repels from the first trial on
+        published = PublishedVariants(model_percepts=True)
+        trials, learner = trained(name, published=published, counted=every)
         assert max(len(trial.steps) for trial in trials) < 100
         evidence = learner.experience.evidence()
         np.testing.assert_array_equal(learner.knowledge.posterior.evidence, evidence)
