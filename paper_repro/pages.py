@@ -51,7 +51,7 @@ verdict counts the outcomes on recordings, and beside them those of the publishe
 *reproduced*: all that are judged stand. *not reproduced*: at least one falls. *reproduced only in
 the published protocol*: those that fall stand there, and none falls there. *undecided*: none falls,
 and at least one is undecided. *not run on recordings*: there are outcomes of the published
-protocol alone.
+protocol alone. *not run*: there is no outcome yet. *nothing to judge*: the paper states nothing.
 
 This page is made by `meal-bayes reproduce readme`; what the paper prints and the margins are in
 `paper_values.toml`, departures of the published code in `ERRATA.md`. Figures 1, 2, 3, 6 and 13 are

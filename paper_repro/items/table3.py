@@ -1,6 +1,6 @@
 """Table 3: cost and accuracy on ROC36, of Random, Predefined Plus and MORC."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import sqrt
 
 from meal_bayes.evaluation import Interval
@@ -70,13 +70,13 @@ def run(setting: Setting) -> Result:
     )
 
 
-def _runner(setting: Setting, protocol: str, n: int):  # type: ignore[no-untyped-def]
+def _runner(setting: Setting, protocol: str, n: int) -> Callable[[str, int], Columns]:
     def run_one(agent: str, trials: int) -> Columns:
-        code = protocol == "published"
-        table = domain_path("roc36_every_action")
-        where = table if agent == ALL or (code and agent == "random") else ""
-        where = where or (domain_path("roc36_table3") if code else "")
-        name = PLUS if agent == ALL else agent
+        where = domain_path("roc36_table3") if protocol == "published" else ""
+        if agent == ALL:
+            name, where = PLUS, domain_path("roc36_every_action")
+        else:
+            name = agent
         return run_agent(setting, protocol, "roc36", n, name, trials, domain=where)
 
     return run_one
