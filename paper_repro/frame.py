@@ -116,7 +116,7 @@ def until_decided(
     run: Callable[[str, int], Found],
     judge: Callable[[Mapping[str, Found]], Mapping[str, Evidence]],
 ) -> tuple[dict[str, Found], dict[str, Evidence]]:
-    """Run agents in steps until every statement about them is decided, or the steps end.
+    """Run agents in steps until every statement about them is decided, or no step would do it.
 
     Parameters
     ----------
@@ -129,7 +129,9 @@ def until_decided(
     found = {name: run(name, steps[0]) for name in at}
     while True:
         evidence = dict(judge(found))
-        again = {name for one in evidence.values() if not one.decided for name in one.agents}
+        open_ = (one for one in evidence.values() if not one.decided)
+        within = (one for one in open_ if one.needed is None or one.needed <= steps[-1])
+        again = {name for one in within for name in one.agents}
         again = {name for name in again if name in at and at[name] + 1 < len(steps)}
         if not again:
             return found, evidence

@@ -46,8 +46,8 @@ sign, and the interval.
 - *by construction*: what was fitted to the paper's numbers, or is read back from settings. It is no
   evidence, and no verdict rests on it.
 
-A run goes on in steps until every statement of its item is decided or the last step is done. A
-verdict counts the outcomes on recordings, and beside them those of the published protocol.
+A run goes on in steps until every statement of its item is decided, or not even the last step would
+decide it. A verdict counts the outcomes on recordings, beside them those of the published protocol.
 *reproduced*: all that are judged stand. *not reproduced*: at least one falls. *reproduced only in
 the published protocol*: those that fall stand there, and none falls there. *undecided*: none falls,
 and at least one is undecided. *not run on recordings*: there are outcomes of the published

@@ -77,13 +77,13 @@ class Statement:
 def mean_interval(values: ArrayLike, clusters: ArrayLike) -> Interval:
     """Return the mean with its 95 % interval over clusters.
 
-    Where all cases are right, or all wrong, it reaches by the rule of three: three clusters in all.
+    Where all cases are right, or all are wrong, it reaches by the rule of three.
     """
     x = np.asarray(values, float)
-    found, number = paired_difference(x, np.zeros_like(x), clusters), len(np.unique(clusters))
-    if number > 1 and x.min() == x.max() and x[0] in (0.0, 1.0):
-        low, high = (max(0.0, x[0] - 3 / number), min(1.0, x[0] + 3 / number))
-        return Interval(float(x[0]), found.se, float(low), float(high))
+    found, reach = paired_difference(x, np.zeros_like(x), clusters), 3 / len(x)
+    if x.min() == x.max() and x[0] in (0.0, 1.0):
+        low, high = max(0.0, float(x[0]) - reach), min(1.0, float(x[0]) + reach)
+        return Interval(float(x[0]), found.se, low, high)
     return found
 
 
