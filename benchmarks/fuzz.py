@@ -34,7 +34,7 @@ PATIENCE = 5.0  # s of CPU
 MEMORY = 500.0  # MB
 EVERY = 10  # of so many inputs one goes through the command line too
 CRAFTED = "crafted"
-KINDS = ("log", "table", "csv", "labels", "toml", "pomdp", "pomdpx", "marks", CRAFTED)
+KINDS = ("log", "table", "csv", "labels", "toml", "pomdp", "pomdpx", "outcomes", CRAFTED)
 SHOWN = 20  # findings that are told
 COMMANDS = {
     "log": (("log", "check"), ("log", "info"), ("log", "info", "--json"), ("log", "show"),

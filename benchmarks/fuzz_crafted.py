@@ -1,9 +1,9 @@
 """Files that no accident makes: claims that ask for memory, time or trust."""
 
-import hashlib
 import io
 import itertools
 import json
+import math
 import os
 import random
 import zipfile
@@ -15,12 +15,16 @@ import numpy as np
 from fuzz_cases import Case, sparse, writes
 from fuzz_logs import Log, logs, read_log
 from fuzz_oracles import Wrong
-from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import read_pomdp
+from meal_bayes.trial_log import OutcomeWriter, read_outcomes
+from meal_bayes.trial_log.compact import encode_outcomes
+from meal_bayes.trial_log.encode import Packed
+from meal_bayes.trial_log.outcomes import INTEGERS, REALS, TEXTS
+from meal_bayes.trial_log.schema import OUTCOMES, OutcomesMessage
 
 
 def make_crafted(sound: Path, count: int, seed: int) -> Iterator[Case]:
@@ -133,7 +137,7 @@ def _texts(sound: Path) -> Iterator[Case]:
             writes(lambda t=text: t.encode()),
             read_pomdp,
         )
-    yield from _marks(sound)
+    yield from _outcomes(sound)
     for cell in (
         "3_4",
         "\N{FULLWIDTH DIGIT THREE}",
@@ -164,27 +168,31 @@ def _large(states: int, behaviors: int) -> str:
     return f"{head}states = [{names}]\n{effects}\n"
 
 
-def _marks(sound: Path) -> Iterator[Case]:
-    """Tables of marks with a right seal around numbers that no trial has."""
-    text, mark, _ = (sound / "own.marks.csv").read_text().partition("# sha256 ")
-    header, first, *_ = text.splitlines()
-    for place, value in itertools.product(
-        range(len(first.split(","))), ("nan", "1e300", "-5", "0.5")
-    ):
-        cells = first.split(",")
-        cells[place] = value
-        body = f"{header}\n{','.join(cells)}\n"
-        data = f"{body}{mark}{hashlib.sha256(body.encode()).hexdigest()}\n".encode()
-        told = f"marks, column {place} {value}"
-        yield Case("marks", told, "a.marks.csv", writes(lambda data=data: data), _load_marks)
+def _outcomes(sound: Path) -> Iterator[Case]:
+    """Yield compact logs with right checksums around outcomes that no trial has."""
+    outcomes = read_outcomes(sound / "outcomes.mcap")
+    data = encode_outcomes(outcomes, 0)
+    for name, value in itertools.product((*REALS, *INTEGERS, *TEXTS), (math.nan, 1e300, -5, 0.5)):
+        if name not in REALS and not isinstance(value, int):
+            continue
+        message = OutcomesMessage.FromString(data)
+        getattr(message, name)[0] = value
+        changed = Packed(OUTCOMES, 0, message.SerializeToString())
+
+        def make(path: Path, changed: Packed = changed) -> None:
+            with OutcomeWriter(path, {}) as log:
+                log.put([changed])
+                log.written = log.written.after(outcomes)
+
+        yield Case("outcomes", f"outcomes, {name} {value}", "a.mcap", make, _load_outcomes)
 
 
-def _load_marks(path: Path) -> None:
-    marks = Marks.load(path)
-    fine = np.isfinite(marks.cost).all() and np.isfinite(marks.reward).all()
-    shares = np.concatenate([marks.claimed.ravel(), marks.positive.ravel()])
-    if not fine or not ((shares >= 0) & (shares <= 1)).all() or (marks.object_index < 0).any():
-        raise Wrong("marks that no trial has")
+def _load_outcomes(path: Path) -> None:
+    found = read_outcomes(path)
+    positive = found.positive[found.attribute != ""]
+    fine = np.isfinite(found.cost).all() and not np.isinf(found.reward).any()
+    if not fine or not ((positive >= 0) & (positive <= 1)).all():
+        raise Wrong("outcomes that no trial has")
 
 
 def _features(sound: Path, told: str, cell: str) -> Case:
@@ -229,7 +237,7 @@ def _places() -> Iterator[Case]:
         ("table", "a.npz", load_percepts),
         ("toml", "a.toml", load_domain),
         ("pomdp", "a.pomdp", read_pomdp),
-        ("marks", "a.marks.csv", Marks.load),
+        ("outcomes", "a.mcap", read_outcomes),
     )
     for (told, make), (kind, name, read) in itertools.product(makers.items(), files):
         if told != "a folder" or kind != "log":  # a folder of logs may be empty

@@ -6,7 +6,6 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
@@ -16,7 +15,7 @@ from meal_bayes.datasets.synthetic import make_synthetic_model
 from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
-from meal_bayes.trial_log import write_trials
+from meal_bayes.trial_log import TrialOutcomes, write_trials
 
 SOUND = {  # kind -> the file that is damaged
     "log": "run.mcap",
@@ -26,7 +25,7 @@ SOUND = {  # kind -> the file that is damaged
     "toml": "own.toml",
     "pomdp": "own.pomdp",
     "pomdpx": "own.pomdpx",
-    "marks": "own.marks.csv",
+    "outcomes": "outcomes.mcap",
 }
 OBJECTS, RECORDINGS, TRIALS = 6, 3, 6
 _TOKENS = (
@@ -101,7 +100,8 @@ def _make_runs(folder: Path) -> None:
     morc = OfflineRunner(table, load_agent("greedy"), seed=0)
     trials = [morc.run(task) for task in offline_tasks(table, 2, TRIALS, 0)]
     write_trials(folder / "run.mcap", trials, header={"config": {"dataset": "roc36"}, "seed": 0})
-    Marks.of(trials, table.domain.attributes).save(folder / "own.marks.csv")
+    header = {"config": {"dataset": "roc36"}}
+    write_trials(folder / "outcomes.mcap", [TrialOutcomes.of(trials)], header=header)
     paper = OfflineRunner(table, load_agent("morc"), seed=0)
     momdp, _ = paper.prepare(offline_tasks(table, 1, 1, 0)[0])
     write_pomdp(momdp, folder / "own.pomdp")

@@ -17,7 +17,6 @@ from mcap.records import Channel, Chunk, Header, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.trial_log import Logs, check_log, log_info, schema
-from meal_bayes.trial_log.encode import digest, trial_digest
 
 Messages = list[tuple[str, bytes]]  # topic, data
 _KINDS = {
@@ -47,9 +46,9 @@ def logs(log: "Log") -> Iterator[Case]:
         "visits": 1,
         "values": 0.0,
         "observation": 0,
-        "seen": 1,
+        "percept_counts": 1,
         "tree_level": 1,
-        "weight": 0.0,
+        "log_prob": 0.0,
     }
     for name, value in arrays.items():
         yield case(f"long {name}", log.changing(_long(schema.STEP, name, value, 900_000)))
@@ -72,7 +71,7 @@ def logs(log: "Log") -> Iterator[Case]:
     ):
         for value in (float("nan"), float("inf"), -1.0):
             yield case(f"MOMDP {name} {value}", log.changing(_all(schema.MOMDPS, name, value)))
-    for name in ("cost", "reward", "weight", "values", "value_se"):
+    for name in ("cost", "reward", "log_prob", "values", "value_se"):
         for value in (float("nan"), float("inf"), -float("inf")):
             yield case(f"step {name} {value}", log.changing(_all(schema.STEP, name, value)))
     yield from _bombs(log, case)
@@ -86,12 +85,12 @@ def _bombs(log: "Log", case: Callable[[str, Any], Case]) -> Iterator[Case]:
     many = [trial, *[trial[1:]] * 1000]
     yield case("1,000 trials in chunks alike", writes(lambda: packed(many)))
     yield case("the run again and again", writes(lambda: packed([[trial[0]] * 1000], 50)))
-    big = log.sealed(_long(schema.MOMDPS, "counts", 0.0, 900_000))[1]
+    big = log.sealed(_long(schema.MOMDPS, "row_counts", 0.0, 900_000))[1]
     yield case("40 MOMDPs of 7 MB", writes(lambda: packed([[trial[0]], *[[big]] * 40])))
     for size in (1 << 20, 1 << 34):
         zeros = zstandard.compress(bytes(15 << 20))
         chunk = RecordBuilder()
-        Header(schema.PROFILE, "").write(chunk)
+        Header(schema.PROFILES[schema.FULL], "").write(chunk)
         for _ in range(200):
             Chunk("zstd", zeros, 0, 0, 0, size).write(chunk)
         data = MCAP0_MAGIC + chunk.end()
@@ -104,7 +103,7 @@ def _bombs(log: "Log", case: Callable[[str, Any], Case]) -> Iterator[Case]:
 
 
 class Log:
-    """The messages of a sound log, to be changed and sealed again."""
+    """The messages of a sound log, to be changed."""
 
     def __init__(self, path: Path) -> None:
         with path.open("rb") as file:
@@ -117,7 +116,7 @@ class Log:
         self.trial = [one for one in own if one[0] not in (schema.RUN, schema.MOMDPS)]
 
     def sealed(self, change: Callable[[str, Any], object], steps: int | None = None) -> Messages:
-        """Change the first trial's messages, and give it digests that are right."""
+        """Change the first trial's messages."""
         momdp = self._changed(schema.MOMDPS, self.momdp, change)
         start, *between, (_, last) = self.trial
         if steps is not None:
@@ -130,7 +129,6 @@ class Log:
         outcome = schema.OutcomeMessage.FromString(last)
         outcome.steps = len(between)
         change(schema.OUTCOME, outcome)
-        outcome.digest = trial_digest(digest((momdp,)), made[0], made[1:], outcome)
         topics = [schema.TRIAL, *(topic for topic, _ in between)]
         return [
             (schema.RUN, self.run), (schema.MOMDPS, momdp), *zip(topics, made, strict=True),
@@ -201,9 +199,9 @@ def _garble(message: Any, name: str, rng: random.Random) -> None:
 
 def packed(chunks: list[Messages], repeat: int = 1) -> bytes:
     """Write an MCAP file, without its closing records, of chunks whose checksums are right."""
-    topics = [(topic, name, data) for topic, name, data in schema.channels()]
+    topics = [(topic, name, data) for topic, name, data in schema.channels(schema.FULL)]
     out = RecordBuilder()
-    Header(schema.PROFILE, "").write(out)
+    Header(schema.PROFILES[schema.FULL], "").write(out)
     for number, messages in enumerate(chunks):
         inner = RecordBuilder()
         for index, (topic, name, data) in enumerate(topics if number == 0 else (), 1):
@@ -280,19 +278,19 @@ def _wide(n: int) -> Any:
     def change(topic: str, message: Any) -> None:
         if topic == schema.MOMDPS:
             e, old = len(message.behavior_names), len(message.attributes)
-            for name in ("confusion", "precision", "prior", "kinds", "bonus"):
+            for name in ("confusion", "precision", "prior", "latent_classes", "bonus"):
                 values = list(getattr(message, name))
                 size = len(values) // old
                 getattr(message, name)[:] = values[:size] * n
             message.attributes[:] = names
-            del message.counts[:]
+            del message.row_counts[:]
             assert e
         elif topic == schema.TRIAL:
             message.attributes[:] = names
             message.truth[:] = [True] * n
-            message.weight[:] = list(message.weight[:2]) * n
+            message.log_prob[:] = list(message.log_prob[:2]) * n
         elif topic == schema.STEP:
-            message.weight[:] = list(message.weight[:2]) * n
+            message.log_prob[:] = list(message.log_prob[:2]) * n
             del message.observation[:]
 
     return change

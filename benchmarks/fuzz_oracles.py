@@ -1,12 +1,13 @@
 """Read a file as the package does, and compare with an independent reading of the same bytes.
 
-A reader may refuse with an error of the package, or give what the bytes say. Logs, tables and marks
-carry checksums: what they give must be what was written. Of text that people write, a digit may
+A reader may refuse with an error of the package, or give what the bytes say. Logs and tables carry
+checksums: what they give must be what was written. Of text that people write, a digit may
 have become another one, which nobody can see; there the values must be those of a second reading
 that is written here, and nothing that the format does not allow may pass.
 """
 
 import csv
+import dataclasses
 import io
 import math
 import pickle
@@ -17,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from meal_bayes.trial_log.marks import Marks
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
@@ -26,7 +26,7 @@ from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import MealBayesError
 from meal_bayes.momdp import read_pomdp
 from meal_bayes.planners.point_based.policy_file import read_policy
-from meal_bayes.trial_log import Logs, check_log, log_info, read_trials, salvage
+from meal_bayes.trial_log import Logs, check_log, log_info, read_outcomes, read_trials, salvage
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 
@@ -51,9 +51,13 @@ def readers(kind: str, sound: Path) -> tuple[Reader, ...]:  # noqa: PLR0911  one
     if kind == "table":
         table = pickle.dumps(load_percepts(sound))
         return (lambda path: _check_same(pickle.dumps(load_percepts(path)), table),)
-    if kind == "marks":
-        marks = pickle.dumps(Marks.load(sound))
-        return (lambda path: _check_same(pickle.dumps(Marks.load(path)), marks),)
+    if kind == "outcomes":
+        outcomes, trials = repr(dataclasses.astuple(read_outcomes(sound))), log_info(sound).trials
+        return (
+            lambda path: _check_same(repr(dataclasses.astuple(read_outcomes(path))), outcomes),
+            lambda path: _check_info(path, trials),
+            lambda path: _check_salvaged(path, trials),
+        )
     if kind in ("csv", "labels"):
         return (_check_csv,)
     if kind == "toml":
@@ -75,11 +79,13 @@ def _refused(read: Callable[[Path], object]) -> Reader:
 
 # The package writes .pomdpx for SARSOP and reads none: whichever reader gets one must refuse it.
 _POMDPX = tuple(
-    map(_refused, (read_policy, read_pomdp, log_info, Marks.load, lambda p: list(read_trials(p))))
+    map(
+        _refused, (read_policy, read_pomdp, log_info, read_outcomes, lambda p: list(read_trials(p)))
+    )
 )
 
 
-def _check_same(found: bytes, expected: bytes) -> None:
+def _check_same(found: object, expected: object) -> None:
     if found != expected:
         raise Wrong("it is not what was written")
 
@@ -103,6 +109,11 @@ def _check_salvage(path: Path, trials: list[bytes]) -> None:
     count = sum(1 for _ in logs.trials())
     if count != len(trials) and not logs.problems:
         raise Wrong(f"{count} of {len(trials)} trials, and no problem told")
+
+
+def _check_salvaged(path: Path, trials: int) -> None:
+    if sum(len(part) for part in salvage(path)) > trials:
+        raise Wrong("outcomes twice, or that nobody wrote")
 
 
 def _check_info(path: Path, trials: int) -> None:

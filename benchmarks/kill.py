@@ -131,7 +131,7 @@ def outcome(folder: Path, said: str) -> tuple[str, dict[str, str]]:
     logs = {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.name.endswith((".mcap", ".marks.csv"))
+        if path.name.endswith(".mcap")
     }
     return rows, logs
 

@@ -109,6 +109,12 @@ def test_ask_answers_the_same_again_and_tells_each_step():
     assert first.task.query == meal_bayes.Query(("heavy",))
 
 
+def test_ask_logs_its_trial_where_it_is_told(tmp_path):
+    trial = meal_bayes.ask("heavy", **QUESTION, log=tmp_path / "a.mcap")
+    (logged,) = meal_bayes.read_trials(tmp_path / "a.mcap")
+    assert (logged.task, logged.reward, logged.agent) == (trial.task, trial.reward, trial.agent)
+
+
 def test_ask_takes_a_name_a_path_or_a_table(tmp_path):
     table = load_percepts("roc36")
     save_percepts(table, tmp_path / "t.npz")

@@ -7,7 +7,6 @@ has seen (Alg. 2, l. 18-23); after every batch classifiers and tables are fitted
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,6 @@ from meal_bayes.robots.recorded import Order
 from meal_bayes.seeds import stream
 
 Names = tuple[str, ...]  # attributes of a query
-Kept = TypeVar("Kept")
 
 
 @dataclass(slots=True)
@@ -128,10 +126,10 @@ class OnlineLearner:
         after = self._counts(o)
         self.knowledge = self.knowledge.with_object(before, after, self.experience.told)
         moved = (before != after).any(axis=(1, 2, 3))
-        self._exploring = _untouched(self._exploring, domain, moved)
         if self.agent.base_rates:
             moved |= self.knowledge.base_rates != rates
-        self._answering = _untouched(self._answering, domain, moved)
+        names = {domain.attributes[p] for p in np.flatnonzero(moved)}
+        self._answering = {q: one for q, one in self._answering.items() if not names & {*q}}
 
     def _counts(self, o: int) -> NDArray[np.int64]:
         """Count the labelled percepts of an object that no classifier has seen, (P,E,2,K)."""
@@ -164,7 +162,7 @@ class OnlineLearner:
         if key not in self._exploring:
             new = self._shaped(self._model(task, None), None)
             self._exploring[key] = solver.solve(new, rng)
-        return self._exploring[key].with_rewards_of(momdp)
+        return self._exploring[key].sharing_plans(momdp)
 
     def _solver(self, task: Task) -> Solver:
         solver = self.agent.solver(self.knowledge.domain, task.query)
@@ -218,14 +216,6 @@ class OnlineLearner:
             truth=context.dataset.labels[o, self._columns(task)],
             agent=self.agent.name,
         )
-
-
-def _untouched(
-    kept: dict[Names, Kept], domain: Domain, moved: NDArray[np.bool_]
-) -> dict[Names, Kept]:
-    """Keep what belongs to queries of which no attribute (P,) has moved."""
-    names = {domain.attributes[p] for p in np.flatnonzero(moved)}
-    return {query: one for query, one in kept.items() if not names & {*query}}
 
 
 def with_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:

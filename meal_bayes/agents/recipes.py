@@ -141,7 +141,7 @@ def as_agent(value: object) -> Agent:
     if isinstance(value, str):
         return load_agent(value)
     named = getattr(value, "__name__", type(value).__name__)
-    ours = replace(AGENTS["bayes"], name=named)
+    ours = replace(AGENTS["bayes_no_bonus"], name=named)
     if isinstance(value, type) and hasattr(value, "solve"):
         return replace(ours, solver=_Always(value()))
     if hasattr(value, "solve"):

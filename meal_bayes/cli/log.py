@@ -35,7 +35,7 @@ def info(file: Path, as_json: bool) -> None:
         click.echo(json.dumps(facts, allow_nan=False))
         return
     facts = {
-        "file": f"{found.path}, {found.size:,} bytes, format {found.format_version}",
+        "file": f"{found.path}, {found.size:,} bytes, format {found.format_version}, {found.form}",
         "holds": f"{found.trials} trials, {found.steps} steps, {found.momdps} MOMDPs",
     }
     for name, value in found.header.items():

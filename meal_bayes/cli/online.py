@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meal_bayes.cli.options import (
+    ONLINE_AGENTS,
     OWN,
     agent_value,
     cluster_option,
@@ -31,10 +32,6 @@ if TYPE_CHECKING:
     from meal_bayes.evaluation import LearningSummary
     from meal_bayes.trial_log import BatchOutcomes
 
-AGENTS = (
-    "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes, bayes_memory, "
-    "bayes_no_bonus, bayes_itrs or iterative_morc_bayes"
-)
 _MOST = 40  # repeats of a run that goes on until it is decided
 
 
@@ -46,8 +43,8 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 )  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma list. "
-    "The others are compared with the first. "
+    help=f"{ONLINE_AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma "
+    "list. The others are compared with the first. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option(

@@ -150,12 +150,14 @@ def _counted(logs: "Logs", advance: "Advance", total: int | None) -> "Iterator[T
 
 
 def _count(logs: "Logs") -> int | None:
-    """Count the trials of whole logs; None where one is damaged or unfinished."""
+    """Count the trials of whole logs that hold steps; None where one is torn or unfinished."""
     from meal_bayes.errors import LogError
     from meal_bayes.trial_log import log_info
+    from meal_bayes.trial_log.schema import FULL
 
     try:
-        return sum(log_info(file).trials for file in logs.files)
+        infos = [log_info(file) for file in logs.files]
+        return sum(info.trials for info in infos if info.form == FULL) or None
     except LogError:
         return None
 

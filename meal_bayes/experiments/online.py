@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -257,10 +257,11 @@ def _run_unit(unit: _Unit) -> tuple[str, int]:
         learner = None
         if test:
             learner = OnlineLearner.fit(agent, context, experience, config.seed)
-            _write(unit, batch, "test", learner.test, tests)
+            known = [dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
+            _write(unit, batch, "test", learner.test, tests, pretrained=known)
         if train:
             if learner is None or agent.trained_by is not None:
-                trainer = agent.trained_by or agent
+                trainer = dataclasses.replace(agent.trained_by or agent, name=agent.name)
                 learner = OnlineLearner.fit(trainer, context, experience, config.seed)
             tasks = protocol.training(batch + 1, config.trials)
             _write(unit, batch + 1, "train", _Training(learner), tasks)
@@ -307,21 +308,35 @@ class _Training:
 
 
 def _write(
-    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task]
-) -> None:
-    """Run trials and log them; with the whole log that part of the batch is done."""
+    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task], *,
+    pretrained: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """Run trials and log them; with the whole log that part of the batch is done.
+
+    Parameters
+    ----------
+    pretrained : objects on which every behavior was executed before, all their labels given.
+    """
     path = unit.log(batch, part)
     header = {
         "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent.name,
         "repeat": unit.repeat, "batch": batch, "part": part,
+        **({"pretrained": list(pretrained)} if pretrained else {}),
     }  # fmt: skip
-    compact = part == "test" and unit.config.log == "compact"
-    with (OutcomeWriter if compact else TrialWriter)(path, header) as log:
-        for task in tasks:
-            start = time.perf_counter()
-            trial = run(task)
-            log.write(trial, seconds=time.perf_counter() - start)
+    if part == "test" and unit.config.log == "compact":
+        trials, seconds = zip(*(_timed(run, task) for task in tasks), strict=True)
+        with OutcomeWriter(path, header) as log:
+            log.write_outcomes(TrialOutcomes.of(trials), seconds=seconds)
+    else:
+        with TrialWriter(path, header) as whole:
+            for trial, took in (_timed(run, task) for task in tasks):
+                whole.write(trial, seconds=took)
     remove_drafts(path)  # of processes that were killed
+
+
+def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
+    start = time.perf_counter()
+    return run(task), time.perf_counter() - start
 
 
 def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:

@@ -20,6 +20,7 @@ def ask(
     percepts: str = "recorded",
     reward: float | None = None,
     on_step: Callable[[Step], None] | None = None,
+    log: str | Path | None = None,
 ) -> Trial:
     """Answer a question about an object that was left out of everything the agent learned.
 
@@ -36,6 +37,7 @@ def ask(
     percepts : "recorded", or "model": drawn from the learned confusion matrices.
     reward : r+ = -r-, the domain's by default.
     on_step : called after every step.
+    log : path of the trial's log (.mcap); none by default.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def ask(
     learner = Learner(
         table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=None
     ).fit(table)
-    return learner.ask(question, object, on_step=on_step)
+    return learner.ask(question, object, on_step=on_step, log=log)
 
 
 def question_task(question: str | Sequence[str], table: PerceptTable, name: str) -> Task:

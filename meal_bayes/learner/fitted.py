@@ -6,13 +6,13 @@ percepts, all its trials together, are one row of counts among the others.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, Trial, run_trial
-from meal_bayes.agents.knowledge import base_rates, knowledge_of
+from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.domain import Query
 from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
@@ -87,12 +87,9 @@ class Fitted:
         told = labels_of(lessons, domain).get(object_name, unknown)
         labels = np.where(told < 0, labels, told)
         row = row + level_counts(lessons, labels, domain, levels)
-        posterior = self.knowledge.posterior.replace_object(
-            self._rows.get(object_name, nothing), row
-        )
+        before = self._rows.get(object_name, nothing)
         self._rows[object_name], self._labels[object_name] = row, labels
-        rates = base_rates(np.array(list(self._labels.values())))
-        self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
+        self.knowledge = self.knowledge.with_object(before, row, list(self._labels.values()))
 
     def known(self, object_name: str | None) -> Knowledge:
         """Return what is known of any object."""

@@ -32,7 +32,7 @@ def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
     """Read outcomes, and the number of their first trial in the file."""
     message = OutcomesMessage.FromString(data)
     size = {"n": message.trials, "q": message.queried, "e": len(message.behaviors)}
-    if min(size["n"], message.first) < 0 or not 0 <= max(size["q"], size["e"]) <= NAME_LIMIT:
+    if min(message.first, *size.values()) < 0 or max(size["q"], size["e"]) > NAME_LIMIT:
         raise LogCorruptError(f"outcomes {message.first} of sizes {size}")
     columns: dict[str, Any] = {}
     for name, shape in (TEXTS | INTEGERS | REALS).items():

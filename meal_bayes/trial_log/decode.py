@@ -1,6 +1,5 @@
 """Message bytes -> trials or outcomes; what does not fit together is refused."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.compact import decode_outcomes
 from meal_bayes.trial_log.encode import judgment
+from meal_bayes.trial_log.ending import End
 from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
     COUNT_LIMIT,
@@ -41,21 +41,6 @@ from meal_bayes.trial_log.shapes import misfit
 from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
-
-
-class End(NamedTuple):
-    """What a file holds, as its writer counts."""
-
-    trials: int = 0
-    steps: int = 0
-    cost: float = 0.0  # s, of all trials
-
-    def after(self, found: Trial | TrialOutcomes) -> "End":
-        """Count what comes next."""
-        if isinstance(found, Trial):
-            return End(self.trials + 1, self.steps + len(found.steps), self.cost + found.cost)
-        steps, cost = int(found.steps.sum()), math.fsum(found.cost.tolist())
-        return End(self.trials + len(found), self.steps + steps, self.cost + cost)
 
 
 class _Known(NamedTuple):
@@ -185,17 +170,6 @@ def decode_header(data: bytes) -> dict[str, object]:
             f"it{by}"
         )
     return header
-
-
-def decode_end(data: bytes) -> End:
-    """Read what the writer counted."""
-    facts = read_json(data.decode())
-    if not isinstance(facts, dict) or set(facts) != set(End._fields):
-        raise LogCorruptError("the closing record holds no counts")
-    trials, steps, cost = (facts[name] for name in End._fields)
-    if type(trials) is not int or type(steps) is not int or type(cost) is not float:
-        raise LogCorruptError("the closing record holds no counts")
-    return End(trials, steps, cost)
 
 
 def _parse(kind: Any, data: bytes) -> Any:

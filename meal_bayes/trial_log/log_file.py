@@ -15,8 +15,8 @@ from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import replace_whole
-from meal_bayes.trial_log.decode import End
 from meal_bayes.trial_log.encode import Packed
+from meal_bayes.trial_log.ending import End
 from meal_bayes.trial_log.names import new_draft, timing_of
 from meal_bayes.trial_log.schema import (
     END,

@@ -23,7 +23,8 @@ from meal_bayes.trial_log.container import (
     read_summary,
     stream,
 )
-from meal_bayes.trial_log.decode import End, TrialBuilder, decode_end, decode_header
+from meal_bayes.trial_log.decode import TrialBuilder, decode_header
+from meal_bayes.trial_log.ending import End
 from meal_bayes.trial_log.names import drafts_of
 from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
@@ -118,7 +119,7 @@ def log_info(path: str | Path) -> LogInfo:
         if end is None:
             raise LogCorruptError("the closing record of the writer is missing")
         file.seek(end)
-        held = decode_end(read_attachment(next_record(file, size))[1])
+        held = End.of_json(read_attachment(next_record(file, size))[1])
     return LogInfo(
         path,
         size,
@@ -190,7 +191,7 @@ class Scan:
                         yield found
             elif record.opcode == Opcode.ATTACHMENT:
                 name, content = read_attachment(record)
-                self._end = decode_end(content) if name == END else self._end
+                self._end = End.of_json(content) if name == END else self._end
             elif record.opcode == Opcode.HEADER:
                 self.form = form_of(record.content)
                 if self._tolerant:

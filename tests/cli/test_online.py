@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from meal_bayes.trial_log import log_info
+
 ROW = [
     "agent", "repeat", "batch", "hours", "accuracy", "reward", "ece", "accuracy_se", "test_cost_s",
     "nll", "claimed_accuracy",
@@ -52,7 +54,9 @@ def test_json_is_one_object_with_every_field(run, words):
         assert list(row) == SUMMARY
     reference = told["summary"][0]
     assert reference["area_reward_difference"] == reference["reward_after_difference"] == 0
-    assert len(list(Path("logs").rglob("*.mcap"))) == 2 * 2 * 5
+    forms = [(p.name[3:-5], log_info(p).form) for p in Path("logs").rglob("*.mcap")]
+    assert len(forms) == 2 * 2 * 5
+    assert set(forms) == {("train", "full"), ("test", "compact")}
 
 
 def test_one_repeat_has_no_interval(run, words):
@@ -122,6 +126,8 @@ def test_options_reach_the_run(run, words):
         "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
+    logs = [*Path("logs").rglob("*.mcap")]
+    assert {log_info(path).form for path in logs} == {"full"}
 
 
 def test_all_published_variants_at_once(run, words):

@@ -40,7 +40,7 @@ def fuzz(monkeypatch):
 def test_a_wrong_result_is_counted(fuzz, tmp_path):
     module, tally = fuzz
     module.make_sound(tmp_path)
-    for kind in ("log", "table", "marks", "csv", "toml", "pomdp"):
+    for kind in ("log", "table", "outcomes", "csv", "toml", "pomdp"):
         sound = tmp_path / module.SOUND[kind]
         checks = module.readers(kind, sound)
         for check in checks:

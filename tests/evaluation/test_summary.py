@@ -7,9 +7,10 @@ import pytest
 from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import compare, summarize
+from meal_bayes.evaluation import compare, mean, summarize
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
+from meal_bayes.trial_log import TrialOutcomes
 
 DOMAIN = load_domain("toy")
 QUERY = Query(("red", "heavy"))
@@ -107,3 +108,22 @@ def test_what_cannot_be_compared_is_refused():
         compare(TRIALS, "bayes", "greedy")
     with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
         compare(TRIALS, "bayes", "morc", measure="speed")
+
+
+def test_outcomes_are_summarized_and_compared_as_their_trials_are():
+    outcomes = TrialOutcomes.of(TRIALS)
+    assert summarize(outcomes) == summarize(TRIALS)
+    for measure in ("reward", "cost", "success", "abstained"):
+        found = compare(outcomes, "bayes", "morc", measure=measure)
+        assert found == compare(TRIALS, "bayes", "morc", measure=measure)
+
+
+def test_means_have_errors_of_whole_objects():
+    own = [trial for trial in TRIALS if trial.agent == "bayes"]
+    (row,) = summarize(own)
+    assert mean(own, "reward")[:2] == (row.reward, row.reward_se)
+    assert mean(own, "success")[:2] == (row.accuracy, row.accuracy_se)
+    assert mean(TRIALS, "abstained").estimate == 0.25
+    assert math.isnan(mean([], "reward").estimate)
+    with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
+        mean(own, "speed")

@@ -137,6 +137,7 @@ class TestAFinishedRun:
             assert path.name == f"{header['batch']:02d}-{header['part']}.mcap"
             assert path.parent.name == f"repeat-{header['repeat']:03d}"
             assert path.parent.parent.name == header["agent"]
+            assert ("pretrained" in header) == (path.name == "00-test.mcap")
 
     def test_what_is_whole_is_not_run_again(self, finished, config):
         before = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*.*")}
@@ -269,6 +270,20 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
         assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
         assert {trial.momdp.correct for trial in trials} == {change.get("reward", 100.0)}
     assert len(folders) == len(changes)
+
+
+def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
+    agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
+    run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)
+    morc, taught, own = (run.training(agent) for agent in agents)
+    for one, other in zip(morc, taught, strict=True):
+        np.testing.assert_array_equal(one.executed, other.executed)
+        np.testing.assert_array_equal(one.cost, other.cost)
+        assert set(other.agent) == {"iterative_morc_bayes"}
+    first = [r.outcomes.positive for r in run.results() if (r.batch, r.repeat) == (0, 0)]
+    np.testing.assert_array_equal(first[1], first[2])  # bayes' belief of what was known before
+    assert (first[0] != first[1]).any()
+    assert any((a.cost != b.cost).any() for a, b in zip(taught, own, strict=True))
 
 
 def test_curious_agents_take_their_weights(config, tmp_path):

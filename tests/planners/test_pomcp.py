@@ -195,7 +195,8 @@ class TestWithoutThese:
         simple = diagram_of(policy.problem.dynamics).simple
         single = simple.take(np.flatnonzero(simple.path[:, 1] < 0))
         plans = _tabulated(policy.problem, single, OUTCOMES)
-        blind = POMCPPolicy(momdp, policy.settings, plans)
+        blind = POMCPPolicy(momdp, policy.settings)
+        blind.plans = plans
         start, look = History(initial_belief(momdp)), momdp.behavior_names.index("look")
         seeing, unseeing = (p.decide(start, np.random.default_rng(1)) for p in (policy, blind))
         assert seeing.action == look

@@ -28,7 +28,7 @@ from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.iteration import spans_percepts
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import make_scratch
-from meal_bayes.planners.open_loop.library import plan_library
+from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.values import Plans, behavior_values
 from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.leaf import Leaf
@@ -88,12 +88,14 @@ class POMCPPolicy:
 
     deterministic = True  # given its generator; a decision may be remembered
 
-    def __init__(self, momdp: MOMDP, settings: POMCP, plans: Plans | None = None) -> None:
-        self.momdp, self.settings, self._plans = momdp, settings, plans
+    def __init__(self, momdp: MOMDP, settings: POMCP) -> None:
+        self.momdp, self.settings = momdp, settings
 
-    def with_rewards_of(self, momdp: MOMDP) -> "POMCPPolicy":
-        """Search with the same plans where exploring pays otherwise; the prior may be another."""
-        return POMCPPolicy(momdp, self.settings, self.plans)
+    def sharing_plans(self, momdp: MOMDP) -> "POMCPPolicy":
+        """Return a policy of another MOMDP of the query and diagram, with the same plans."""
+        policy = POMCPPolicy(momdp, self.settings)
+        policy.plans = retabulate(self.plans, policy.problem)
+        return policy
 
     @cached_property
     def problem(self) -> Compiled:
@@ -103,7 +105,7 @@ class POMCPPolicy:
     @cached_property
     def plans(self) -> Plans:
         """The open-loop plans of the leaf."""
-        return plan_library(self.momdp, self.problem) if self._plans is None else self._plans
+        return plan_library(self.momdp, self.problem)
 
     @cached_property
     def tables(self) -> FactoredPolicy | None:
