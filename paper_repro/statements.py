@@ -156,7 +156,7 @@ def every(parts: Iterable[Evidence]) -> Evidence:
 
 def best(
     differences: Mapping[str, Interval], repeats: int, agents: Sequence[str] = (), *,
-    of: str = "difference",
+    of: str = "measure",
 ) -> Evidence:  # fmt: skip
     """Judge that one is ahead of every other; a tie with any of them leaves it undecided.
 
@@ -165,7 +165,7 @@ def best(
     differences : the one less each other, by the other's name.
     """
     return every(
-        above(found, 0, repeats, (*agents, name), of=f"{of} to {name}")
+        above(found, 0, repeats, (*agents, name), of=f"{of}: the lead over {name}")
         for name, found in differences.items()
     )
 

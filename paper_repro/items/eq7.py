@@ -94,10 +94,10 @@ def judge(runs: Runs, title: str) -> dict[str, Evidence]:
     exploring = {name: one for name, one in ahead.items() if name != "random"}
     return {
         f"{title}: MORC has the most successes within a budget": best(
-            ahead, number, (AGAINST,), of="successes an hour less those"
+            ahead, number, (AGAINST,), of="successes an hour"
         ),
         f"{title}: MORC has more successes than the baselines that explore": best(
-            exploring, number, (AGAINST,), of="successes an hour less those"
+            exploring, number, (AGAINST,), of="successes an hour"
         ),
     }
 

@@ -78,7 +78,7 @@ def judge_best(runs: Runs, n: int) -> dict[str, Evidence]:
         ahead = {name: against(runs[AGAINST], runs[name], measure) for name in BASELINES}
         number = min(len(runs[name]) for name in (AGAINST, *BASELINES))
         text = f"MORC is best in {word} at {asked(n)}"
-        evidence[text] = best(ahead, number, (AGAINST,), of=f"{word} less that")
+        evidence[text] = best(ahead, number, (AGAINST,), of=word)
     return evidence
 
 
