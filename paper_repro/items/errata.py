@@ -41,8 +41,9 @@ def run(setting: Setting) -> Result:
         seconds += changed.seconds
         effects[number] = (
             f"MORC on {dataset.upper()}, {n} attributes, {text}: accuracy "
-            f"{changed.success.mean():.3f} against {ours.success.mean():.3f}, reward "
-            f"{found.estimate:+.1f} ± {found.se:.1f}"
+            f"{changed.success.mean():.3f} against {ours.success.mean():.3f}, cost "
+            f"{changed.cost.mean():.1f} s against {ours.cost.mean():.1f} s"
+            + ("" if "reward" in options else f", reward {found.estimate:+.1f} ± {found.se:.1f}")
         )
     return Result(
         title="What departures of the published code do to MORC, one at a time",
