@@ -128,7 +128,7 @@ def test_a_full_tree_ends_the_search(small, toy):
 
 
 def test_a_full_tree_keeps_a_node_free(small):
-    """A percept of the sampled object is written to it: past the end it would be anyone's memory."""
+    """A sampled percept is written to it: past the end it would be anyone's memory."""
     momdp, options = small.ispy32(6), np.array([0.0, 0.0])
     for capacity in range(1, 130, 3):
         policy = POMCP(simulations=200, capacity=capacity).solve(momdp, np.random.default_rng(0))
