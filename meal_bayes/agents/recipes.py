@@ -30,7 +30,9 @@ def _random(domain: Domain, query: Query) -> Solver:
 
 
 def _random_legal(domain: Domain, query: Query) -> Solver:
-    return RandomLegal(domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1])
+    budget = domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1]
+    asks = (behavior.name for behavior in domain.behaviors if behavior.answer_accuracy is not None)
+    return RandomLegal(budget, tuple(asks))  # the paper's explores, and asks nobody
 
 
 def _predefined(domain: Domain, query: Query) -> Solver:
