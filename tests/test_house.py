@@ -60,7 +60,7 @@ PENDING: dict[str, set[str]] = {
 }  # fmt: skip
 # What users call with settings by name.
 MANY_PARAMETERS = frozenset(
-    {"gym/environment.py:__init__", "learner/asking.py:ask", "learner/learner.py:__init__"}
+    {"gym/environment.py:__init__", "learner/api.py:ask", "learner/learner.py:__init__"}
 )
 
 

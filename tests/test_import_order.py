@@ -108,7 +108,7 @@ def test_the_wings_of_the_table_are_apart() -> None:
     [
         ("planners/greedy.py", "from meal_bayes.perception import Perceiver"),
         ("posterior/dirichlet.py", "from meal_bayes.perception.ensemble import Perception"),
-        ("trial_log/reader.py", "import meal_bayes.agents.recipes"),
+        ("trial_log/reader.py", "import meal_bayes.agents.named"),
         ("evaluation/summary.py", "from meal_bayes.experiments import run_offline"),
         ("evaluation/summary.py", "from meal_bayes import ask"),
         ("evaluation/summary.py", "import meal_bayes"),

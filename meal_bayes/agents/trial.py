@@ -28,43 +28,75 @@ from meal_bayes.seeds import stream
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A query about an object; `key` names every random stream of the trial."""
+    """A query about an object.
+
+    Attributes
+    ----------
+    name : of the task.
+    query : what is asked.
+    object_index : in the data set; -1: an object of which nothing is recorded.
+    object_name : the object's name.
+    key : names every random stream of the trial.
+    """
 
     name: str
     query: Query
-    object_index: int  # in the data set; -1: an object of which nothing is recorded
+    object_index: int
     object_name: str
     key: tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One executed action."""
+    """One executed action.
+
+    Attributes
+    ----------
+    x, next_x : states before and after.
+    decision : the action and its values.
+    observation : (N,) percept levels, None = "none".
+    cost : of this step, s.
+    reward : true (unshaped) reward of this step; nan where the truth is not known.
+    belief : after the step.
+    warning : why sensor data of the robot were not used as a percept; empty: they were.
+    """
 
     x: int
     decision: Decision
     next_x: int
-    observation: NDArray[np.int8] | None  # (N,) percept levels, None = "none"
-    cost: float  # s, paid in this step
-    reward: float  # true (unshaped) reward of this step; nan where the truth is not known
-    belief: Belief  # after the step
-    warning: str = ""  # why something that the robot handed over was no percept
+    observation: NDArray[np.int8] | None
+    cost: float
+    reward: float
+    belief: Belief
+    warning: str = ""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The paper's xi, with the beliefs and decisions behind it."""
+    """The paper's xi, with its beliefs and decisions.
+
+    Attributes
+    ----------
+    task : what is asked, of which object.
+    agent : name of the agent.
+    momdp : the decision problem.
+    first_belief : before the first step.
+    steps : in order.
+    truth : (N,) 1 true, 0 false, -1 not known.
+    report : (N,) bool; None: the agent abstained.
+    ended : why the trial was broken off, such as "robot error: ..."; empty: it was not.
+    """
 
     task: Task
     agent: str
     momdp: MOMDP
     first_belief: Belief
     steps: tuple[Step, ...]
-    truth: NDArray[np.int8]  # (N,) 1 true, 0 false, -1 not known
-    report: NDArray[np.bool_] | None  # (N,), None = abstained
-    ended: str = ""  # why it was broken off, such as "robot error: ..."; empty: it was not
+    truth: NDArray[np.int8]
+    report: NDArray[np.bool_] | None
+    ended: str = ""
 
     def __post_init__(self) -> None:
         set_frozen(self, truth=freeze(self.truth, np.int8))
@@ -84,7 +116,7 @@ class Trial:
 
     @property
     def judged(self) -> bool:
-        """Whether it can be told right or wrong: it came to its end, and the truth is known."""
+        """Whether success is known: the trial came to its end, and the truth is known."""
         return not self.ended and bool((self.truth >= 0).all())
 
     @property
@@ -140,14 +172,20 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
 
 
 class Streams(NamedTuple):
-    """The random streams of one trial; `percepts` is the same for every agent."""
+    """The random streams of one trial.
 
-    percepts: np.random.Generator  # answers, percepts drawn from tables
+    Attributes
+    ----------
+    percepts : of percepts that are drawn from tables; the same for every agent.
+    planner : of the agent.
+    """
+
+    percepts: np.random.Generator
     planner: np.random.Generator
 
     @classmethod
     def of(cls, seed: int, task: Task, agent: str) -> "Streams":
-        """Streams named by seed and task, and the planner's by the agent as well."""
+        """Return the streams that seed and task name, and for the planner the agent as well."""
         return cls(
             stream(seed, "percepts", *task.key),
             stream(seed, "planner", agent, *task.key),
@@ -155,30 +193,56 @@ class Streams(NamedTuple):
 
 
 class Recorder(Protocol):
-    """Keeps a trial as it happens: each step before the next behavior is executed."""
+    """Writes a trial as it happens: each step before the next behavior is executed."""
 
     def begin(self, trial: Trial) -> None:
-        """Take a trial that has no steps yet."""
+        """Record a trial that has no steps yet."""
         ...
 
     def step(self, step: Step) -> None:
-        """Take its next step."""
+        """Record the next step."""
         ...
 
     def end(self, trial: Trial) -> None:
-        """Take the whole trial."""
+        """Record the whole trial."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """What a trial runs in.
+
+    Attributes
+    ----------
+    robot : in front of the object, behind its boundary.
+    perceiver : turns sensor data into percept levels.
+    streams : random streams of the trial.
+    truth : see `truth_of`; compared with the report only, neither policy nor belief sees it.
+
+    Raises
+    ------
+    SettingsError : a robot without a boundary.
+    """
+
+    robot: CheckedRobot
+    perceiver: Perceiver
+    streams: Streams
+    truth: Mapping[str, bool] | ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.robot, CheckedRobot):
+            raise SettingsError(
+                f"The robot is {type(self.robot).__name__}; hand it over as "
+                "CheckedRobot(robot, domain), or ask by Learner.ask, which does."
+            )
 
 
 def run_trial(
     task: Task,
     momdp: MOMDP,
     policy: Policy,
-    robot: CheckedRobot,
-    perceiver: Perceiver,
-    streams: Streams,
+    environment: Environment,
     *,
-    truth: Mapping[str, bool] | ArrayLike | None = None,
     agent: str = "",
     max_steps: int = 100,
     on_step: Callable[[Step], None] | None = None,
@@ -186,29 +250,22 @@ def run_trial(
 ) -> Trial:
     """Run one trial (Alg. 1, l. 6-11): decide, execute, perceive, filter, until `term`.
 
-    What the robot, the perceiver or the policy raises, an interruption too, ends the trial: the
-    recorder gets what there is of it, with `ended`, and the exception goes on.
+    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
+    gets the trial so far, with `ended`, and the exception is raised again.
 
     Parameters
     ----------
-    robot : the body, behind its boundary.
-    truth : see `truth_of`; only compared with the report, neither policy nor belief sees it.
+    agent : name of the agent.
     max_steps : behaviors, after which the best report is made.
     on_step : called after every step.
-    recorder : told of every step before the next behavior is executed.
+    recorder : records every step before the next behavior is executed.
 
     Raises
     ------
     RobotError : the robot came to a state that the domain does not know.
-    SettingsError : a robot that stands behind no boundary.
+    QueryError : a truth that does not fit the query.
     """
-    if not isinstance(robot, CheckedRobot):
-        raise SettingsError(
-            f"The robot is {type(robot).__name__}; hand it over as CheckedRobot(robot, domain), or "
-            "ask by Learner.ask, which does."
-        )
-    known = truth_of(task.query, truth)
-    running = RunningTrial(task, momdp, policy, robot, perceiver, streams, known)
+    running = RunningTrial(task, momdp, policy, environment)
     trial = running.trial(agent)
     if recorder is not None:
         recorder.begin(trial)
@@ -232,25 +289,16 @@ def run_trial(
 
 
 class RunningTrial:
-    """A trial that is under way: `start` it, then `step` until its belief is at `term`."""
+    """A trial under way: `start` it, then `step` until its belief is at `term`."""
 
-    def __init__(
-        self,
-        task: Task,
-        momdp: MOMDP,
-        policy: Policy,
-        robot: CheckedRobot,
-        perceiver: Perceiver,
-        streams: Streams,
-        truth: NDArray[np.int8],
-    ) -> None:
+    def __init__(self, task: Task, momdp: MOMDP, policy: Policy, environment: Environment) -> None:
         self.task, self.momdp, self.policy = task, momdp, policy
-        self.robot, self.perceiver, self.streams, self.truth = robot, perceiver, streams, truth
+        self.environment, self.truth = environment, truth_of(task.query, environment.truth)
         self.belief = self.first = initial_belief(momdp)
         self.history = History(self.belief)
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
-        self.at = "robot"  # who is at work
+        self.at = "robot"  # which part runs, for `Trial.ended`
 
     def trial(self, agent: str, *, ended: str = "") -> Trial:
         """Return the trial so far."""
@@ -260,15 +308,15 @@ class RunningTrial:
         )  # fmt: skip
 
     def start(self) -> None:
-        """Put the robot at the start."""
-        self.belief = self.belief.at(self.robot.start())
+        """Start the robot, and move the belief to its state."""
+        self.belief = self.belief.at(self.environment.robot.start())
         self.history = History(self.belief)
 
     def step(self, max_steps: int) -> Step:
         """Decide, execute and perceive, or report: after `max_steps` behaviors the best."""
         momdp, belief, history = self.momdp, self.belief, self.history
         self.at = "planner"
-        decision = self.policy.decide(history, self.streams.planner)
+        decision = self.policy.decide(history, self.environment.streams.planner)
         if decision.action < momdp.n_behaviors and len(self.steps) >= max_steps:
             decision = unvalued(momdp, best_report(momdp, belief))
         if decision.action >= momdp.n_behaviors:
@@ -293,7 +341,7 @@ class RunningTrial:
     def _execute(self, decision: Decision) -> Step:
         action, belief, momdp = decision.action, self.belief, self.momdp
         self.at = "robot"
-        execution = self.robot.execute(action)
+        execution = self.environment.robot.execute(action)
         self.at = "perceiver"
         observation, warning = self._perceive(execution)
         transition = Transition(action, execution.next_x, observation)
@@ -302,10 +350,10 @@ class RunningTrial:
         return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
-        """Return percept levels (N,), or None, and what is to be warned of."""
-        query, answers = self.task.query, execution.answers
+        """Return percept levels (N,), or None, and a warning."""
+        query, answers, own = self.task.query, execution.answers, self.environment
         if execution.instance is not None:
-            seen = self.perceiver.observe(execution.instance, query, self.streams.percepts)
+            seen = own.perceiver.observe(execution.instance, query, own.streams.percepts)
             return seen, execution.warning
         if answers is None:
             return None, execution.warning

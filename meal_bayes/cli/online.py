@@ -1,4 +1,4 @@
-"""`meal-bayes run online`: robots that learn while they work."""
+"""`meal-bayes run online`: agents that learn from their own trials."""
 
 import json
 import math
@@ -78,17 +78,17 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 )  # fmt: skip
 @click.option(
     "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
-    help="Is the robot told right or wrong, or every attribute?",
+    help="Whether the report was right, or the labels of all attributes asked.",
 )  # fmt: skip
 @click.option(
     "--error", type=Finite(0, 1, max_open=True), default=0.0, show_default=True,
-    help="Share of what a person tells that is wrong.",
+    help="Probability that feedback is wrong.",
 )  # fmt: skip
 @click.option(
     "--success", type=Chance(), multiple=True, metavar="BEHAVIOR=P",
-    help="How often a behavior of the robot's body succeeds; the data set's by default.",
+    help="True success probability of a behavior; the data set's by default.",
 )  # fmt: skip
-@click.option("--learn-success", is_flag=True, help="Let agents learn how often behaviors succeed.")
+@click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
 @click.option(
     "--published", metavar="NAMES",
     help="Do as the authors' code: all, or a comma list of shaped_test, sample_wise, joint_label, "
@@ -130,7 +130,7 @@ def online(
     fresh: bool,
     as_json: bool,
 ) -> None:
-    """Let agents answer questions, learn from whether they were right, and be tested in between.
+    """Train agents on their own trials by feedback, and test them after every batch.
 
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted goes on where it stopped when the same command is given again.
@@ -218,7 +218,7 @@ def _print(console: Console, results: "list[BatchOutcomes]") -> None:
 def _differences(
     results: "list[BatchOutcomes]", summary: "list[LearningSummary]", spread: str
 ) -> Table:
-    """Lay out the differences of mean reward: over the reference's hours, and at budgets."""
+    """Return a table of mean reward differences: over the reference's hours, and at budgets."""
     from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
 
     base, hours = curves_of(results, summary[0].agent), summary[0].area_hours

@@ -73,7 +73,7 @@ class OfflineConfig:
             raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for headers and JSON."""
+        """Return plain values, for headers and JSON."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {**fields, "agents": [agent.name for agent in self.agents]}
 
@@ -109,7 +109,7 @@ class _Unit:
     config: OfflineConfig
     first: int  # trial
     path: Path
-    fresh: bool = False  # is it run again although it is there?
+    fresh: bool = False  # run again what is there
 
     @property
     def done(self) -> bool:

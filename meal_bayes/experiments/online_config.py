@@ -69,7 +69,7 @@ class OnlineConfig:
         Feedback(self.answers, self.error)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for headers and JSON."""
+        """Return plain values, for headers and JSON."""
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {
             "split": list(self.split),

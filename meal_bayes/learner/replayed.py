@@ -1,7 +1,7 @@
-"""What a learner knows from a percept table: objects are replayed, each left out of what is known.
+"""What is learned from a percept table: objects are replayed, each left out of the training set.
 
-A table holds, for every object, what robots learned that never met it. So a label told of an object
-that lacked it teaches of all others by all of the object's recordings, and nothing is approximated.
+A table holds the percepts of every object, by classifiers trained without it. So a label given to
+an object without one adds all of the object's recordings to what is learned of others, exactly.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,14 +12,14 @@ import numpy as np
 from meal_bayes.agents import Agent, Knowledge, OfflineRunner, Recorder, Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.lesson import Lesson, labels_of
+from meal_bayes.learner.labeled_trial import LabeledTrial, labels_of
 from meal_bayes.momdp import MOMDP
 from meal_bayes.posterior import ConfusionPosterior
 
 
 @dataclass(slots=True)
 class Replayed:
-    """Knowledge of a percept table and of lessons."""
+    """Knowledge from a percept table and from labeled trials; see `Fitted` for the attributes."""
 
     table: PerceptTable
     agent: Agent
@@ -29,15 +29,15 @@ class Replayed:
     given: ConfusionPosterior | None
     _runner: OfflineRunner | None = field(default=None)
 
-    def learn(self, lessons: Sequence[Lesson]) -> None:
-        """Take the lessons of objects in the table for labels."""
-        told = None
-        if lessons:
-            told = np.full(self.table.labels.shape, -1, np.int8)
-            for name, labels in labels_of(lessons, self.table.domain).items():
-                told[object_index(self.table.objects, name)] = labels
+    def learn(self, labeled_trials: Sequence[LabeledTrial]) -> None:
+        """Use the labels that were given to objects of the table."""
+        given = None
+        if labeled_trials:
+            given = np.full(self.table.labels.shape, -1, np.int8)
+            for name, labels in labels_of(labeled_trials, self.table.domain).items():
+                given[object_index(self.table.objects, name)] = labels
         self._runner = OfflineRunner(
-            self.table, self.agent, self.seed, self.percepts, self.reward, told, self.given
+            self.table, self.agent, self.seed, self.percepts, self.reward, given, self.given
         )
 
     def known(self, object_name: str | None) -> Knowledge:

@@ -17,7 +17,7 @@ from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import _body
-from meal_bayes.experiments.world import Protocol
+from meal_bayes.experiments.protocol import Protocol
 from meal_bayes.trial_log import TrialOutcomes, read_header, read_trials
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
