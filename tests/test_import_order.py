@@ -9,7 +9,17 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 
-GROUND = {"errors", "arrays", "seeds", "display", "files", "cache", "processes", "untrusted"}
+GROUND = {
+    "errors",
+    "arrays",
+    "seeds",
+    "display",
+    "files",
+    "cache",
+    "processes",
+    "untrusted",
+    "version",
+}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -28,6 +38,7 @@ ROOMS: dict[str, set[str]] = {
     "cache": set(),
     "processes": set(),
     "untrusted": set(),
+    "version": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.inner_loop import Environment, Recorder, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.trial import Environment, Recorder, Step, Streams, Task, Trial, run_trial
+from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown

@@ -21,8 +21,9 @@ from meal_bayes.agents.exploration import (
     Progress,
     information_value,
 )
+from meal_bayes.agents.inner_loop import Environment, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
-from meal_bayes.agents.trial import Environment, Streams, Task, Trial, run_trial
+from meal_bayes.agents.trial import Task, Trial
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain
 from meal_bayes.momdp import MOMDP

@@ -5,7 +5,6 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from meal_bayes import __version__
 from meal_bayes.datasets import (
     PerceptTable,
     cache_folder,
@@ -19,6 +18,7 @@ from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.experiments.store import fingerprint
 from meal_bayes.perception import build_percept_table
+from meal_bayes.version import package_version
 
 log = logging.getLogger("meal_bayes.experiments")
 
@@ -92,7 +92,7 @@ def table_path(
             f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
             "folder of its CSV files, or a percept table (.npz)."
         )
-    name = f"{domain.data}-{perception}-{__version__}-{_code_digest()}"
+    name = f"{domain.data}-{perception}-{package_version()}-{_code_digest()}"
     print_of = fingerprint(dataset, None if root is None else str(root))[:12]
     return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
 

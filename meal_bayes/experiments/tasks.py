@@ -103,7 +103,7 @@ def _labelled(pairs: Iterator[_Pair], known: dict[str, NDArray[np.bool_]]) -> It
 def _grouped(
     table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
 ) -> Iterator[_Pair]:
-    """Alternate between queries that describe the object and queries that do not (ROC36)."""
+    """Yield queries that describe the object and queries that do not, in turn (ROC36)."""
     own: list[_Pair] = []
     other: list[_Pair] = []
     labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, OfflineRunner, Task, Trial, load_agent
-from meal_bayes.agents.trial import RunningTrial
+from meal_bayes.agents.inner_loop import RunningTrial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks

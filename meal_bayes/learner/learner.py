@@ -19,7 +19,7 @@ from meal_bayes.learner.labeled_trial import (
     checked_values,
     labels_of,
     percepts_of,
-)
+)  # fmt: skip
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.sources import own_posterior, source_of
@@ -146,8 +146,8 @@ class Learner:
     ) -> Self:
         """Restore the state of a learner with this data and these labeled trials, in order.
 
-        `refitted` says of each of them whether the last refit had used it; without the
-        `state` of a `Fitted` everything is fitted again, with equal results.
+        `refitted` is whether the last refit had used each; without the `state` of a `Fitted` all is
+        fitted again, with equal results.
         """
         pairs = list(zip(labeled_trials, refitted, strict=True))
         self._labeled_trials = {labeled.key: labeled for labeled, done in pairs if done}
@@ -159,21 +159,18 @@ class Learner:
             return self
         self.refit()
         self._labeled_trials = {labeled.key: labeled for labeled in labeled_trials}
-        return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
+        return self._update()
 
     def refit(self) -> Self:
         """Learn everything anew from the data and from all labeled trials.
 
         Classifiers are fitted on the data and on the features of labeled trials.
         """
-        source = self.source
-        if isinstance(source, Replayed):
-            source.learn(self.labeled_trials)
-            return self
-        kept = [labeled for labeled in self.labeled_trials if labeled.refittable]
-        source.refit(kept)
-        self._refitted = {labeled.key for labeled in kept}
-        return self._relearn(source)
+        if isinstance(self.source, Fitted):
+            kept = [labeled for labeled in self.labeled_trials if labeled.refittable]
+            self.source.refit(kept)
+            self._refitted = {labeled.key for labeled in kept}
+        return self._update()
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what was learned; from a percept table, without one of its objects."""
@@ -246,11 +243,11 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().runner.run(task, on_step=on_step, recorder=recorder)
 
     def problem(self, task: Task) -> MOMDP:
         """Return the decision problem of a task about an object of the percept table."""
-        return self._replayed().problem(task)
+        return self._replayed().runner.prepare(task)[0]
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.
@@ -274,16 +271,14 @@ class Learner:
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError(
-                "The trial is of an agent with other levels; give a trial of this learner's."
-            )
+            raise SettingsError("The trial has other levels; give a trial of this learner's.")
         percepts = self._met.pop(key, None)
         if key in self._labeled_trials:
             percepts = self._labeled_trials.pop(key).percepts
         elif percepts is None:
             percepts = percepts_of(trial, self.domain)
         self._labeled_trials[key] = LabeledTrial(key, name, labels, percepts)
-        self._changed(source, key, name)
+        self._changed(key, name)
         pending = sum(len(labeled.values) for labeled in self._pending())
         if self.refit_every is not None and pending >= self.refit_every:
             self.refit()
@@ -294,10 +289,10 @@ class Learner:
         if labeled is None:
             raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
         self._met[labeled.key] = labeled.percepts
-        self._changed(self.source, labeled.key, labeled.object_name)
+        self._changed(labeled.key, labeled.object_name)
 
     def save(self, path: str | Path) -> None:
-        """Write everything into one file, which `load` reads back."""
+        """Write everything into one file, for `load`."""
         from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
@@ -327,19 +322,17 @@ class Learner:
 
         return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
 
-    def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
-        if isinstance(source, Replayed):
-            source.learn(self.labeled_trials)
-        elif key in self._refitted:
-            self.refit()
-        else:
-            self._relearn(source, object_name)
+    def _changed(self, key: Key, object_name: str) -> Self:
+        return self.refit() if key in self._refitted else self._update(object_name)
 
-    def _relearn(self, source: Fitted, *names: str) -> Self:
+    def _update(self, *names: str) -> Self:
         """Update by the labeled trials of some objects, or of all, after the last refit."""
+        if isinstance(self.source, Replayed):
+            self.source.learn(self.labeled_trials)
+            return self
         pending = self._pending()
-        for name in names or dict.fromkeys(labeled.object_name for labeled in pending):
-            source.learn(name, [labeled for labeled in pending if labeled.object_name == name])
+        for name in names or dict.fromkeys(one.object_name for one in pending):
+            self.source.learn(name, [one for one in pending if one.object_name == name])
         return self
 
     def _pending(self) -> list[LabeledTrial]:
@@ -347,12 +340,9 @@ class Learner:
         return [labeled for labeled in self.labeled_trials if labeled.key not in self._refitted]
 
     def _replayed(self) -> Replayed:
-        source = self.source
-        if isinstance(source, Fitted):
-            raise SettingsError(
-                "Objects are replayed from a percept table (build_percept_table); or give a robot."
-            )
-        return source
+        if isinstance(self.source, Replayed):
+            return self.source
+        raise SettingsError("Give a robot, or fit a percept table (build_percept_table) to replay.")
 
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}

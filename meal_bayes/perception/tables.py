@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from meal_bayes.perception.recordings import (
 )
 from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
 from meal_bayes.perception.width import Map, learned_widths
+from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]
 
@@ -233,7 +233,7 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
         kind = type(settings.classifier)
         option["classifier"] = f" --classifier {kind.__module__}:{kind.__qualname__}"
     return {
-        "package": f"meal-bayes {_version()}",
+        "package": f"meal-bayes {package_version()}",
         "perception": _told(settings),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
@@ -271,10 +271,3 @@ def _source_digest(kind: type) -> str:
     except (OSError, TypeError):  # typed at a prompt
         return "unknown"
     return hashlib.sha256(source).hexdigest()
-
-
-def _version() -> str:
-    try:
-        return metadata.version("meal-bayes")
-    except metadata.PackageNotFoundError:  # run from a checkout
-        return "unreleased"
