@@ -2,7 +2,7 @@
 
 In: confusion counts, of all objects together or object by object. Out: `ConfusionPosterior`, whose
 `select` hands the two arrays (mean rows and their precision) of a query to the planning half, and
-`SharedDegree`, how all percepts of one object err together.
+`SharedTrait`, how all percepts of one object err together.
 
 What draws, checks and saves has modules of its own, loaded when they are used: `draws`, `checks`,
 `hierarchical` (PyMC), `idata` (ArviZ).
@@ -10,7 +10,7 @@ What draws, checks and saves has modules of its own, loaded when they are used: 
 
 from typing import TYPE_CHECKING
 
-from meal_bayes.posterior.degree import SharedDegree, learn_degree, truth_evidence
+from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
 from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
 
@@ -22,11 +22,11 @@ __all__ = [
     "ConfusionPosterior",
     "DispersionFit",
     "Draws",
-    "SharedDegree",
+    "SharedTrait",
     "draw_grid",
     "fit_dispersion",
     "fit_hierarchical",
-    "learn_degree",
+    "learn_trait",
     "row_precision",
     "truth_evidence",
 ]

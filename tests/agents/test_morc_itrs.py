@@ -85,7 +85,7 @@ def facts(trial):
 def learned(trials, learner):
     """All that a robot has from its work, as plain values."""
     posterior, experience = learner.knowledge.posterior, learner.experience
-    degree = learner.knowledge.degree
+    trait = learner.knowledge.trait
     return {
         "trials": [facts(trial) for trial in trials],
         "experience": [a.tolist() for a in (experience.labels, experience.told, experience.used)],
@@ -93,7 +93,7 @@ def learned(trials, learner):
         "tables": posterior.concentration.tolist(),
         "dispersion": posterior.dispersion.tolist(),
         "base rates": learner.knowledge.base_rates.tolist(),
-        "degree": None if degree is None else degree.kinds.tolist(),
+        "trait": None if trait is None else trait.latent_classes.tolist(),
         "gain": learner.gain.tolist(),
         "training percepts": learner.percepts.log_odds[TRAIN, :, :2].tolist(),
     }
