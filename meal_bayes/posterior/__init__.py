@@ -10,9 +10,9 @@ What draws, checks and saves has modules of its own, loaded when they are used: 
 
 from typing import TYPE_CHECKING
 
-from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
 from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
+from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 if TYPE_CHECKING:
     from meal_bayes.posterior.draws import Draws, draw_grid

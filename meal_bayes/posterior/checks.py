@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, expit, logsumexp
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import dispersion as grid
-from meal_bayes.posterior.draws import Draws, replicate, sensing
+from meal_bayes.posterior.dispersion import youden
+from meal_bayes.posterior.draws import Draws, draw_dirichlet, replicate, sensing
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.posterior.pointwise import log_likelihood
 
 Array = NDArray[np.float64]
@@ -62,23 +63,23 @@ def simulate(
     independent : all objects alike (s = inf), as `ConfusionPosterior.from_counts` takes them.
     """
     alpha = np.asarray(prior, dtype=float)
-    mean = _dirichlet(rng, alpha)
-    log_s, shape = np.log(grid._GRID), alpha.shape[1:3]
-    tau_weight = np.exp(-0.5 * grid._TAU**2)
+    mean = draw_dirichlet(rng, alpha)
+    log_s, shape = np.log(DISPERSIONS), alpha.shape[1:3]
+    tau_weight = np.exp(-0.5 * TAUS**2)
     mu = rng.choice(log_s, size=shape)[..., None]
-    tau = rng.choice(grid._TAU, size=shape, p=tau_weight / tau_weight.sum())[..., None]
+    tau = rng.choice(TAUS, size=shape, p=tau_weight / tau_weight.sum())[..., None]
     share = np.exp(-0.5 * ((log_s - mu) / tau) ** 2).cumsum(axis=-1)  # (E,2,G)
     share /= share[..., -1:]
     step = (rng.random(alpha.shape[:3])[..., None] > share).sum(axis=-1)
-    s = grid._GRID[step]
+    s = DISPERSIONS[step]
     rows = np.broadcast_to(mean, (objects, *mean.shape))
     if not independent:
-        rows = _dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
+        rows = draw_dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
     counts = np.zeros((2, *rows.shape), dtype=np.int64)  # half of the objects have each truth
     for truth in (0, 1):
         counts[truth, ..., truth, :] = rng.multinomial(recordings, rows[..., truth, :])
     if not independent:  # another row for the objects of the other truth
-        other = _dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
+        other = draw_dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
         counts[1, ..., 1, :] = rng.multinomial(recordings, other[..., 1, :])
     return Simulation(mean, s, counts.reshape(-1, *mean.shape))
 
@@ -134,7 +135,7 @@ def predictive_check(
     kept = array[:, :, sensing(array)]
     number = kept.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())
-    speaks = grid.youden(kept.sum(axis=0).astype(float)) > 0  # (P,E)
+    speaks = youden(kept.sum(axis=0).astype(float)) > 0  # (P,E)
     full = (number == n) & speaks[..., None]  # (O,P,E,2)
     replicated = replicate(draws, array, rng, size=size)
     observed, seen = _yes(kept, full, n)
@@ -173,7 +174,7 @@ def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) 
     by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
     shown = kept.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s = draws.rows()
-    shown[:, grid.youden(mean.mean(axis=0)) <= 0] = 0
+    shown[:, youden(mean.mean(axis=0)) <= 0] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
     each = np.array(
         [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
@@ -201,8 +202,3 @@ def _base_log_odds(by_truth: NDArray[np.bool_]) -> Array:
     """Log-odds (O,P) of the other objects' base rate, (n+ + 1) / (n + 2)."""
     others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
     return np.asarray(np.log(others[..., 1] / others[..., 0]))
-
-
-def _dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
-    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
-    return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))

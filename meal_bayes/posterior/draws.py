@@ -16,8 +16,9 @@ from scipy.special import expit
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names, short_repr
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
+from meal_bayes.posterior.dispersion import grid_posterior
+from meal_bayes.posterior.grid import DISPERSIONS, RowStatistics, quadrature
 
 Array = NDArray[np.float64]
 
@@ -189,24 +190,16 @@ def draw_grid(
     kept, names, sensors = sensed(counts, attributes, behaviors)
     *row, levels = kept.shape[1:]
     size = draws * chains
-    posterior = grid.fit_dispersion(kept, prior)
-    rows = grid._statistics(np.moveaxis(kept, 0, -2).reshape(-1, len(kept), levels))
-    alpha = posterior.prior.reshape(-1, levels)
-    exact = levels == 2  # noqa: PLR2004
-    profile = (grid._integrate if exact else grid._approximate)(rows, alpha)
-    votes = grid.youden(kept.sum(axis=0).astype(float)) > 0
-    weight = grid._pool(profile.log_evidence.reshape(*row, -1), votes).reshape(len(alpha), -1)
-    mean, dispersion = np.empty((size, len(alpha), levels)), np.empty((size, len(alpha)))
-    for r, share in enumerate(weight):
-        steps = rng.choice(len(grid._GRID), size=size, p=share)
-        dispersion[:, r] = grid._GRID[steps]
-        if exact:
+    rows, alpha, prob, *_ = grid_posterior(kept, prior)
+    mean, dispersion = np.empty((size, *alpha.shape)), np.empty((size, len(alpha)))
+    for r, each in enumerate(prob):
+        steps = rng.choice(len(DISPERSIONS), size=size, p=each)
+        dispersion[:, r] = DISPERSIONS[steps]
+        if levels == 2:  # noqa: PLR2004
             mean[:, r] = _two_levels(rows, alpha, r, steps, rng)
         else:
-            effective = grid._effective(rows._replace(totals=rows.totals[r : r + 1]),
-                                        dispersion[None, :, r])[0]  # fmt: skip
-            gamma = np.maximum(rng.standard_gamma(alpha[r] + effective), np.finfo(float).tiny)
-            mean[:, r] = gamma / gamma.sum(axis=-1, keepdims=True)
+            own = rows._replace(totals=rows.totals[r : r + 1])
+            mean[:, r] = draw_dirichlet(rng, alpha[r] + own.effective(dispersion[None, :, r])[0])
     return Draws(
         names,
         sensors,
@@ -216,16 +209,16 @@ def draw_grid(
 
 
 def _two_levels(
-    rows: grid._Rows, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
+    rows: RowStatistics, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
 ) -> Array:
     """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
-    nodes, log_width = grid._nodes(float(rows.totals.sum(axis=(1, 2)).max()))
+    nodes, log_width = quadrature(rows.largest)
     i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
     fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
     log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)
     mean = np.empty((len(steps), 2))
     for g in np.unique(steps):
-        rising = np.log(grid._GRID[g] * nodes[:, None] + i[:, None])  # (2,I,M)
+        rising = np.log(DISPERSIONS[g] * nodes[:, None] + i[:, None])  # (2,I,M)
         score = log_width + alpha[r] @ np.log(nodes)
         score += np.einsum("ki,kim->m", rows.tails[r], rising)
         score = CubicSpline(t, score)(fine)
@@ -261,9 +254,14 @@ def replicate(
         alpha = np.broadcast_to(s[index, ..., None] * mean[index], kept.shape)
         swap = rng.random(kept.shape[:2]) < draws.epsilon[index]
         alpha = np.where(swap[:, :, None, None, None], alpha[..., ::-1, :], alpha)
-        gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
-        found[n] = rng.multinomial(number, gamma / gamma.sum(axis=-1, keepdims=True))
+        found[n] = rng.multinomial(number, draw_dirichlet(rng, alpha))
     return found
+
+
+def draw_dirichlet(rng: np.random.Generator, alpha: ArrayLike) -> Array:
+    """Draw one point from each Dirichlet distribution of parameters (...,K)."""
+    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
+    return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))
 
 
 def _flat(values: Array) -> Array:

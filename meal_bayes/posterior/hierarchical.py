@@ -27,8 +27,9 @@ from scipy.special import gammaln
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import dispersion as grid
+from meal_bayes.posterior.dispersion import fit_dispersion, youden
 from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
 
@@ -50,7 +51,7 @@ pt: Any = pytensor.tensor  # not typed
 
 MODELS = ("same", "crossed")
 ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
-_LOG_S = np.log(grid._GRID)
+_LOG_S = np.log(DISPERSIONS)
 _STEP = float(_LOG_S[1] - _LOG_S[0])
 _LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a point is a cell
 _ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
@@ -165,8 +166,8 @@ def build_model(
 
 def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]:
     """Write the grid's hierarchy down, s and m continuous; tau is one of the grid's, summed out."""
-    alpha = np.broadcast_to(grid.fit_dispersion(counts, prior).prior, counts.shape[1:])
-    votes = grid.youden(counts.sum(axis=0).astype(float)) > 0  # the others tell nothing of mu
+    alpha = np.broadcast_to(fit_dispersion(counts, prior).prior, counts.shape[1:])
+    votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others tell nothing of mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
     # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:
     # mu moves them together, and the sampler meets no funnel. The width is no part of the model:
@@ -176,7 +177,7 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=_ROW)
     log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
     jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
-    center, tau = mu[..., None], grid._TAU  # (T,)
+    center, tau = mu[..., None], TAUS  # (T,)
     inside = pt.log(pt.erf((_HIGH - center) / _ROOT / tau) - pt.erf((_LOW - center) / _ROOT / tau))
     share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
     by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)

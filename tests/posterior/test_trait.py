@@ -1,4 +1,4 @@
-"""The trait that all percepts of an object share: rows, evidence, its learned standard deviation."""
+"""The trait that all percepts of an object share: its rows, evidence, and standard deviation."""
 
 import numpy as np
 import pytest
