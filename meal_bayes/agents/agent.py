@@ -104,4 +104,5 @@ class Agent:
         if not self.shared_trait or knowledge.trait is None:
             return confusion, precision, None
         rows, weight = knowledge.trait.select(confusion, precision)
-        return rows, weight, np.tile(knowledge.trait.latent_classes, (len(columns), 1, 1))  # (N,2,M)
+        classes = knowledge.trait.latent_classes
+        return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)

@@ -123,12 +123,12 @@ def _fit(
                 draws=draws, chains=chains,
             )  # fmt: skip
     note("the model is compiled first, which takes half a minute or two")
-    from meal_bayes.posterior import fit_hierarchical
+    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 
     with progress("NUTS", "steps") as advance:
         return fit_hierarchical(
             counts, attributes=attributes, behaviors=behaviors, model=config["model"],
-            draws=draws, tune=config["tune"], chains=chains, seed=seed, progress=advance,
+            sampling=Sampling(draws, config["tune"], chains, seed=seed), progress=advance,
         )  # fmt: skip
 
 

@@ -1,10 +1,10 @@
 """Belief about the confusion matrices Theta.
 
 In: confusion counts, of all objects together or object by object. Out: `ConfusionPosterior`, whose
-`select` hands the two arrays (mean rows and their precision) of a query to the planning half, and
-`SharedTrait`, how all percepts of one object err together.
+`select` returns the two arrays (mean rows and their precision) that planning needs, and
+`SharedTrait`, on which all percepts of one object depend.
 
-What draws, checks and saves has modules of its own, loaded when they are used: `draws`, `checks`,
+Modules that draw, check and save are loaded when they are used: `draws`, `checks`,
 `hierarchical` (PyMC), `idata` (ArviZ).
 """
 

@@ -90,8 +90,8 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
     *outer, _, p, e, truths, levels = np.shape(counts)
     shape = (*outer, p, e, truths)
     weight = (alpha + rows.effective(s)).sum(axis=-1)
-    of_levels = (each.reshape(*shape, levels) for each in (alpha, mean))
-    return DispersionFit(*of_levels, s.reshape(shape), weight.reshape(shape))
+    alpha, mean = alpha.reshape(*shape, levels), mean.reshape(*shape, levels)
+    return DispersionFit(alpha, mean, s.reshape(shape), weight.reshape(shape))
 
 
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:

@@ -1,11 +1,11 @@
-"""Draws of the rows of Theta and of how far objects differ, whatever made them.
+"""Draws of the rows of Theta and of their dispersions, from the grid or from NUTS.
 
-The grid's posterior is drawn from here; NUTS brings its own. Both are summed up as a
-`ConfusionPosterior`, and both predict new percepts, by the same functions.
+Both are summarized as a `ConfusionPosterior`, and predict new percepts, by the same functions.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names, short_repr
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.dispersion import grid_posterior
@@ -43,7 +44,7 @@ class Draws:
     dispersion : (C,S,P,E,2) s of each row.
     misperception : (C,S) epsilon, where the model has one.
     others : what else was drawn: (dims after chain and draw, values).
-    statistics : (C,S) each, what the sampler says of itself.
+    statistics : (C,S) each, of the sampler.
     """
 
     attributes: tuple[str, ...]
@@ -79,7 +80,7 @@ class Draws:
 
     @property
     def divergences(self) -> int:
-        """Draws after which the sampler lost its way; 0 for draws that no chain made."""
+        """Number of divergent transitions; 0 for draws that no chain made."""
         return int(np.sum(self.statistics.get("diverging", 0)))
 
     @property
@@ -89,7 +90,7 @@ class Draws:
         return np.zeros(size) if self.misperception is None else self.misperception.ravel()
 
     def rows(self) -> tuple[Array, Array]:
-        """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
+        """Return means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), chain after chain."""
         return _flat(self.mean), _flat(self.dispersion)
 
     @classmethod
@@ -122,11 +123,11 @@ class Draws:
         return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
 
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
-        """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
+        """Summarize the draws for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
-        A row keeps its mean; its weight A the mean's variance, sum_k m_k (1 - m_k) / (A + 1); its
-        s what a second percept says when it equals the first, as on the grid. Where a share epsilon
-        of objects shows the other truth's row, that is within the row here.
+        A row keeps its mean, the mean's variance (A, by sum_k m_k (1 - m_k) / (A + 1)), and the
+        predictive of a second percept equal to the first (s, as on the grid). Where a fraction
+        epsilon of objects shows the other truth's row, it is mixed into the row.
         """
         array = np.asarray(counts)
         whole = ConfusionPosterior.from_objects(array)
@@ -137,16 +138,41 @@ class Draws:
         unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
         center, variance = mean.mean(axis=0), mean.var(axis=0).sum(axis=-1)
         weight = (1 - (center**2).sum(axis=-1)) / variance - 1
-        share = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
+        ratio = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
         columns = sensing(array)
         concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
         concentration[:, columns] = weight[..., None] * center
-        dispersion[:, columns] = share / (1 - share)
+        dispersion[:, columns] = ratio / (1 - ratio)
         return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
 
 
+def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
+    """Summarize a posterior in the order of a domain; see `ConfusionPosterior.from_idata`."""
+    draws = Draws.from_idata(idata)
+    try:
+        observed = idata["observed_data"]["counts"].transpose("object", *_ROW, "level")
+    except (KeyError, ValueError, AttributeError) as fault:
+        raise DataError(
+            f"The posterior comes without the percepts it was drawn from ({fault}); give "
+            "to_idata the counts (object, attribute, behavior, truth, level) as observed."
+        ) from None
+    for name in domain.attributes:
+        if name not in draws.attributes:
+            raise DataError(f"The posterior: {unknown('attribute', name, draws.attributes)}")
+    for name in draws.behaviors:
+        if name not in domain.behavior_names:
+            raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
+    behaviors = [name for name in domain.behavior_names if name in draws.behaviors]
+    found = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+    shape = (len(found), len(domain.attributes), len(domain.behaviors), *found.shape[3:])
+    counts = np.zeros(shape, np.int64)
+    counts[:, :, [domain.behavior_index(name) for name in behaviors]] = found
+    shown = list(compress(behaviors, sensing(found)))
+    return draws.select(domain.attributes, shown).posterior(counts)
+
+
 def sensing(counts: ArrayLike) -> NDArray[np.bool_]:
-    """Tell which behaviors (E',) of counts (O,P,E',2,K) ever gave a percept."""
+    """Return which behaviors (E',) of counts (O,P,E',2,K) have a percept."""
     return np.asarray(np.asarray(counts).any(axis=(0, 1, 3, 4)))
 
 
@@ -163,8 +189,7 @@ def sensed(
     keep = sensing(array)
     if not keep.any():
         raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
-    kept = tuple(name for name, wanted in zip(behaviors, keep, strict=True) if wanted)
-    return array[:, :, keep], tuple(attributes), kept
+    return array[:, :, keep], tuple(attributes), tuple(compress(behaviors, keep))
 
 
 def draw_grid(
@@ -177,7 +202,7 @@ def draw_grid(
     draws: int = 1000,
     chains: int = 4,
 ) -> Draws:
-    """Draw from the posterior that `fit_dispersion` sums up; the draws are independent.
+    """Draw independently from the posterior that `fit_dispersion` summarizes.
 
     Exact for two levels, up to the grid's steps; with more, m given s is Dirichlet about the
     effective counts.
@@ -258,7 +283,7 @@ def replicate(
     return found
 
 
-def draw_dirichlet(rng: np.random.Generator, alpha: ArrayLike) -> Array:
+def draw_dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
     """Draw one point from each Dirichlet distribution of parameters (...,K)."""
     gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
     return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))

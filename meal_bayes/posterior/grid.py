@@ -90,30 +90,28 @@ def integrate(rows: RowStatistics, alpha: Array) -> Profile:
     basis = basis.reshape(len(basis), -1)
     parts = [rows.tails[:, 0], rows.tails[:, 1], rows.sums, alpha, np.ones((len(alpha), 1))]
     features = np.concatenate(parts, axis=1, dtype=np.float32)
-    moments = np.stack([np.ones(shape[1]), *m, 2 * m[0] * m[1]], axis=1, dtype=np.float32)
+    factors = np.stack([np.ones(shape[1]), *m, 2 * m[0] * m[1]], axis=1, dtype=np.float32)
     peak = np.empty((len(features), shape[0]))
-    integrals = np.empty((*peak.shape, moments.shape[1]))
+    integrals = np.empty((*peak.shape, factors.shape[1]))
     step = max(1, _BLOCK // basis.shape[1])
     for start in range(0, len(features), step):
         block = slice(start, start + step)
         score = (features[block] @ basis).reshape(-1, *shape)
         peak[block] = score.max(axis=-1)
         score -= peak[block, :, None]
-        integrals[block] = np.exp(score, out=score) @ moments
+        integrals[block] = np.exp(score, out=score) @ factors
     norm = integrals[..., 0]
     mean, diversity = integrals[..., 1:3] / norm[..., None], integrals[..., 3] / norm
     return Profile(peak + np.log(norm), mean, diversity)
 
 
 def approximate(rows: RowStatistics, alpha: Array) -> Profile:
-    """Approximate m given s by a Dirichlet about the effective counts, under priors (S,K).
+    """Replace m given s by a Dirichlet about the effective counts, under priors (S,K).
 
     The evidence of s is likelihood x prior / posterior of m, at the posterior's mean.
     """
     grid = np.broadcast_to(DISPERSIONS, (len(alpha), len(DISPERSIONS)))
     after = alpha[:, None] + rows.effective(grid)  # (S,G,K)
-        np.broadcast_to(DISPERSIONS, (len(alpha), len(DISPERSIONS)))
-    )  # (S,G,K)
     weight = after.sum(axis=-1)
     mean = after / weight[..., None]
     score = -rows.sums @ np.log(DISPERSIONS + np.arange(rows.sums.shape[-1])[:, None])

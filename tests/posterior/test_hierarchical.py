@@ -14,7 +14,7 @@ from meal_bayes.posterior import draw_grid, fit_hierarchical
 from meal_bayes.posterior.checks import simulate
 from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
-from meal_bayes.posterior.hierarchical import build_model
+from meal_bayes.posterior.hierarchical import Sampling, build_model
 from meal_bayes.posterior.idata import convergence, to_idata
 
 NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "lift"]}
@@ -124,7 +124,7 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     found = fit_hierarchical(
-        counts, **names, draws=1000, tune=500, chains=2, cores=1, seed=4,
+        counts, **names, sampling=Sampling(1000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
