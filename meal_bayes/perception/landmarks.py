@@ -27,15 +27,15 @@ class LandmarkProblem(Problem):
     ----------
     features : (M,n,m).
     grams : (M,1+k,m,m) C = products of all features + noise, and the products of each fold.
-    moments : (M,1+k,m,P) products with the targets, of all and of each fold.
+    products : (M,1+k,m,P) products with the targets, of all and of each fold.
     """
 
     features: Floats
     grams: Floats
-    moments: Floats
+    products: Floats
 
     def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
-        """See `Problem`."""
+        """Decide on groups; see `Problem`."""
         decisions = np.zeros((len(self.features), *self.targets.shape))
         for k in range(len(self.groups)):
             if k not in left_out:
@@ -46,7 +46,7 @@ class LandmarkProblem(Problem):
 
     def _decide(self, left_out: Ints, rows: Ints | slice) -> Floats:
         """Decide on rows (q,) by classifiers without some folds, (M,P,q)."""
-        weights = _ridge_weights(self.grams, self.moments, left_out)
+        weights = _ridge_weights(self.grams, self.products, left_out)
         return np.asarray((self.features[:, rows] @ weights).transpose(0, 2, 1))
 
 
@@ -57,7 +57,7 @@ def landmark_problem(
     groups: tuple[Ints, Ints],
     noise: float,
 ) -> LandmarkProblem:
-    """Set up the normal equations.
+    """Build the normal equations.
 
     Parameters
     ----------
@@ -74,32 +74,32 @@ def landmark_problem(
     (n_modalities, _, m), k = kernels.shape, len(names)
     features = np.empty(kernels.shape)
     grams = np.zeros((n_modalities, 1 + k, m, m))
-    moments = np.zeros((n_modalities, 1 + k, m, len(targets)))
+    products = np.zeros((n_modalities, 1 + k, m, len(targets)))
     duals = np.empty((n_modalities, len(targets), m))
     for i in range(n_modalities):
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
         for fold, (start, end) in enumerate(pairwise(starts)):
             own = features[i, start:end]
-            grams[i, 1 + fold], moments[i, 1 + fold] = own.T @ own, own.T @ targets[:, start:end].T
-        grams[i, 0], moments[i, 0] = (
+            grams[i, 1 + fold], products[i, 1 + fold] = own.T @ own, own.T @ targets[:, start:end].T
+        grams[i, 0], products[i, 0] = (
             grams[i].sum(axis=0) + noise * np.eye(m),
-            moments[i].sum(axis=0),
+            products[i].sum(axis=0),
         )
-        (weights,) = _ridge_weights(grams[i : i + 1], moments[i : i + 1], names[:0])
+        (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
         duals[i] = solve_triangular(factor.T, weights, check_finite=False).T
     weights = 2.0 / sizes[place.ravel()]
-    return LandmarkProblem(names, starts, weights, targets, duals, features, grams, moments)
+    return LandmarkProblem(names, starts, weights, targets, duals, features, grams, products)
 
 
-def _ridge_weights(grams: Floats, moments: Floats, left_out: Ints) -> Floats:
+def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
     """Solve the normal equations of each modality without some folds, (M,m,P)."""
-    weights = np.empty((len(grams), *moments.shape[2:]))
-    for i, (gram, moment) in enumerate(zip(grams, moments, strict=True)):
+    weights = np.empty((len(grams), *products.shape[2:]))
+    for i, (gram, product) in enumerate(zip(grams, products, strict=True)):
         matrix = gram[0].copy()
         for fold in left_out:
             matrix -= gram[1 + fold]
         factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
-        rest = moment[0] - moment[1 + left_out].sum(axis=0)
+        rest = product[0] - product[1 + left_out].sum(axis=0)
         weights[i] = cho_solve(factor, rest, check_finite=False)
     return weights

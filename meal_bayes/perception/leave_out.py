@@ -33,7 +33,7 @@ class Problem(ABC):
     starts : (k+1,) where each group's recordings start.
     weights : (n,) of each recording in a stacker's loss, 2 an object.
     targets : (P,n) +-1.
-    duals : (M,P,m) weights of what recordings are compared with, of a robot that has seen all.
+    duals : (M,P,m) weights of what recordings are compared with, trained on all groups.
     """
 
     groups: Ints
@@ -74,7 +74,7 @@ class KernelProblem(Problem):
     inverses: Floats
 
     def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
-        """See `Problem`."""
+        """Decide on groups; see `Problem`."""
         own = np.empty((*self.duals.shape[:2], np.diff(self.starts)[left_out].sum()))
         decisions = np.empty(self.duals.shape)
         score_without(
@@ -109,7 +109,7 @@ def kernel_problem(
 
 
 class LeftOut(NamedTuple):
-    """Stackers that never saw some sets S of groups, and what they say of these groups.
+    """Stackers that never saw some sets S of groups, and their log-odds on these groups.
 
     Attributes
     ----------
@@ -126,10 +126,9 @@ class LeftOut(NamedTuple):
 def leave_out(
     problem: Problem, sets: Ints, settings: PerceptionSettings, warm: Floats | None = None
 ) -> LeftOut:
-    """Leave out each of the sets (S,s) of groups, numbered as in the problem.
+    """Fit stackers without each of the sets (S,s) of groups, numbered as in the problem.
 
-    `warm` (P,1+M) is where the search for the stackers starts; the same ones are found from
-    anywhere.
+    `warm` (P,1+M) is where the search starts; the optimum is unique.
     """
     n_modalities, n_targets, _ = problem.duals.shape
     sizes = np.diff(problem.starts)
@@ -159,7 +158,7 @@ def leave_out(
 
 
 def full_stackers(problem: Problem, settings: PerceptionSettings) -> Floats:
-    """Fit the stackers of a robot that has seen every group, (P,1+M)."""
+    """Fit the stackers of all groups, (P,1+M)."""
     return np.asarray(leave_out(problem, NOBODY, settings).weights[0])
 
 

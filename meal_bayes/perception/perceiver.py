@@ -1,4 +1,4 @@
-"""Who turns an execution into a percept: recorded outputs, fresh draws, or a person's answer."""
+"""Percepts of an execution: recorded outputs, random draws, or a person's answer."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,12 +14,12 @@ from meal_bayes.errors import DataError, SettingsError
 
 
 class Perceiver(Protocol):
-    """Says what an executed behavior tells of the queried attributes."""
+    """Source of the percepts of an executed behavior."""
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Percept levels of the queried attributes, (N,): 0 the surest no, K-1 the surest yes."""
+        """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes)."""
         ...
 
 
@@ -28,8 +28,8 @@ def answer(
 ) -> NDArray[np.int8]:
     """Draw a person's answer on N attributes, the whole right with `accuracy`.
 
-    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. What
-    nobody knows (label -1) is answered by a coin.
+    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. Unknown
+    attributes (label -1) are answered by a fair coin.
     """
     right = rng.random(len(labels)) < accuracy ** (1.0 / len(labels))
     coin = rng.random(len(labels)) < 0.5  # noqa: PLR2004
@@ -45,7 +45,7 @@ def person_says(
     levels: int,
     rng: np.random.Generator,
 ) -> NDArray[np.int8] | None:
-    """Draw the answer of a person who knows labels (O,P); None where the behavior asks nobody."""
+    """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
@@ -56,16 +56,16 @@ def person_says(
 
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
-    """Percepts of real recordings, made by classifiers that never saw the object."""
+    """Percepts of real recordings by classifiers that never saw the object, K levels."""
 
     table: PerceptTable
-    levels: int = 2  # K
+    levels: int = 2
 
     def __post_init__(self) -> None:
         level_edges(self.table.edges, self.levels)
 
     def log_odds(self, instance: Instance, query: Query) -> NDArray[np.float64]:
-        """Class-balanced log-odds, (N,); NaN where a person answers."""
+        """Return class-balanced log-odds, (N,); NaN where a person answers."""
         behavior = self.table.domain.behavior_index(instance.behavior)
         columns = self.table.domain.columns(query.attributes)
         recorded = self.table.log_odds[instance.object_index, instance.recording, behavior, columns]
@@ -74,7 +74,7 @@ class RecordedPercepts:
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Levels of the recorded outputs, or a drawn answer.
+        """Return levels of the recorded outputs, or a drawn answer.
 
         Raises
         ------
@@ -97,12 +97,19 @@ class RecordedPercepts:
 
 @dataclass(frozen=True, slots=True)
 class FittedPercepts:
-    """Percepts of recordings that a fitted Psi has scored all at once."""
+    """Percepts of recordings that a fitted Psi has scored all at once.
+
+    Attributes
+    ----------
+    labels : (O,P) from which a person answers; nothing else uses them.
+    log_odds : (O,R,E,P).
+    levels : K.
+    """
 
     domain: Domain
-    labels: NDArray[np.int8]  # (O,P) what a person who is asked knows; nothing else uses them
-    log_odds: NDArray[np.float16]  # (O,R,E,P)
-    levels: int = 2  # K
+    labels: NDArray[np.int8]
+    log_odds: NDArray[np.float16]
+    levels: int = 2
 
     def __post_init__(self) -> None:
         set_frozen(self, log_odds=freeze(self.log_odds, np.float16))
@@ -110,7 +117,7 @@ class FittedPercepts:
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Levels of the outputs, or a drawn answer."""
+        """Return levels of the outputs, or a drawn answer."""
         said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
         if said is not None:
             return said
@@ -126,13 +133,17 @@ class FittedPercepts:
 class ConfusionSampler:
     """Percepts drawn from the confusion matrices themselves.
 
-    This is what the authors' published simulator does: accuracies obtained so are the model's
-    opinion of itself.
+    The authors' published simulator does so: accuracies obtained from it do not validate the model.
+
+    Attributes
+    ----------
+    labels : (O,P) 1 true, 0 false, -1 unknown.
+    confusion : (P,E,2,K) rows = truth, sum to 1.
     """
 
     domain: Domain
-    labels: NDArray[np.int8]  # (O,P) 1 true, 0 false, -1 unknown
-    confusion: NDArray[np.float64]  # (P,E,2,K) rows = truth, sum to 1
+    labels: NDArray[np.int8]
+    confusion: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
@@ -145,7 +156,7 @@ class ConfusionSampler:
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Draw each attribute's level from its row of the true value (a coin's, if unknown)."""
+        """Draw each attribute's level from the row of its true value, or of a coin if unknown."""
         levels = self.confusion.shape[-1]
         said = person_says(self.domain, self.labels, instance, query, levels, rng)
         if said is not None:
