@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +14,10 @@ from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion, youden
 
+if TYPE_CHECKING:
+    from meal_bayes.perception.confusion import ConfusionCounts
+
 _DIMENSIONS = 4  # (P,E,2,K)
-
-
-class _HoldsCounts(Protocol):
-    """Counts object by object, as perception's `ConfusionCounts`."""
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """(O,P,E,2,K)."""
-        ...
 
 
 def row_precision(dispersion: ArrayLike, weight: ArrayLike) -> NDArray[np.float64]:
@@ -88,7 +82,7 @@ class ConfusionPosterior:
 
     @classmethod
     def from_counts(
-        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike = PRIOR_WEIGHT
+        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike = PRIOR_WEIGHT
     ) -> Self:
         """Build the paper's posterior: percepts are independent given the truth.
 
@@ -104,7 +98,7 @@ class ConfusionPosterior:
 
     @classmethod
     def from_objects(
-        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike | None = None
+        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike | None = None
     ) -> Self:
         """Build the object-level posterior.
 
@@ -253,7 +247,7 @@ class ConfusionPosterior:
         return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)
 
 
-def _array(counts: ArrayLike | _HoldsCounts) -> NDArray[np.int64]:
+def _array(counts: "ArrayLike | ConfusionCounts") -> NDArray[np.int64]:
     return np.asarray(getattr(counts, "counts", counts))
 
 
