@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
 from sklearn.base import clone
 
 from meal_bayes.display import short_repr
@@ -137,8 +138,7 @@ def _decisions(estimator: Any, features: Floats) -> Floats:
         decisions = np.asarray(estimator.decision_function(features), np.float64)
     else:
         prob = np.asarray(estimator.predict_proba(features), np.float64)
-        prob = np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE)
-        decisions = np.log(prob / (1 - prob))
+        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
     if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
         raise DataError(
             f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
@@ -148,7 +149,7 @@ class Perception:
 
     def probabilities(self, instance: Instance, query: Query) -> Floats:
         """Return Pr(true) under even prior odds, (N,); NaN where a person answers."""
-        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds(instance, query))))
+        return np.asarray(expit(self.log_odds(instance, query)))
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator

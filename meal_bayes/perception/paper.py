@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 from sklearn.svm import SVC
 
 from meal_bayes.arrays import freeze, set_frozen
@@ -49,12 +50,11 @@ class KappaPool:
 
     def log_odds(self, decisions: Floats) -> Floats:
         """Return log-odds of the pooled probability, (B,P), from decisions (B,M,P)."""
-        probability = _expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decisions)
+        probability = expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decisions)
         total = self.weights.sum(axis=0)
         pooled = np.einsum("bmp,mp->bp", probability, self.weights)
         pooled = np.where(total > 0, pooled / np.where(total > 0, total, 1.0), 0.5)
-        pooled = np.clip(pooled, 1e-9, 1 - 1e-9)
-        return np.asarray(np.log(pooled / (1 - pooled)))
+        return np.asarray(logit(np.clip(pooled, 1e-9, 1 - 1e-9)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +142,6 @@ def _kappa(yes: NDArray[np.bool_], truth: NDArray[np.bool_]) -> float:
     agree = float((yes == truth).mean())
     chance = float(yes.mean() * truth.mean() + (1 - yes.mean()) * (1 - truth.mean()))
     return (agree - chance) / (1 - chance) if chance < 1 else 0.0
-
-
-def _expit(log_odds: Floats) -> Floats:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -50, 50))))
 
 
 def fit_paper(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:

@@ -91,7 +91,10 @@ class Draws:
 
     def rows(self) -> tuple[Array, Array]:
         """Return means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), chain after chain."""
-        return _flat(self.mean), _flat(self.dispersion)
+        shape = self.dispersion.shape[2:]
+        return self.mean.reshape(-1, *shape, self.mean.shape[-1]), self.dispersion.reshape(
+            -1, *shape
+        )
 
     @classmethod
     def from_idata(cls, idata: Any) -> "Draws":
@@ -287,7 +290,3 @@ def draw_dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
     """Draw one point from each Dirichlet distribution of parameters (...,K)."""
     gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
     return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))
-
-
-def _flat(values: Array) -> Array:
-    return values.reshape(-1, *values.shape[2:])
