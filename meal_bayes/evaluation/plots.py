@@ -284,7 +284,8 @@ def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None
     with _axes(ax) as to:
         for number, (group, costs) in enumerate(groups.items()):
             color = COLORS[number % len(COLORS)]
-            to.ecdf(np.asarray(costs, float), compress=True, color=color, lw=1.6, label=group)
+            values, counts = np.unique(np.asarray(costs, float), return_counts=True)
+            to.ecdf(values, counts, color=color, lw=1.6, label=group)
         _finish(to, "cost of a trial, s", "share of trials")
         to.set_ylim(0, 1.02)
         _legend(to, len(groups))
