@@ -3,7 +3,7 @@
 from frame import Claim, Result, Setting, asked, main
 from online import OURS, PAPERS, compared, curve, panel
 
-from meal_bayes.evaluation import plots, summarize_learning
+from meal_bayes.evaluation import canvas, plots, summarize_learning
 from meal_bayes.trial_log import BatchOutcomes
 
 BEST, BASE = "morc_itrs", "iterative_morc"
@@ -57,7 +57,7 @@ def _above(results: list[BatchOutcomes] | None) -> bool | None:
     return None if results is None else _ratio(results)[1] > 1
 
 
-def _figure(results: list[BatchOutcomes], agents: tuple[str, ...]) -> plots.Axes:
+def _figure(results: list[BatchOutcomes], agents: tuple[str, ...]) -> canvas.Axes:
     return plots.learning_curve([curve(results, agent) for agent in agents])
 
 

@@ -31,7 +31,7 @@ def run(setting: Setting) -> Result:
     claims += [Claim(f"{name} is easy (above the median)", min(of[name]) > easy)
                for name in paper["easy"]]  # fmt: skip
     groups = {a: [Interval(m, s, m - s, m + s) for m, s in found[a]] for a in AGENTS}
-    ax = plots.bars(groups, list(names), y_label=f"accuracy at {hours:g} h", share=True)
+    ax = plots.bars(groups, list(names), y_label=f"accuracy at {hours:g} h", fraction=True)
     ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize=8, frameon=False)
     ax.tick_params(axis="x", rotation=45)
     return Result(

@@ -6,7 +6,7 @@ from itertools import product
 from frame import Cell, Claim, Result, Setting, Table, asked, main, paper_values
 from trials import AGAINST, Trials, paired_table, run_agents
 
-from meal_bayes.evaluation import Interval, plots
+from meal_bayes.evaluation import Interval, canvas, plots
 
 PAPERS = ("random", "random_legal", "predefined", "predefined_plus", "morc")
 AGENTS = (*PAPERS, "bayes")
@@ -63,7 +63,7 @@ def is_best(trials: Trials, best: str, measure: str) -> bool:
     return all(other.mean <= 2 * other.se for other in others)
 
 
-def figure(runs: Runs, measure: str) -> plots.Axes:
+def figure(runs: Runs, measure: str) -> canvas.Axes:
     """Draw one measure, a group of bars a number of attributes, with standard errors."""
     groups = {}
     for agent in AGENTS:

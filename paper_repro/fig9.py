@@ -4,7 +4,7 @@ import numpy as np
 from frame import Cell, Claim, Result, Setting, Table, main, paper_values
 from super_momdp import Point, Points, mean, run_points, timing
 
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation import canvas, plots
 
 Row = tuple[Cell, ...]
 MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
@@ -62,7 +62,7 @@ def _curve(found: Points, kind: str) -> Points:
     return {key: trials for key, trials in found.items() if key[0] == kind}
 
 
-def figure(found: Points, measure: str) -> plots.Axes:
+def figure(found: Points, measure: str) -> canvas.Axes:
     """Draw a measure over the irrelevant attributes."""
     lines = []
     for kind in KINDS:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation import canvas
 from meal_bayes.files import write_whole
 
 HERE = Path(__file__).resolve().parent
@@ -93,7 +93,7 @@ class Result:
     claims: tuple[Claim, ...]
     notes: tuple[str, ...] = ()
     # by what their files' names end in after the item
-    figures: Mapping[str, plots.Axes] = dataclasses.field(default_factory=dict)
+    figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     # computing time: kept apart, as it is never the same twice
     seconds: float = 0.0  # in all, logged ones included
     timing: str = ""  # what else is to be told of it
@@ -196,7 +196,7 @@ def write(result: Result, setting: Setting) -> dict[str, Any]:
     text = json.dumps(told, indent=1, allow_nan=False) + "\n"
     write_whole(folder / f"{result.item}.json", text)
     for end, figure in result.figures.items():
-        plots.save(figure, folder / f"{result.item}{end}.png")
+        canvas.save(figure, folder / f"{result.item}{end}.png")
     timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[result.item] = {"seconds": round(result.seconds, 1), "told": result.timing}

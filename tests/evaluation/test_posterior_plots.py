@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.plots import save
+from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.posterior_plots import forest, predictive
 
 MIDDLE = np.array([[[0.1, 0.9], [0.4, 0.5], [0.2, 0.7]], [[0.3, 0.3], [0.1, 0.95], [0.5, 0.4]]])
