@@ -47,7 +47,7 @@ def transition_diagram(
 
 
 def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
-    """Place states to the right by the behaviors that lead there, those of one column apart."""
+    """Compute the position of each state: its depth to the right, states of one depth apart."""
     depth, frontier = {diagram.start: 0}, [diagram.start]
     while frontier:
         here = frontier.pop(0)

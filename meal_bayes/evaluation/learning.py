@@ -1,7 +1,7 @@
 """Learning curves: how right, after how many hours of exploration (Sect. 7.3).
 
 The hours that an agent needs are read off mean curves made monotone, as noisy curves cross a level
-many times; what the repeats leave open is told by drawing whole repeats again.
+many times; their uncertainty is estimated by drawing whole repeats again.
 """
 
 import dataclasses
@@ -21,10 +21,10 @@ from meal_bayes.evaluation.calibration import (
 )
 from meal_bayes.evaluation.statistics import (
     Interval,
+    Measures,
     bootstrap_interval,
     clustered_se,
     paired_difference,
-    plain,
 )
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
@@ -38,7 +38,7 @@ _SOON = 1e-3  # h; a level that is there before any training counts as reached a
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class LearningRow:
+class LearningRow(Measures):
     """Test trials of one agent after one batch of one repeat; nan where undefined."""
 
     agent: str
@@ -50,16 +50,12 @@ class LearningRow:
     test_cost_s: float
     reward: float  # unshaped
     nll: float  # of the final belief, nats
-    ece: float  # of few hundred cases: biased up, see `pooled_ece`
+    ece: float  # biased up with few hundred cases, see `pooled_ece`
     claimed_accuracy: float  # mean of the agent's own Pr(its report is right)
-
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Give the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class LearningSummary:
+class LearningSummary(Measures):
     """An agent beside the reference, over the repeats they share; nan where undefined."""
 
     agent: str
@@ -77,18 +73,14 @@ class LearningSummary:
     reward_difference: float
     reward_difference_se: float
 
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Give the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
-
 
 class Curves(NamedTuple):
-    """Curves of one agent, S repeats and B batches."""
+    """Curves of one agent, (S,B) of S repeats and B batches each."""
 
     repeats: tuple[int, ...]
-    hours: Array  # (S,B)
-    accuracy: Array  # (S,B)
-    reward: Array  # (S,B)
+    hours: Array
+    accuracy: Array
+    reward: Array
 
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
@@ -124,7 +116,7 @@ def summarize_learning(
 
 
 def hours_to(hours: Array, accuracy: Array, level: float) -> float:
-    """Hours at which a mean curve, made monotone, reaches a level; inf where it never does.
+    """Compute the hours at which a mean curve, made monotone, reaches a level; inf if never.
 
     >>> hours_to(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.9, 0.7]), 0.65)
     0.5
@@ -136,17 +128,11 @@ def hours_to(hours: Array, accuracy: Array, level: float) -> float:
     i = int(reached[0])
     if i == 0:
         return float(hours[0])
-    share = (level - rising[i - 1]) / (rising[i] - rising[i - 1])
-    return float(hours[i - 1] + share * (hours[i] - hours[i - 1]))
+    return float(np.interp(level, rising[i - 1 : i + 1], hours[i - 1 : i + 1]))
 
 
 def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
-    """Give the expected calibration error over all repeats of one agent's last batches.
-
-    Returns
-    -------
-    The error, and what calibrated beliefs of the same values would show.
-    """
+    """Compute the ECE of an agent's last batches in all repeats, and of calibrated beliefs."""
     every = list(results)
     end = max(result.batch for result in every)
     chosen = [result.outcomes.beliefs() for result in every if result.batch > end - last]
@@ -222,7 +208,7 @@ def _of(curves: Curves, repeats: Sequence[int]) -> Curves:
 
 
 def _ratio(both: Array) -> float:
-    """Ratio of hours from (S,4,B): the agent's hours and accuracy, the reference's."""
+    """Compute the ratio of hours from (S,4,B): the agent's hours and accuracy, the reference's."""
     hours, accuracy, base_hours, base_accuracy = both.mean(axis=0)
     level = float(base_accuracy[-_LAST:].mean())
     needed = max(hours_to(hours, accuracy, level), _SOON)

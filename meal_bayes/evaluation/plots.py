@@ -30,13 +30,13 @@ _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One line and, where it is known, the band of its error."""
+    """One line and, where it is known, the band of its error; (n,) each, NaN in y is a gap."""
 
     name: str
-    x: NDArray[np.float64]  # (n,)
-    y: NDArray[np.float64]  # (n,) nan = a gap
-    low: NDArray[np.float64] | None = None  # (n,)
-    high: NDArray[np.float64] | None = None  # (n,)
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    low: NDArray[np.float64] | None = None
+    high: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.x)
@@ -217,13 +217,13 @@ def confusion_matrices(
     title: str = "",
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw one behavior's matrices (N,2,K), rows = truth; their sd is printed under the means."""
+    """Draw one behavior's matrices (N,2,K), rows = truth, with their sd under the means."""
     table = np.asarray(confusion, float)
     n, _, k = table.shape
-    rows, spread = table.reshape(2 * n, k), None if sd is None else np.reshape(sd, (2 * n, k))
+    rows, deviation = table.reshape(2 * n, k), None if sd is None else np.reshape(sd, (2 * n, k))
     with axes_to_draw(ax, height=1.2 + 0.5 * len(rows)) as to:
         image = to.imshow(rows, cmap="viridis", vmin=0, vmax=1, aspect="auto")
-        _numbers(to, rows, image, 2, spread)
+        _numbers(to, rows, image, 2, deviation)
         to.set_xticks(range(k), level_names(k))
         names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
         to.set_yticks(range(len(rows)), names)

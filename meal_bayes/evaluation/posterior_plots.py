@@ -23,10 +23,10 @@ def forest(
     most: int = _MOST,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw how likely "yes" is of true and of false objects, each with its interval.
+    """Draw Pr(yes) of true and of false objects, each with its interval.
 
-    One row a pair; attributes stay together, their most telling behavior first. Where there are
-    too many pairs, those that tell most are drawn.
+    One row a pair; attributes stay together, the behavior with the largest difference first.
+    Where there are too many pairs, those with the largest differences are drawn.
 
     Parameters
     ----------
@@ -62,7 +62,9 @@ def forest(
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
         rest = gap.size - len(pairs)
         more = (
-            f"\n(the {len(pairs)} pairs that tell most; {rest} more are not shown)" if rest else ""
+            f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
+            if rest
+            else ""
         )
         name_axes(to, f'probability of "yes", with 95 % interval{more}', "", grid="x")
         to.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
@@ -72,25 +74,25 @@ def forest(
 def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = None) -> Axes:
     """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
 
-    Columns are observed shares; points the predicted ones with 95 % intervals. Objects that differ
-    heap up at both ends; a model that takes percepts as independent would not.
+    Columns are observed fractions; points the predicted ones with 95 % intervals. Objects that
+    differ gather at both ends, which a model of independent percepts does not predict.
 
     Parameters
     ----------
     observed : (2,n+1) cases by truth (false, true) and number of "yes" of n.
     predicted : (S,2,n+1) replicates.
     """
-    seen, drawn = np.asarray(observed, float), np.asarray(predicted, float)
-    if seen.ndim != 2 or len(seen) != 2 or drawn.shape[1:] != seen.shape:  # noqa: PLR2004
+    counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
+    if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:  # noqa: PLR2004
         raise SettingsError(
-            f"Observed {seen.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
+            f"Observed {counts.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
         )
-    x = np.arange(seen.shape[1])
+    x = np.arange(counts.shape[1])
     with axes_to_draw(ax) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             color, shift = COLORS[1 - truth], 0.2 if truth else -0.2
-            total = max(seen[truth].sum(), 1.0)
-            to.bar(x + shift, seen[truth] / total, 0.36, color=color, alpha=0.35,
+            total = max(counts[truth].sum(), 1.0)
+            to.bar(x + shift, counts[truth] / total, 0.36, color=color, alpha=0.35,
                    label=f"{name}, observed")  # fmt: skip
             low, middle, high = np.quantile(drawn[:, truth] / total, [0.025, 0.5, 0.975], axis=0)
             to.errorbar(
@@ -98,6 +100,6 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
                 color=color, capsize=2.5, elinewidth=1.1, label=f"{name}, predicted",
             )  # fmt: skip
         to.set_xticks(x)
-        name_axes(to, f'percepts of {x[-1]} that say "yes"', "share of cases", grid="y")
+        name_axes(to, f'percepts of {x[-1]} that say "yes"', "fraction of cases", grid="y")
         legend(to, 4)
         return to

@@ -18,23 +18,23 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, paired_difference, plain
+from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialOutcomes
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class SummaryRow:
-    """Measures of one agent; nan where undefined. Standard errors are clustered by object.
+class SummaryRow(Measures):
+    """Measures of one agent; NaN where undefined. Standard errors are clustered by object.
 
     NLL, Brier and ECE are of the final belief, over trials x queried attributes whose truth is
-    known. What is not known, or was broken off, counts neither as right nor as wrong.
+    known. Trials of unknown truth, or broken off, count neither as right nor as wrong.
     """
 
     agent: str
     trials: int
     judged: int  # of these, how many ended with a truth that is known
-    accuracy: float  # share of the judged whose report was right in every attribute (Eq. 5)
+    accuracy: float  # fraction of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
     cost_s: float  # mean of Eq. 6
     cost_sd: float  # standard deviation over trials
@@ -44,13 +44,9 @@ class SummaryRow:
     brier: float
     ece: float
     ece_calibrated: float  # what a calibrated belief of the same values would show
-    abstained: float  # share of trials that ended without a report; they count as not right
+    abstained: float  # fraction of trials that ended without a report; they count as not right
     answered_accuracy: float  # accuracy among the judged ones with a report
     seconds: float  # of computing
-
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Give the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
 
 
 class Summary(list[SummaryRow]):

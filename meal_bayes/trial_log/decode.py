@@ -37,7 +37,7 @@ from meal_bayes.trial_log.schema import (
     StepMessage,
     TrialMessage,
 )
-from meal_bayes.trial_log.shapes import misfit
+from meal_bayes.trial_log.shapes import misfits
 from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
@@ -243,8 +243,7 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> T
         report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
         ended=outcome.ended,
     )
-    problem = misfit(trial)
-    if problem is not None:
+    for problem in misfits(trial):
         raise LogCorruptError(f"trial {begin.trial}: {problem}")
     return trial
 

@@ -1,4 +1,4 @@
-"""Outcomes: what measures need of many trials, in columns, a row a trial."""
+"""Outcomes of many trials in columns, a row a trial: all that measures need."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -70,10 +70,10 @@ class TrialOutcomes:
     failed: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        kinds = dict.fromkeys(TEXTS, object) | dict.fromkeys(INTEGERS, np.int64)
-        kinds |= {"truth": np.int8, "report": np.int8}
+        types = dict.fromkeys(TEXTS, object) | dict.fromkeys(INTEGERS, np.int64)
+        types |= {"truth": np.int8, "report": np.int8}
         for field in fields(self)[1:]:
-            values = freeze(getattr(self, field.name), kinds.get(field.name, np.float64))
+            values = freeze(getattr(self, field.name), types.get(field.name, np.float64))
             set_frozen(self, **{field.name: values})
         self._check()
 
@@ -111,7 +111,7 @@ class TrialOutcomes:
 
     @classmethod
     def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
-        """Concatenate rows; fewer attributes are padded, behaviors matched by name."""
+        """Append rows to each other; fewer attributes are padded, behaviors matched by name."""
         behaviors = tuple(dict.fromkeys(name for part in parts for name in part.behaviors))
         n, q = sum(map(len, parts)), max((part.attribute.shape[1] for part in parts), default=0)
         columns: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""What to do with a torn file: say what is wrong, save the whole trials."""
+"""Torn files: report what is wrong, recover the whole trials."""
 
 import itertools
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from meal_bayes.trial_log.writer import write_trials
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What a check found."""
+    """Result of a check."""
 
     path: Path
     trials: int  # that can be read back
@@ -26,7 +26,7 @@ class LogReport:
 
 
 def check_log(path: str | Path) -> LogReport:
-    """Read a file to its end and say what is there and what is wrong; damage does not raise.
+    """Read a file to its end and report its contents and faults; damage does not raise.
 
     Raises
     ------
