@@ -16,7 +16,7 @@ def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Array:
     >>> negative_log_likelihood([0.75, 0.5], [True, False]).round(3).tolist()
     [0.288, 0.693]
     """
-    b, v = _cases(positive, truth)
+    b, v = checked_cases(positive, truth)
     return np.asarray(-np.log(np.clip(np.where(v, b, 1 - b), CLIP, 1 - CLIP)))
 
 
@@ -26,7 +26,7 @@ def brier(positive: ArrayLike, truth: ArrayLike) -> Array:
     >>> brier([0.75, 0.5], [True, False]).tolist()
     [0.0625, 0.25]
     """
-    b, v = _cases(positive, truth)
+    b, v = checked_cases(positive, truth)
     return np.asarray((b - v) ** 2)
 
 
@@ -36,8 +36,8 @@ def calibration_error(positive: ArrayLike, truth: ArrayLike, *, bins: int = 10) 
     >>> calibration_error([0.9, 0.9, 0.1, 0.1], [True, True, False, True])
     0.25
     """
-    b, v = _cases(positive, truth)
-    return float(np.abs(np.bincount(_bin(b, bins), b - v)).sum() / len(b))
+    b, v = checked_cases(positive, truth)
+    return float(np.abs(np.bincount(bins_of(b, bins), b - v)).sum() / len(b))
 
 
 def expected_calibration_error(
@@ -48,16 +48,18 @@ def expected_calibration_error(
     With few cases it is above 0; only an ECE above it shows miscalibration.
     """
     b = np.asarray(positive, float)
-    member = np.eye(bins)[_bin(b, bins)]  # (n,bins)
+    member = np.eye(bins)[bins_of(b, bins)]  # (n,bins)
     gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
     return float(np.abs(gaps).sum(axis=1).mean() / len(b))
 
 
-def _bin(b: Array, bins: int) -> NDArray[np.intp]:
+def bins_of(b: Array, bins: int) -> NDArray[np.intp]:
+    """Return the bin of each belief (n,) among equal ones."""
     return np.minimum((b * bins).astype(np.intp), bins - 1)
 
 
-def _cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    """Convert beliefs and truths to arrays, (n,) each, and check their shapes."""
     b, v = np.asarray(positive, float), np.asarray(truth, bool)
     if b.shape != v.shape or b.ndim != 1 or not len(b):
         raise SettingsError(f"{b.shape} beliefs and {v.shape} truths; give one truth for each.")

@@ -23,9 +23,9 @@ from meal_bayes.evaluation.statistics import (
     Interval,
     Measures,
     bootstrap_interval,
-    clustered_se,
     paired_difference,
 )
+from meal_bayes.evaluation.summary import mean
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
@@ -85,7 +85,7 @@ class Curves(NamedTuple):
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     """Measure every batch of test trials."""
-    return [_row(result) for result in results]
+    return list(map(_row, results))
 
 
 def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
@@ -144,16 +144,14 @@ def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[
 def _row(result: BatchOutcomes) -> LearningRow:
     outcomes = result.outcomes
     positive, truth = outcomes.beliefs()
-    judged = outcomes.judged
+    accuracy = mean(outcomes, "success")
     return LearningRow(
         agent=result.agent,
         batch=result.batch,
         repeat=result.repeat,
         exploration_hours=result.hours,
-        accuracy=_accuracy(outcomes),
-        accuracy_se=clustered_se(
-            outcomes.success[judged].astype(float), outcomes.object_name[judged]
-        ),
+        accuracy=accuracy.estimate,
+        accuracy_se=accuracy.se,
         test_cost_s=float(outcomes.cost.mean()),
         reward=float(outcomes.reward.mean()),
         nll=float(negative_log_likelihood(positive, truth).mean()),

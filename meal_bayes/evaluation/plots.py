@@ -11,6 +11,7 @@ from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation.calibration import bins_of, checked_cases
 from meal_bayes.evaluation.canvas import (
     COLORS,
     GRAY,
@@ -161,10 +162,8 @@ def reliability_diagram(
     truth : (n,) bool.
     small : one of several side by side, without a legend.
     """
-    b, true = np.asarray(positive, float), np.asarray(truth, bool)
-    if b.shape != true.shape or b.ndim != 1 or len(b) == 0:
-        raise SettingsError(f"{b.shape} beliefs and {true.shape} truths; give one for each.")
-    index = np.minimum((b * bins).astype(np.intp), bins - 1)
+    b, true = checked_cases(positive, truth)
+    index = bins_of(b, bins)
     n, hits = np.bincount(index, minlength=bins), np.bincount(index[true], minlength=bins)
     filled = np.flatnonzero(n)
     width, height = (2.1, 2.1) if small else (3.4, 3.9)

@@ -144,34 +144,33 @@ def compare(
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
-    judged, answered = own.judged, own.answered
+    both = own.judged & own.answered
     reward, accuracy = mean(own, "reward"), mean(own, "success")
     positive, truth = own.beliefs()
-    none = not len(truth)
+    nll = squared = ece = calibrated = math.nan
+    if len(truth):
+        nll = float(negative_log_likelihood(positive, truth).mean())
+        squared = float(brier(positive, truth).mean())
+        ece = calibration_error(positive, truth)
+        calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
         agent=agent,
         trials=len(own),
-        judged=int(judged.sum()),
+        judged=int(own.judged.sum()),
         accuracy=accuracy.estimate,
         accuracy_se=accuracy.se,
         cost_s=float(own.cost.mean()),
         cost_sd=float(own.cost.std(ddof=1)) if len(own) > 1 else math.nan,
         reward=reward.estimate,
         reward_se=reward.se,
-        nll=math.nan if none else float(negative_log_likelihood(positive, truth).mean()),
-        brier=math.nan if none else float(brier(positive, truth).mean()),
-        ece=math.nan if none else calibration_error(positive, truth),
-        ece_calibrated=math.nan
-        if none
-        else expected_calibration_error(positive, stream(0, "calibrated belief")),
+        nll=nll,
+        brier=squared,
+        ece=ece,
+        ece_calibrated=calibrated,
         abstained=mean(own, "abstained").estimate,
-        answered_accuracy=_mean(own.success[judged & answered]),
+        answered_accuracy=float(own.success[both].mean()) if both.any() else math.nan,
         seconds=seconds,
     )
-
-
-def _mean(values: NDArray[Any]) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
 
 
 def _measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
