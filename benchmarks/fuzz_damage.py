@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
@@ -97,12 +97,12 @@ def make_sound(folder: Path) -> None:
 def _make_runs(folder: Path) -> None:
     """Run a few trials on recordings that ship, for what is written of runs and their problems."""
     table = load_percepts("roc36")
-    morc = Morc(table, load_agent("greedy"), seed=0)
+    morc = OfflineRunner(table, load_agent("greedy"), seed=0)
     trials = [morc.run(task) for task in offline_tasks(table, 2, TRIALS, 0)]
     write_trials(folder / "run.mcap", trials, header={"config": {"dataset": "roc36"}, "seed": 0})
     header = {"config": {"dataset": "roc36"}}
     write_trials(folder / "outcomes.mcap", [TrialOutcomes.of(trials)], header=header)
-    paper = Morc(table, load_agent("morc"), seed=0)
+    paper = OfflineRunner(table, load_agent("morc"), seed=0)
     momdp, _ = paper.prepare(offline_tasks(table, 1, 1, 0)[0])
     write_pomdp(momdp, folder / "own.pomdp")
     write_pomdpx(momdp, folder / "own.pomdpx")

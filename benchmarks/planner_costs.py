@@ -55,13 +55,13 @@ def _rows() -> Iterator[dict[str, Any]]:
 
 def cost(dataset: str, n: int, agent: str) -> dict[str, Any]:
     """Measure one agent on N attributes of a data set, in a process of its own."""
-    from meal_bayes.agents import Morc, load_agent  # noqa: PLC0415
+    from meal_bayes.agents import OfflineRunner, load_agent  # noqa: PLC0415
     from meal_bayes.datasets import load_percepts  # noqa: PLC0415
     from meal_bayes.experiments import offline_tasks  # noqa: PLC0415
 
     table = load_percepts(dataset)
     tasks = offline_tasks(table, n, TRIALS, 0)
-    runner = Morc(table, load_agent(agent), 0)
+    runner = OfflineRunner(table, load_agent(agent), 0)
     runner.run(tasks[0])  # loads or compiles the kernels
     policies = []
     for task in tasks[1 : 1 + QUERIES]:

@@ -14,7 +14,7 @@ import time
 from itertools import cycle, islice
 from pathlib import Path
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.experiments.tasks import offline_tasks
@@ -32,7 +32,7 @@ BARS = {  # name: (CPU seconds, megabytes) at 10,000 trials
 def make_log(path: Path, trials: int, agent: str) -> dict[str, float]:
     """Write a log of so many trials; give its size and the speed of writing."""
     table = load_percepts("roc36")
-    morc = Morc(table, load_agent(agent), seed=0)
+    morc = OfflineRunner(table, load_agent(agent), seed=0)
     tasks = offline_tasks(table, 2, min(DISTINCT, trials), 0)
     made = [morc.run(task) for task in tasks]
     start = time.process_time()

@@ -12,6 +12,7 @@ import functools
 import logging
 import os
 import shutil
+import socket
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
@@ -19,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from platformdirs import user_cache_path
+
+from meal_bayes.processes import alive
 
 log = logging.getLogger("meal_bayes.cache")
 
@@ -56,6 +59,22 @@ def scratch_folder(name: str) -> Path:
         folder = Path(tempfile.mkdtemp(prefix=f"meal_bayes-{name}-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a folder for files of the block, which goes with it.
+
+    It lies in the user's cache folder, where there is one; then what killed processes of this
+    machine left there is removed first.
+    """
+    base, machine = cache_folder("temporary"), socket.gethostname()
+    for left in base.glob(f"{machine}-*") if base is not None else ():
+        pid = left.name.removeprefix(f"{machine}-").partition("-")[0]
+        if pid.isdecimal() and not alive(int(pid)):
+            shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=base, prefix=f"{machine}-{os.getpid()}-") as name:
+        yield Path(name)
 
 
 @contextlib.contextmanager

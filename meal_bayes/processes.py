@@ -68,6 +68,17 @@ def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([*guard, *command], **options)
 
 
+def alive(pid: int) -> bool:
+    """Return whether a process of this machine runs; one of another user counts as running."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 def _run_and_end(parent: int | None, target: Callable[..., object], args: tuple[Any, ...]) -> None:
     end_with_parent(parent)
     target(*args)
@@ -81,12 +92,15 @@ def _watch(parent: int) -> None:
 
 def _become(parent: int, command: list[str]) -> None:
     """Execute a program that ends with the parent, guarded where the kernel cannot end it."""
-    if sys.platform == "linux":
+    try:
+        if sys.platform != "linux":
+            sys.exit(_guard(parent, command))
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent:  # it may have ended before the kernel was asked
             os.execv(command[0], command)  # which the program inherits
         sys.exit(1)
-    sys.exit(_guard(parent, command))
+    except OSError as fault:
+        sys.exit(f"{command[0]} cannot be run: {fault.strerror}")
 
 
 def _guard(parent: int, command: list[str]) -> int:

@@ -1,26 +1,28 @@
-"""What every item of the paper is made of: its setting, tables, claims, figures, and a verdict.
+"""What every item is made of: a setting, tables, statements and figures, and where they go."""
 
-A script has one function, `run(setting) -> Result`; `main` makes it a program of its own.
-"""
-
-import argparse
 import dataclasses
 import json
 import math
+import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import canvas
 from meal_bayes.files import write_whole
+from paper_repro.statements import Evidence, Statement, verdict
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
 _ZERO = 1e-9
-_NAMED = 4  # fallen statements that a verdict names
+
+Choice = TypeVar("Choice")
+Found = TypeVar("Found")
 
 
 class Estimate(NamedTuple):
@@ -35,13 +37,16 @@ Cell = str | int | float | Estimate | None  # None: not measured, or not printed
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Setting:
-    """How an item is run; the numbers of settings.toml are read through it."""
+    """How an item is run."""
 
     quick: bool = False
     seed: int = 0
     jobs: int = 1
     logs: Path = Path("logs")
     as_published: bool = False  # the published code's protocol alone
+    cluster: str | None = None  # address of a Dask scheduler
+    trials: int | None = None  # of an agent offline, at most
+    repeats: int | None = None  # of online runs, at most; 0 runs none
     on_progress: Callable[[int, int], None] | None = None
 
     @property
@@ -54,22 +59,17 @@ class Setting:
         """Columns to run."""
         return ("published",) if self.as_published else ("published", "recorded")
 
-    def of(self, item: str, key: str) -> Any:
-        """Look a number of settings.toml up; of {full, quick} the one that is wanted."""
-        value = _table("settings.toml")[item][key]
-        if isinstance(value, Mapping) and set(value) == {"full", "quick"}:
-            return value["quick" if self.quick else "full"]
-        return value
+    def choose(self, full: Choice, quick: Choice) -> Choice:
+        """Return the size of a full run, or of a quick one."""
+        return quick if self.quick else full
 
+    def trial_steps(self, full: Sequence[int], quick: int) -> tuple[int, ...]:
+        """Return the steps of offline trials, cut at the most that are wanted."""
+        return _cut((quick,) if self.quick else full, self.trials)
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Claim:
-    """Something that the paper says of an item, and whether it stands; None: cannot be asked."""
-
-    text: str
-    recorded: bool | None  # on recorded percepts, or where no percept is drawn
-    published: bool | None = None  # in the published code's protocol
-    contradicted: bool = False  # by other numbers of the paper itself
+    def repeat_steps(self, full: Sequence[int]) -> tuple[int, ...]:
+        """Return the steps of online repeats, cut likewise; a quick run has one."""
+        return _cut((1,) if self.quick else full, self.repeats)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -83,22 +83,61 @@ class Table:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Result:
-    """What came of an item."""
+    """What came of an item.
 
-    item: str  # name of its script
+    Attributes
+    ----------
+    title : what it is about.
+    paper, ours : its number in a few words, the paper's and ours on recordings.
+    published : the same in the published code's protocol; empty where it has none.
+    statements : what the paper says of it, judged.
+    figures : by what their files' names end in after the item.
+    shows : what the paper describes, beside the figures.
+    seconds : of computing, those of trials from the logs included.
+    effects : of the published code's departures, by their number in errata.toml.
+    """
+
     title: str
-    paper: str  # its number, in a few words
-    ours: str  # the same of ours
+    paper: str
+    ours: str
     tables: tuple[Table, ...]
-    claims: tuple[Claim, ...]
+    statements: tuple[Statement, ...]
+    published: str = ""
     notes: tuple[str, ...] = ()
-    # by what their files' names end in after the item
     figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
-    # computing time: kept apart, as it is never the same twice
-    seconds: float = 0.0  # in all, logged ones included
-    timing: str = ""  # what else is to be told of it
-    # of the published code's departures, by their number in errata.toml
+    shows: str = ""
+    seconds: float = 0.0
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+def until_decided(
+    names: Iterable[str],
+    steps: Sequence[int],
+    run: Callable[[str, int], Found],
+    judge: Callable[[Mapping[str, Found]], Mapping[str, Evidence]],
+) -> tuple[dict[str, Found], dict[str, Evidence]]:
+    """Run agents in steps until every statement about them is decided, or no step would do it.
+
+    Parameters
+    ----------
+    names : of the agents.
+    steps : repeats (or trials) of an agent, in all, growing.
+    run : runs an agent so often, or reads it from the logs.
+    judge : judges the statements, by text; their `agents` go on where one is undecided.
+    """
+    at = dict.fromkeys(names, 0)
+    found = {name: run(name, steps[0]) for name in at}
+    while True:
+        evidence = dict(judge(found))
+        open_ = (one for one in evidence.values() if not one.decided)
+        within = (one for one in open_ if one.needed is None or one.needed <= steps[-1])
+        again = {name for one in within for name in one.agents}
+        again = {name for name in again if name in at and at[name] + 1 < len(steps)}
+        if not again:
+            return found, evidence
+        for name in sorted(again):
+            at[name] += 1
+            found[name] = run(name, steps[at[name]])
 
 
 def asked(n: int) -> str:
@@ -110,121 +149,115 @@ def asked(n: int) -> str:
     return f"{n} attribute{'s' if n != 1 else ''}"
 
 
-def verdict(claims: Sequence[Claim]) -> str:
-    """Judge an item from its claims, and name those that do not stand.
-
-    >>> verdict([Claim("a", recorded=True), Claim("b", recorded=False, published=True)])
-    'reproduced only in the published protocol: 1 of 2 statements stand on recordings; not: b'
-    """
-    own = [claim for claim in claims if claim.recorded is not None]
-    code = [claim for claim in claims if claim.published is not None]
-    stand = f"{sum(bool(c.recorded) for c in own)} of {len(own)} statements stand"
-    in_code = f"{sum(bool(c.published) for c in code)} of {len(code)} in the published protocol"
-    if not claims:
-        return "the paper says nothing that could be judged"
-    if not own:
-        return f"on recordings not run: {in_code}"
-    fell = [claim for claim in own if not claim.recorded]
-    more = f" and {len(fell) - _NAMED} more" if len(fell) > _NAMED else ""
-    names = "; not: " + "; ".join(claim.text for claim in fell[:_NAMED]) + more
-    if not fell:
-        return f"reproduced: {stand}"
-    if all(claim.contradicted for claim in fell):
-        return f"reproduced where the paper agrees with itself: {stand}{names}"
-    if all(claim.published for claim in fell) and all(claim.published for claim in code):
-        return f"reproduced only in the published protocol: {stand} on recordings{names}"
-    return f"not reproduced: {stand}" + (f", {in_code}" if code else "") + names
-
-
-def agrees(paper: Estimate, ours: Estimate, *, printed: int) -> bool:
-    """Whether two estimates are within two standard errors of their difference.
-
-    `printed` is the number of decimals in the paper, whose rounding is allowed for.
-    """
-    reach = 2 * math.hypot(paper.se, 0.0 if math.isnan(ours.se) else ours.se)
-    return abs(paper.mean - ours.mean) <= reach + 0.5 * 10.0**-printed + 1e-9
-
-
 @lru_cache(maxsize=4)
-def _table(name: str) -> dict[str, Any]:
+def read_table(name: str) -> dict[str, Any]:
+    """Read a TOML file of this folder."""
     return tomllib.loads((HERE / name).read_text(encoding="utf-8"))
 
 
-def paper_values(item: str) -> dict[str, Any]:
-    """Give what paper_values.toml holds of an item."""
-    values: dict[str, Any] = _table("paper_values.toml")[item]
-    return values
+def paper_values(item: str) -> Any:
+    """Return what paper_values.toml holds of an item, or under a key of its own."""
+    return read_table("paper_values.toml")[item]
 
 
-def facts(result: Result, setting: Setting) -> dict[str, Any]:
-    """Give a result as plain values; equal runs give equal ones."""
+def items() -> tuple[str, ...]:
+    """List the items, in the order of the paper."""
+    values = read_table("paper_values.toml")
+    return tuple(name for name, section in values.items() if isinstance(section, dict))
+
+
+def named(words: Iterable[str]) -> tuple[str, ...]:
+    """Read item names, in the order of the paper; "all" is every one of them."""
+    wanted = {word.strip() for text in words for word in text.split(",")}
+    for word in sorted(wanted - {"all", *items()}):
+        raise SettingsError(unknown("item", word, ["all", *items()]))
+    return tuple(item for item in items() if wanted & {"all", item})
+
+
+def reproduce(item: str, setting: Setting) -> dict[str, Any]:
+    """Run one item and write what came of it; returns the facts that were written."""
+    begin = time.perf_counter()
+    result: Result = import_module(f"paper_repro.items.{item}").run(setting)
+    seconds = max(result.seconds, time.perf_counter() - begin)
+    folder = RESULTS if setting.committed else setting.logs / "paper_repro"
+    found = facts(item, result, setting)
+    write_whole(folder / f"{item}.json", json.dumps(found, indent=1, allow_nan=False) + "\n")
+    for end, figure in result.figures.items():
+        canvas.save(figure, folder / f"{item}{end}.png")
+    timing = folder / "timing.json"
+    known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
+    known[item] = round(seconds, 1)
+    write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
+    return found
+
+
+def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
+    """Return a result as plain values; equal runs give equal ones."""
+    statements = [statement.as_dict() for statement in result.statements]
+    tables = [*result.tables, *_evidence(result.statements)]
     return {
-        "item": result.item,
+        "item": item,
         "title": result.title,
-        "command": command(result.item, setting),
+        "command": command(item, setting),
         "seed": setting.seed,
-        "verdict": verdict(result.claims),
+        "verdict": verdict(statements),
         "paper": result.paper,
+        "published": result.published,
         "ours": result.ours,
         "tables": [
             {
                 "title": table.title,
                 "columns": list(table.columns),
-                "rows": [[_plain(cell) for cell in row] for row in table.rows],
+                "rows": [[plain_cell(cell) for cell in row] for row in table.rows],
             }
-            for table in result.tables
+            for table in tables
         ],
-        "claims": [dataclasses.asdict(claim) for claim in result.claims],
-        "notes": list(result.notes),
-        "figures": [f"{result.item}{end}.png" for end in result.figures],
+        "statements": statements,
+        "notes": [" ".join(note.split()) for note in result.notes],
+        "figures": [f"{item}{end}.png" for end in result.figures],
+        "shows": result.shows,
         "effects": dict(result.effects),
     }
 
 
 def command(item: str, setting: Setting) -> str:
-    """Give the command behind a result."""
-    extra = (" --quick" if setting.quick else "") + (
-        " --as-published" if setting.as_published else ""
+    """Return the command behind a result."""
+    quick, code = " --quick" * setting.quick, " --as-published" * setting.as_published
+    most = "".join(
+        f" --{name} {value}"
+        for name, value in (("trials", setting.trials), ("repeats", setting.repeats))
+        if value is not None
     )
-    return f"meal-bayes reproduce {item}{extra} --seed {setting.seed}"
+    return f"meal-bayes reproduce {item}{quick}{code}{most} --seed {setting.seed}"
 
 
-def write(result: Result, setting: Setting) -> dict[str, Any]:
-    """Write a result: to results/ what git keeps, beside the logs what is quick or partial."""
-    folder = RESULTS if setting.committed else setting.logs / "paper_repro"
-    told = facts(result, setting)
-    text = json.dumps(told, indent=1, allow_nan=False) + "\n"
-    write_whole(folder / f"{result.item}.json", text)
-    for end, figure in result.figures.items():
-        canvas.save(figure, folder / f"{result.item}{end}.png")
-    timing = folder / "timing.json"
-    known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
-    known[result.item] = {"seconds": round(result.seconds, 1), "told": result.timing}
-    write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
-    return told
-
-
-def _plain(cell: Cell) -> Any:
-    """Six digits are enough, and are the same on every machine."""
+def plain_cell(cell: Cell) -> Any:
+    """Return a cell as JSON: six digits are enough, and are the same on every machine."""
     if isinstance(cell, Estimate):
-        return [_plain(number) for number in cell]
+        return [plain_cell(number) for number in cell]
     if isinstance(cell, float):
         nothing = abs(cell) < _ZERO  # what rounding leaves over
-        return None if math.isnan(cell) else 0.0 if nothing else float(f"{cell:.6g}")
+        return None if not math.isfinite(cell) else 0.0 if nothing else float(f"{cell:.6g}")
     return cell
 
 
-def main(run: Callable[[Setting], Result]) -> None:
-    """Run one script by itself: python paper_repro/table3.py --quick."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="few trials, results beside the logs")
-    parser.add_argument("--as-published", action="store_true", help="the published protocol alone")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--logs", type=Path, default=Path("logs"), help="folder of trial logs")
-    options = parser.parse_args()
-    if options.seed < 0:
-        raise SettingsError(f"seed is {options.seed}; give a whole number, 0 or more.")
-    from pages import result_page  # noqa: PLC0415  it reads results, which this module writes
+def _cut(steps: Sequence[int], most: int | None) -> tuple[int, ...]:
+    """Return steps up to the most; none where that is 0."""
+    if most is None:
+        return tuple(steps)
+    return tuple(dict.fromkeys(min(step, most) for step in steps if most))
 
-    print(result_page(write(run(Setting(**vars(options))), Setting(**vars(options)))))
+
+def _evidence(statements: Sequence[Statement]) -> list[Table]:
+    """Build the table of what every statement rests on: rule, mean with its sign, interval."""
+    rows: list[tuple[Cell, ...]] = []
+    for one in statements:
+        for protocol in ("published", "recorded"):
+            found: Evidence | None = getattr(one, protocol)
+            if found is not None:
+                mean, _, low, high = map(float, found.interval)
+                rows.append((one.text, protocol, found.rule, mean, low, high, found.outcome,
+                             found.repeats, found.needed))  # fmt: skip
+    columns = ("statement", "protocol", "stands if", "mean", "95 % low", "high", "outcome",
+               "repeats", "needed")  # fmt: skip
+    return [Table("what the statements rest on", columns, tuple(rows))] if rows else []

@@ -1,111 +1,138 @@
-"""Online runs of an item: which panel, which agents, on recordings or as the published code."""
+"""Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from frame import Cell, Estimate, Setting, Table
 from numpy.typing import NDArray
 
-from meal_bayes.agents import PUBLISHED
-from meal_bayes.evaluation import clustered_se, curves_of, plots, summarize_learning
-from meal_bayes.experiments import OnlineConfig, OnlineRun, run_online
-from meal_bayes.momdp import observation_entropy
-from meal_bayes.trial_log import BatchOutcomes, read_trials
+from meal_bayes.agents import PublishedVariants, load_agent
+from meal_bayes.domain import load_domain
+from meal_bayes.evaluation import clustered_se, paired_difference, plots
+from meal_bayes.evaluation.statistics import Interval
+from meal_bayes.experiments import OnlineConfig, run_online
+from paper_repro import published
+from paper_repro.frame import Estimate, Setting, paper_values
 
-PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
+LEGAL, BASE, BEST = PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
-COLUMNS = ("agent", "explored, h", "accuracy", "claimed", "reward", "ECE", "hours ratio",
-           "90 % low", "high", "accuracy less Iterative MORC's", "reward less its")  # fmt: skip
+STEPS = (10, 20, 40)  # repeats
+THIRDS = (33, 33, 34)  # of the objects: pretraining, training, test
+SPLITS = {"cy101": (15, 40, 45)}  # where the published code departs
+ATTRIBUTES = {"cy101": load_domain("cy101").attributes}
+
+Array = NDArray[np.float64]
 
 
-def panel(
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """Test trials of one agent, S repeats and B batches, before any training and after each.
+
+    Attributes
+    ----------
+    hours : (S,B) of exploration so far.
+    accuracy, reward : (S,B) means over test trials.
+    by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
+    training : (S,B-1) logs of the training trials.
+    """
+
+    hours: Array
+    accuracy: Array
+    reward: Array
+    by_attribute: Array
+    training: tuple[tuple[Path, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.hours)
+
+
+def run_curves(
     setting: Setting,
     dataset: str,
     n: int,
-    agents: Sequence[str],
+    agent: str,
     repeats: int,
-    *,
-    published: bool = False,
-    alpha: float | None = None,
-    beta: float | None = None,
-) -> OnlineRun:
-    """Run what the logs do not hold yet; of tests, log the outcomes only."""
+    protocol: str = "recorded",
+    **options: Any,
+) -> Curves:
+    """Run an agent's repeats, or read those that the logs hold.
+
+    Parameters
+    ----------
+    setting : seed, processes, logs.
+    dataset, n : what is asked, and how many attributes at a time.
+    agent, repeats : who, and how often in all.
+    protocol : "recorded", or "published": all variants of the published code at once.
+    options : other settings of `OnlineConfig`.
+    """
+    code = protocol == "published"
+    batches, trials = setting.choose((10, 40), (1, 4))
     config = OnlineConfig(
-        dataset,
+        f"{dataset}_published" if code else dataset,
         attributes=n,
-        agents=tuple(agents),
-        batches=setting.of("online", "batches"),
-        trials=setting.of("online", "trials"),
+        agents=(published.online_agent(agent) if code else load_agent(agent),),
+        batches=batches,
+        trials=trials,
         repeats=repeats,
         seed=setting.seed,
-        reward=setting.of("reward", "online"),
-        alpha=alpha,
-        beta=beta,
-        published=PUBLISHED if published else (),
-        log="compact",
+        reward=paper_values("online_reward"),
+        published=PublishedVariants.named(*["all"] * code),
+        split=SPLITS.get(dataset, THIRDS) if code else THIRDS,
+        **options,
     )
-    return run_online(config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress)
+    run = run_online(
+        config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
+        on_progress=setting.on_progress,
+    )  # fmt: skip
+    names = ATTRIBUTES.get(dataset, ())
+    rows = []
+    for result in run.results():
+        own = result.outcomes
+        right, asked = own.success.astype(float), own.attribute[:, 0]
+        means = [right[asked == name].mean() if (asked == name).any() else np.nan for name in names]
+        rows.append((result.hours, right.mean(), own.reward.mean(), *means))
+    table = np.array(rows).reshape(repeats, batches + 1, -1)
+    logs = tuple(
+        tuple(run.folder / agent / f"repeat-{s:03d}" / f"{b:02d}-train.mcap"
+              for b in range(1, batches + 1))
+        for s in range(repeats)
+    )  # fmt: skip
+    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs)
 
 
-def compared(title: str, results: list[BatchOutcomes]) -> Table:
-    """Compare the agents of a panel with Iterative MORC."""
-    last = max(result.batch for result in results)
-    rows: list[tuple[Cell, ...]] = []
-    for one in summarize_learning(results):
-        own = [
-            r.outcomes.certainty.mean() for r in results if (r.agent, r.batch) == (one.agent, last)
-        ]
-        rows.append(
-            (
-                one.agent,
-                one.exploration_hours,
-                one.accuracy,
-                float(np.mean(own)),
-                one.reward,
-                one.pooled_ece,
-                one.hours_ratio,
-                one.hours_ratio_low,
-                one.hours_ratio_high,
-                Estimate(one.accuracy_difference, one.accuracy_difference_se),
-                Estimate(one.reward_difference, one.reward_difference_se),
-            )
-        )
-    return Table(title, COLUMNS, tuple(rows))
+def at_hours(hours: Array, values: Array, when: float) -> Array:
+    """Read curves (S,B) at some hours, (S,); beyond its end a curve keeps its last value."""
+    return np.array([np.interp(when, x, y) for x, y in zip(hours, values, strict=True)])
 
 
-def chosen_weights(run: OnlineRun) -> tuple[float, float]:
-    """Alpha and beta that an agent chose after pretraining, by its first training MOMDPs; means.
+def mean_until(hours: Array, values: Array, end: Array) -> Array:
+    """Return the mean of curves (S,B) from 0 to some hours (S,): the area under each, over `end`.
 
-    The bonus of a MOMDP is alpha Ent - beta IE (Eq. 11), and its counts are delta IE before the
-    batch: two numbers from some twenty entries.
+    >>> mean_until(np.array([[0.0, 2.0]]), np.array([[0.0, 1.0]]), np.array([1.0]))
+    array([0.25])
     """
     found = []
-    for log in sorted(run.folder.glob(f"{run.config.agents[0].name}/repeat-*/01-train.mcap")):
-        momdp = next(read_trials(log)).momdp
-        entropy, counts = observation_entropy(momdp), momdp.counts.sum(axis=(2, 3))
-        explores = momdp.bonus.any(axis=2)
-        entropy = entropy[explores].ravel()
-        experience = np.repeat(counts[explores] / len(momdp.query), 2)
-        sides = np.stack([entropy, -experience], axis=1)
-        if sides.any():
-            found.append(np.linalg.lstsq(sides, momdp.bonus[explores].ravel())[0])
-    alpha, beta = np.mean(found, axis=0) if found else (0.0, 0.0)
-    return float(alpha), float(beta)
+    for x, y, last in zip(hours, values, end, strict=True):
+        inside = x[(x > 0) & (x < last)]
+        knots = np.concatenate([[0.0], inside, [last]])
+        found.append(np.trapezoid(np.interp(knots, x, y), knots) / last if last > 0 else y[0])
+    return np.array(found)
 
 
-def curve(results: list[BatchOutcomes], agent: str, name: str = "") -> plots.Series:
-    """Mean accuracy over mean hours, with the band of one standard error over repeats."""
-    found = curves_of(results, agent)
-    mean, root = found.accuracy.mean(axis=0), max(len(found.repeats), 2) ** 0.5
-    error = found.accuracy.std(axis=0, ddof=min(1, len(found.repeats) - 1)) / root
-    return plots.Series(name or agent, found.hours.mean(axis=0), mean, mean - error, mean + error)
+def paired(first: Array, second: Array) -> Interval:
+    """Estimate first - second over the repeats (S,) that both have."""
+    number = min(len(first), len(second))
+    return paired_difference(first[:number], second[:number], range(number))
 
 
-def nearest(values: Sequence[float], value: float) -> int:
-    """Give the place of the value that is next."""
-    return int(np.abs(np.array(values) - value).argmin())
-
-
-def mean_of(values: NDArray[np.float64]) -> Estimate:
-    """Estimate a mean over repeats."""
+def mean_of(values: Array) -> Estimate:
+    """Estimate a mean over repeats (S,)."""
     return Estimate(float(values.mean()), clustered_se(values, range(len(values))))
+
+
+def series(curves: Curves, values: Array, name: str) -> plots.Series:
+    """Draw mean values over mean hours, with the band of one standard error over repeats."""
+    mean, root = values.mean(axis=0), max(len(curves), 2) ** 0.5
+    error = values.std(axis=0, ddof=min(1, len(curves) - 1)) / root
+    return plots.Series(name, curves.hours.mean(axis=0), mean, mean - error, mean + error)

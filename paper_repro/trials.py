@@ -1,63 +1,83 @@
-"""Offline trials of an item, in the published code's protocol or on recorded percepts."""
+"""Offline trials of an item as columns, as in the published code or on recorded percepts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import nan
 
 import numpy as np
-from frame import Cell, Estimate, Setting, Table
+from numpy.typing import NDArray
 
-from meal_bayes import OfflineConfig, Trial, run_offline
-from meal_bayes.evaluation import clustered_se, compare
+from meal_bayes import OfflineConfig, run_offline
+from meal_bayes.evaluation import Interval, clustered_se, paired_difference
+from paper_repro import published
+from paper_repro.frame import HERE, Cell, Estimate, Setting, Table, paper_values
 
 AGAINST = "morc"  # the paper's agent, which others are compared with
+MEASURES = ("success", "cost", "reward")
+_CLASSIFIERS = {"roc36": "paper"}  # whose percept tables the published protocol draws from
+
+
+def domain_path(name: str) -> str:
+    """Return the path of a domain table of this folder."""
+    return str(HERE / "domains" / f"{name}.toml")
 
 
 @dataclass(frozen=True, slots=True)
-class Trials:
-    """Trials of several agents under one protocol, and the seconds of computing behind them."""
+class Columns:
+    """Trials of one agent, one row a trial, in the order of the tasks.
 
-    trials: tuple[Trial, ...]
-    seconds: float
+    Attributes
+    ----------
+    success : (T,) Eq. 5.
+    cost : (T,) Eq. 6, s.
+    reward : (T,) undiscounted and unshaped.
+    objects : (T,) positions in the data set.
+    correct : (T,N) which of the queried attributes the report has right.
+    abstained : (T,) whether the trial ended without a report.
+    seconds : of computing, in all.
+    """
 
-    def __add__(self, other: "Trials") -> "Trials":
-        """Join the trials of other agents."""
-        return Trials(self.trials + other.trials, self.seconds + other.seconds)
+    success: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    objects: NDArray[np.int64]
+    correct: NDArray[np.bool_]
+    abstained: NDArray[np.bool_]
+    seconds: float = 0.0
 
-    def of(self, agent: str) -> list[Trial]:
-        """Give the trials of one agent."""
-        return [trial for trial in self.trials if trial.agent == agent]
+    def __len__(self) -> int:
+        return len(self.cost)
 
-    def mean(self, agent: str, measure: str) -> Estimate:
-        """Estimate "success", "cost" or "reward"; objects are clusters."""
-        own = self.of(agent)
-        values = [float(getattr(trial, measure)) for trial in own]
-        clusters = [trial.task.object_index for trial in own]
-        return Estimate(float(np.mean(values)), clustered_se(values, clusters))
+    def measure(self, name: str) -> NDArray[np.float64]:
+        """Return the column of "success", "cost" or "reward"."""
+        return {"success": self.success, "cost": self.cost, "reward": self.reward}[name]
 
-    def sd_of_cost(self, agent: str) -> float:
-        """Give the standard deviation of the cost over trials, s."""
-        costs = [trial.cost for trial in self.of(agent)]
-        return float(np.std(costs, ddof=1)) if len(costs) > 1 else nan
+    def mean(self, name: str) -> Estimate:
+        """Estimate the mean of a measure; objects are clusters."""
+        values = self.measure(name)
+        return Estimate(float(values.mean()), clustered_se(values, self.objects))
 
-    def against(self, agent: str, other: str = AGAINST, measure: str = "reward") -> Estimate:
-        """Estimate the paired difference of two agents, on the tasks that both have."""
-        found = compare(self.trials, agent, other, measure=measure)
-        return Estimate(found.estimate, found.se)
+    @property
+    def cost_sd(self) -> float:
+        """Standard deviation of the cost over trials, s."""
+        return float(self.cost.std(ddof=1)) if len(self) > 1 else float("nan")
 
 
-def run_agents(
+Runs = Mapping[str, Columns]  # by agent
+
+
+def run_agent(
     setting: Setting,
     protocol: str,
     dataset: str,
     n: int,
-    agents: Sequence[str],
+    agent: str,
     trials: int,
     *,
     domain: str = "",
     perception: str = "",
-) -> Trials:
-    """Run what the logs do not hold yet.
+    reward: float | None = None,
+) -> Columns:
+    """Run an agent's trials, or read those that the logs hold.
 
     Parameters
     ----------
@@ -65,34 +85,58 @@ def run_agents(
     protocol : "published" or "recorded".
     dataset : roc36, ispy32 or cy101.
     n : attributes a query.
-    agents, trials : who, and how many each.
-    domain : a domain table of one's own, in place of the protocol's.
+    agent, trials : who, and how many in all.
+    domain : a domain or the path of its table, in place of the protocol's.
     perception : "default" or "paper", in place of the protocol's.
+    reward : of a right report, in place of the paper's.
     """
-    published = protocol == "published"
-    classifiers = "default"
-    if published and not setting.quick:
-        classifiers = setting.of("published", dataset)
+    code = protocol == "published"
+    theirs = code and not setting.quick
+    if code and (dataset, agent) == ("roc36", "random"):
+        domain = domain_path("roc36_every_action")  # where illegal actions cost their time
     config = OfflineConfig(
-        domain or (f"{dataset}_published" if published else dataset),
+        domain or (f"{dataset}_published" if code else dataset),
         attributes=n,
         trials=trials,
-        agents=tuple(agents),
+        agents=(published.AGENTS.get(agent, agent) if code else agent,),
         seed=setting.seed,
-        percepts="model" if published else "recorded",
-        perception=perception or classifiers,
-        reward=setting.of("reward", "offline"),
+        percepts="model" if code else "recorded",
+        perception=perception or (_CLASSIFIERS.get(dataset, "default") if theirs else "default"),
+        reward=paper_values("offline_reward") if reward is None else reward,
     )
     done = run_offline(
-        config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.on_progress
+        config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
+        on_progress=setting.on_progress,
+    )  # fmt: skip
+    own = done.outcomes()
+    return Columns(
+        success=own.success.astype(float),
+        cost=own.cost,
+        reward=own.reward,
+        objects=own.object_index,
+        correct=own.report == own.truth,
+        abstained=np.asarray((own.report < 0).all(axis=1)),
+        seconds=sum(done.seconds.values()),
     )
-    return Trials(tuple(done.trials()), sum(done.seconds.values()))
 
 
-def paired_table(columns: dict[str, Trials], agents: Sequence[str]) -> Table:
+def against(first: Columns, second: Columns, measure: str = "reward") -> Interval:
+    """Estimate first - second on the tasks that both have; objects are clusters."""
+    number = min(len(first), len(second))
+    return paired_difference(
+        first.measure(measure)[:number], second.measure(measure)[:number], first.objects[:number]
+    )
+
+
+def paired_table(columns: Mapping[str, Runs], agents: Sequence[str]) -> Table:
     """Compare agents with MORC on the same tasks, a column a run."""
     rows: list[tuple[Cell, ...]] = []
     for agent in agents:
-        cells = [run.against(agent) if run.of(agent) else None for run in columns.values()]
-        rows.append((agent, *cells))
+        found = [against(runs[agent], runs[AGAINST]) for runs in columns.values()]
+        rows.append((agent, *(Estimate(one.estimate, one.se) for one in found)))
     return Table(f"reward less that of {AGAINST}, paired", ("agent", *columns), tuple(rows))
+
+
+def seconds_of(runs: Mapping[str, Runs]) -> float:
+    """Sum the seconds of computing of some runs."""
+    return sum(columns.seconds for run in runs.values() for columns in run.values())

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import meal_bayes
-from meal_bayes.agents import Morc, Trial, load_agent, trials_frame
+from meal_bayes.agents import OfflineRunner, Trial, load_agent, trials_frame
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
 from meal_bayes.display import bar_html, card, level_names, short_repr, table_html
 from meal_bayes.domain import load_domain
@@ -64,7 +64,7 @@ def things(trial):
         counts.counts, np.random.default_rng(0), draws=50,
         attributes=domain.attributes, behaviors=domain.behavior_names,
     )  # fmt: skip
-    morc = Morc(load_percepts("roc36"), load_agent("bayes"), 0)
+    morc = OfflineRunner(load_percepts("roc36"), load_agent("bayes"), 0)
     return [
         trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
         trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,

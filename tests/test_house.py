@@ -58,8 +58,10 @@ PENDING: dict[str, set[str]] = {
     "verbs": {*_MOST_ROOMS, "cli/online.py"},
     "words": {*_MOST_ROOMS, "cli/reproduce.py"},
 }  # fmt: skip
-# Functions whose parameters are the settings of an environment, which Gymnasium passes by name.
-MANY_PARAMETERS = frozenset({"gym/environment.py:__init__"})
+# What users call with settings by name.
+MANY_PARAMETERS = frozenset(
+    {"gym/environment.py:__init__", "learner/asking.py:ask", "learner/learner.py:__init__"}
+)
 
 
 def files() -> list[Path]:

@@ -117,14 +117,14 @@ def test_the_wings_of_the_table_are_apart() -> None:
         ("seeds.py", "from scipy import stats"),
         ("momdp/model.py", "import sklearn.svm"),
         ("planners/pomcp/policy.py", "from numba import njit"),
-        ("agents/morc.py", "import torch"),
-        ("agents/morc.py", "from .trial import Trial"),
+        ("agents/offline.py", "import torch"),
+        ("agents/offline.py", "from .trial import Trial"),
         ("attic/model.py", "import numpy as np"),
         ("datasets/load.py", "import pickle"),
         ("datasets/label_pickle.py", "import pickle\npickle.load(file)"),
         ("domain/tables.py", "eval(text)"),
         ("datasets/percepts.py", "numpy.load(path, allow_pickle=True)"),
-        ("agents/morc.py", "importlib.import_module('meal_bayes.viewer')"),
+        ("agents/offline.py", "importlib.import_module('meal_bayes.viewer')"),
     ],
 )
 def test_a_violation_is_seen(place: str, source: str) -> None:

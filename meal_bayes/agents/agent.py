@@ -1,11 +1,12 @@
 """An agent: how it turns what is known into a decision problem, and how it solves that."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, build_momdp
@@ -35,6 +36,11 @@ class Agent:
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
     discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
     observation_model: ObservationModel | None = None  # what percepts tell; by the flags above
+    # while it learns at work:
+    exploration: ExplorationBonus = field(default_factory=NoBonus)
+    memory: bool = False  # does it know objects again?
+    whiten: bool = False  # does it learn, from repeats, which differences say nothing of an object?
+    trained_by: "Agent | None" = None  # who does its training trials; itself by default
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs; the first decision does it else."""

@@ -162,21 +162,22 @@ class Experience:
         rows = zip(self.order[o], self.counts[o], self.used[o], strict=True)
         return [np.roll(order[:count], -used)[::-1].tolist() for order, count, used in rows]
 
-    def evidence(self) -> NDArray[np.int64]:
-        """Count the labelled instances of attribute and behavior, (P,E): delta x IE of Eq. 10."""
-        return np.asarray((self.labels >= 0).sum(axis=(0, 2)).T)
+    def evidence(self, objects: NDArray[np.intp] | None = None) -> NDArray[np.int64]:
+        """Count the labelled instances of each attribute and behavior, (P,E), of some objects."""
+        labels = self.labels if objects is None else self.labels[objects]
+        return np.asarray((labels >= 0).sum(axis=(0, 2)).T)
 
     def recorded(self) -> NDArray[np.bool_]:
-        """Tell of which objects D holds a behavior, labelled for an attribute, (O,E,P)."""
+        """Return whether D holds a labelled instance of object, behavior, attribute, (O,E,P)."""
         return np.asarray((self.labels >= 0).any(axis=2))
 
     def training_set(self) -> TrainingSet:
-        """Give D."""
+        """Return D."""
         row = np.argwhere((self.labels >= 0).any(axis=-1))
         o, e, r = row.T.astype(np.int32)
         return TrainingSet(o, e, r, self.labels[o, e, r])
 
     def recordings(self) -> TrainingSet:
-        """Give all recordings gathered, labelled or not."""
+        """Return all recordings gathered, labelled or not."""
         o, e, r = np.argwhere(self.gathered).T.astype(np.int32)
         return TrainingSet(o, e, r, self.labels[o, e, r])

@@ -63,7 +63,9 @@ def origin_of(agent: Agent) -> Origin:
 
 def _parts(agent: Agent) -> Iterator[object]:
     """Yield what may be of another's making: functions, partial functions, objects in them."""
-    waiting: list[object] = [agent.solver, agent.observation_model]
+    if agent.trained_by is not None:
+        yield from _parts(agent.trained_by)
+    waiting: list[object] = [agent.solver, agent.observation_model, agent.exploration]
     while waiting:
         part = waiting.pop()
         if part is None:

@@ -1,10 +1,14 @@
-"""The named agents: the paper's strategies (Sect. 7) and ours; and agents given as values."""
+"""The named agents: the paper's strategies (Sect. 7) and ours; and agents given as values.
+
+Every agent answers offline (Sect. 7.2), and learns at work (Sect. 7.3) by its bonus for exploring.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar, cast
+from typing import cast
 
 from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.exploration import FittedITRSBonus, InformationBonus, ITRSBonus, NoBonus
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.planners import (
@@ -26,7 +30,9 @@ def _random(domain: Domain, query: Query) -> Solver:
 
 
 def _random_legal(domain: Domain, query: Query) -> Solver:
-    return RandomLegal(domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1])
+    budget = domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1]
+    asks = (behavior.name for behavior in domain.behaviors if behavior.answer_accuracy is not None)
+    return RandomLegal(budget, tuple(asks))  # the paper's explores, and asks nobody
 
 
 def _predefined(domain: Domain, query: Query) -> Solver:
@@ -53,30 +59,49 @@ def _open_loop(domain: Domain, query: Query) -> Solver:
     return OpenLoop()
 
 
+_LEGAL = Agent("random_legal", _random_legal)
+# The paper's: percepts independent given the truth (Eq. 8), uniform prior.
+_MORC = Agent("morc", _optimal, abstain=True)
+_ITERATIVE = replace(_MORC, name="iterative_morc")
+# Its shaped rewards (Eq. 11) are those of a tree search.
+_ITRS = replace(_MORC, name="morc_itrs", solver=_pomcp, exploration=ITRSBonus())
+# Ours: graded percepts, objects differ and may seem what they are not, prior from the training
+# objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
+_BAYES = Agent(
+    "bayes",
+    _pomcp,
+    object_level=True,
+    shared_degree=True,
+    base_rates=True,
+    levels=4,
+    abstain=True,
+    discount=1.0,
+    exploration=InformationBonus(),
+    whiten=True,
+)
+
 AGENTS = {
     agent.name: agent
     for agent in (
         Agent("random", _random),
-        Agent("random_legal", _random_legal),
+        _LEGAL,
         Agent("predefined", _predefined),
         Agent("predefined_plus", _predefined_plus),
         Agent("greedy", _greedy),
-        # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-        Agent("morc", _optimal, abstain=True),
+        _MORC,
         # The same with the cheapest planner: microseconds a decision, any number of attributes.
         Agent("olfc", _open_loop, abstain=True),
-        # Ours: graded percepts, objects differ and may seem what they are not, prior from the
-        # training objects, and planning for the undiscounted reward that is reported.
-        Agent(
-            "bayes",
-            _pomcp,
-            object_level=True,
-            shared_degree=True,
-            base_rates=True,
-            levels=4,
-            abstain=True,
-            discount=1.0,
-        ),
+        _BAYES,
+        # What they learn at work (Sect. 7.3) is all that sets the following apart offline.
+        replace(_LEGAL, name="iterative_random_legal"),
+        _ITERATIVE,
+        _ITRS,
+        replace(_ITRS, name="morc_itrs_auto", exploration=FittedITRSBonus()),
+        replace(_BAYES, name="bayes_memory", memory=True),
+        # What comes from the belief, and what from exploring.
+        replace(_BAYES, name="bayes_no_bonus", exploration=NoBonus()),
+        replace(_BAYES, name="bayes_itrs", exploration=ITRSBonus()),
+        replace(_BAYES, name="iterative_morc_bayes", trained_by=_ITERATIVE),
     )
 }
 
@@ -116,7 +141,7 @@ def as_agent(value: object) -> Agent:
     if isinstance(value, str):
         return load_agent(value)
     named = getattr(value, "__name__", type(value).__name__)
-    ours = replace(AGENTS["bayes"], name=named)
+    ours = replace(AGENTS["bayes_no_bonus"], name=named)
     if isinstance(value, type) and hasattr(value, "solve"):
         return replace(ours, solver=_Always(value()))
     if hasattr(value, "solve"):
@@ -129,15 +154,7 @@ def as_agent(value: object) -> Agent:
     )
 
 
-class _Named(Protocol):
-    @property
-    def name(self) -> str: ...
-
-
-NamedAgent = TypeVar("NamedAgent", bound=_Named)
-
-
-def distinct(agents: Iterable[NamedAgent]) -> tuple[NamedAgent, ...]:
+def distinct(agents: Iterable[Agent]) -> tuple[Agent, ...]:
     """Return the agents; `SettingsError` where two have one name, or there is none."""
     found = tuple(agents)
     names = [agent.name for agent in found]

@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -13,6 +13,7 @@ from rich.text import Text
 
 from meal_bayes.cli.console import note, output, resumed, showing_compilation, signs_of
 from meal_bayes.cli.options import (
+    ONLINE_AGENTS,
     OWN,
     agent_value,
     cluster_option,
@@ -28,9 +29,10 @@ from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares, 
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
-    from meal_bayes.evaluation import LearningRow, LearningSummary
+    from meal_bayes.evaluation import LearningSummary
+    from meal_bayes.trial_log import BatchOutcomes
 
-AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes or bayes_memory"
+_MOST = 40  # repeats of a run that goes on until it is decided
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")
@@ -41,7 +43,8 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 )  # fmt: skip
 @click.option(
     "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. "
+    help=f"{ONLINE_AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma "
+    "list. The others are compared with the first. "
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option(
@@ -53,19 +56,26 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
     help="Of training, a batch.",
 )  # fmt: skip
 @click.option(
-    "--repeats", type=Whole(1, MOST_TRIALS), default=1, show_default=True, metavar="R",
-    help="Runs on other splits of the objects.",
+    "--repeats", type=Whole(1, MOST_TRIALS), metavar="R",
+    help="Runs on other splits of the objects; 1 by default.",
+)  # fmt: skip
+@click.option(
+    "--until-decided", is_flag=True,
+    help="Run 10, 20, 40, ... repeats until every agent's 90 % interval excludes 0, at most "
+    f"--repeats, {_MOST} by default.",
 )  # fmt: skip
 @click.option(
     "--split", type=Shares(), default="33/33/34", show_default=True, metavar="A/B/C",
     help="Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
 @click.option(
-    "--alpha", type=Finite(0, LARGEST), metavar="A", help="Of morc_itrs, s a bit; 6 by default."
+    "--alpha", type=Finite(0, LARGEST), metavar="A", help="Of Eq. 11, s a bit; 6 by default."
 )
+@click.option("--beta", type=Finite(0, LARGEST), metavar="B", help="Of Eq. 11, s; 30 by default.")
 @click.option(
-    "--beta", type=Finite(0, LARGEST), metavar="B", help="Of morc_itrs, s; 30 by default."
-)
+    "--normalizer", type=click.Choice(["paper", "all"]), default="paper", show_default=True,
+    help="Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
+)  # fmt: skip
 @click.option(
     "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
     help="Is the robot told right or wrong, or every attribute?",
@@ -88,7 +98,7 @@ AGENTS = "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bay
 @jobs_option
 @cluster_option
 @click.option(
-    "--log", type=click.Choice(["full", "compact"]), default="full", show_default=True,
+    "--log", type=click.Choice(["compact", "full"]), default="compact", show_default=True,
     help="Form of the logs of test trials; a compact one keeps outcomes, no steps.",
 )  # fmt: skip
 @logs_option
@@ -101,10 +111,12 @@ def online(
     agents: tuple[str, ...],
     batches: int,
     trials: int,
-    repeats: int,
+    repeats: int | None,
+    until_decided: bool,
     split: tuple[int, int, int],
     alpha: float | None,
     beta: float | None,
+    normalizer: str,
     feedback: str,
     error: float,
     success: tuple[tuple[str, float], ...],
@@ -123,7 +135,14 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted goes on where it stopped when the same command is given again.
     """
-    from meal_bayes.experiments import OnlineConfig, run_online
+    from meal_bayes.agents import PublishedVariants
+    from meal_bayes.evaluation import decided, learning_rows, summarize_learning
+    from meal_bayes.experiments import (
+        OnlineConfig,
+        run_online,
+        run_online_until,
+        warm_up_online,
+    )
 
     named = listed(*agents)
     config = OnlineConfig(
@@ -133,111 +152,99 @@ def online(
         **({"agents": tuple(map(agent_value, named))} if named else {}),  # type: ignore[arg-type]
         batches=batches,
         trials=trials,
-        repeats=repeats,
+        repeats=repeats or (_MOST if until_decided else 1),
         seed=seed,
         split=split,
         alpha=alpha,
         beta=beta,
+        normalizer=normalizer,
         answers=feedback,
         error=error,
         success=success,
         learn_success=learn_success,
-        published=_variants(published),
+        published=PublishedVariants.named(*(listed(published) if published else ())),
         log=log,
     )
-    from meal_bayes.evaluation import learning_rows, summarize_learning
-    from meal_bayes.experiments import warm_up_online
-
     with showing_compilation():
         warm_up_online(config)
     with resumed("batches") as advance:
-        finished = run_online(
-            config,
-            logs=logs,
-            jobs=jobs,
-            cluster=cluster,
-            fresh=fresh,
-            on_progress=advance,
-            on_note=note,
-        )
+        how: dict[str, Any] = {
+            "logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh,
+            "on_progress": advance, "on_note": note,
+        }  # fmt: skip
+        if until_decided:
+            finished = run_online_until(config, decided, **how)
+        else:
+            finished = run_online(config, **how)
     results = list(finished.results())
-    rows, summary = learning_rows(results), summarize_learning(results)
     if as_json:
         facts = {
             "config": finished.config.as_dict(),
-            "rows": [row.as_dict() for row in rows],
-            "summary": [row.as_dict() for row in summary],
-            "log": str(finished.folder),
+            "rows": [row.as_dict() for row in learning_rows(results)],
+            "summary": [row.as_dict() for row in summarize_learning(results)],
         }
         click.echo(json.dumps(facts, allow_nan=False))
-        return
-    _print(output(), rows, summary)
+    else:
+        _print(output(), results)
     note(f"trials in {finished.folder}")
     note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
 
-def _variants(text: str | None) -> tuple[str, ...]:
-    from meal_bayes.agents import PUBLISHED
+def _print(console: Console, results: "list[BatchOutcomes]") -> None:
+    from meal_bayes.evaluation import learning_rows, summarize_learning
 
-    if text is None:
-        return ()
-    return PUBLISHED if text == "all" else listed(text)
-
-
-def _print(
-    console: Console, rows: "Iterable[LearningRow]", summary: "list[LearningSummary]"
-) -> None:
-    spread = signs_of(console).interval
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("agent", no_wrap=True)
-    for name in ("explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE"):
-        table.add_column(name, justify="right", no_wrap=True)
-    by_agent: dict[str, list[LearningRow]] = {}
-    for row in rows:
-        by_agent.setdefault(row.agent, []).append(row)
+    rows, summary = learning_rows(results), summarize_learning(results)
+    last = max(row.batch for row in rows)
+    table = _table("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
     for one in summary:
-        own = by_agent[one.agent]
-        last = max(row.batch for row in own)
-        end = [row for row in own if row.batch == last]
+        end = [row for row in rows if (row.agent, row.batch) == (one.agent, last)]
         table.add_row(
             one.agent,
-            f"{one.exploration_hours:.1f}",
-            f"{one.accuracy:.3f}",
-            f"{_mean(row.claimed_accuracy for row in end):.3f}",
-            f"{_mean(row.test_cost_s for row in end):.1f}",
-            f"{one.reward:.1f}",
-            f"{one.pooled_ece:.3f}",
+            f"{fmean(row.hours for row in end):.1f}",
+            f"{one.accuracy_after:.3f}",
+            f"{fmean(row.claimed_accuracy for row in end):.3f}",
+            f"{fmean(row.test_cost_s for row in end):.1f}",
+            f"{one.reward_after:.1f}",
+            f"{one.ece_after:.3f}",
         )
     console.print(table)
-    console.print(
-        Text(
-            f"repeats: {summary[0].repeats}; accuracy and ECE of the last three batches, the rest "
-            "after the last",
-            "dim",
-        )
-    )
-    against = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    against.add_column("against iterative_morc", no_wrap=True)
-    for name in ("hours ratio (90 %)", "accuracy", "reward"):
-        against.add_column(name, justify="right", no_wrap=True)
-    for one in summary:
-        if one.hours_ratio == one.hours_ratio:  # not nan
-            against.add_row(
-                one.agent,
-                f"{one.hours_ratio:.2f} ({one.hours_ratio_low:.2f} to {one.hours_ratio_high:.2f})",
-                _difference(one.accuracy_difference, one.accuracy_difference_se, 3, spread),
-                _difference(one.reward_difference, one.reward_difference_se, 1, spread),
-            )
-    if against.row_count:
+    repeats = len({row.repeat for row in rows})
+    console.print(Text(f"repeats: {repeats}; after the last batch, ECE of the last three", "dim"))
+    if len(summary) > 1:
         console.print()
-        console.print(against)
+        console.print(_differences(results, summary, signs_of(console).interval))
 
 
-def _difference(value: float, se: float, digits: int, spread: str) -> str:
-    error = "" if math.isnan(se) else f" {spread}{se:.{digits}f}"  # nan: a single repeat tells none
-    return f"{value:+.{digits}f}{error}"
+def _differences(
+    results: "list[BatchOutcomes]", summary: "list[LearningSummary]", spread: str
+) -> Table:
+    """Lay out the differences of mean reward: over the reference's hours, and at budgets."""
+    from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
+
+    base, hours = curves_of(results, summary[0].agent), summary[0].area_hours
+    names = (f"first {hours:.1f} h", *(f"at {budget:g} h" for budget in BUDGETS), "after")
+    table = _table(f"reward less {summary[0].agent}'s", *names)
+    for one in summary[1:]:
+        own = curves_of(results, one.agent)
+        found = [difference_at(own, base, budget) for budget in BUDGETS]
+        table.add_row(
+            one.agent,
+            _with_reach(one.area_reward_difference, one.area_high, spread),
+            *(f"{at.estimate:+.1f}" for at in found),
+            f"{one.reward_after_difference:+.1f}",
+        )
+    table.caption = f"{spread}: half of the 90 % interval over repeats"
+    return table
 
 
-def _mean(values: Iterable[float]) -> float:
-    every = list(values)
-    return sum(every) / len(every)
+def _with_reach(estimate: float, high: float, spread: str) -> str:
+    reach = high - estimate
+    return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" {spread}{reach:.1f}")
+
+
+def _table(*names: str) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
+    table.add_column(names[0], no_wrap=True)
+    for name in names[1:]:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table

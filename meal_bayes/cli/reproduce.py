@@ -1,18 +1,25 @@
-"""`meal-bayes reproduce`: the paper's tables and figures, by the scripts of a checkout."""
+"""`meal-bayes reproduce`: the paper's tables and figures, by the package of a source checkout."""
 
 import json
 import sys
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import click
 
 from meal_bayes.cli.console import note, progress
-from meal_bayes.cli.options import jobs_option, json_option, logs_option, seed_option
+from meal_bayes.cli.options import (
+    cluster_option,
+    jobs_option,
+    json_option,
+    logs_option,
+    seed_option,
+)
+from meal_bayes.cli.values import MOST_TRIALS, Whole
 from meal_bayes.errors import DownloadError
 
-_FOLDER = "paper_repro"
-_PROGRAM = "reproduction"  # the module of that folder that knows its items
+_PACKAGE = "paper_repro"
 
 
 @click.command(short_help="Run the paper's tables and figures again (in a checkout).")
@@ -24,10 +31,19 @@ _PROGRAM = "reproduction"  # the module of that folder that knows its items
 )  # fmt: skip
 @seed_option()
 @jobs_option
+@cluster_option
 @logs_option
 @click.option(
     "--scripts", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
-    help=f"Where the scripts are; {_FOLDER}/ here or above by default.",
+    help=f"Where the items are; {_PACKAGE}/ here or above by default.",
+)  # fmt: skip
+@click.option(
+    "--trials", type=Whole(1, MOST_TRIALS), metavar="T",
+    help="Of an agent offline, at most. By default until every statement is decided.",
+)  # fmt: skip
+@click.option(
+    "--repeats", type=Whole(0, MOST_TRIALS), metavar="R",
+    help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
 @json_option
 def reproduce(
@@ -36,30 +52,33 @@ def reproduce(
     as_published: bool,
     seed: int,
     jobs: int,
+    cluster: str | None,
     logs: Path,
     scripts: Path | None,
+    trials: int | None,
+    repeats: int | None,
     as_json: bool,
 ) -> None:
-    """Run ITEMs of the paper (table3, fig8, ...), or all, and judge what stands.
+    """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
-    figures to results/ beside the scripts; `readme` makes the pages that show them.
+    figures to results/ beside the items; `readme` makes the pages that show them.
     """
-    folder = _found(scripts)
-    sys.path.insert(0, str(folder))
-    program, pages = import_module(_PROGRAM), import_module("pages")
-    setting = import_module("frame").Setting
+    import_package(find_package(scripts))
+    frame, pages = import_module(f"{_PACKAGE}.frame"), import_module(f"{_PACKAGE}.pages")
     if items == ("readme",):
-        for path in program.write_pages():
+        for path in pages.write_pages():
             click.echo(path)
         return
     results, skipped = [], {}
-    for item in program.named(items):
+    for item in frame.named(items):
         note(f"{item} ...")
         try:
             with progress(item, "trials") as advance:
-                chosen = setting(quick, seed, jobs, logs, as_published, advance)
-                results.append(program.reproduce(item, chosen))
+                setting = frame.Setting(
+                    quick, seed, jobs, logs, as_published, cluster, trials, repeats, advance
+                )
+                results.append(frame.reproduce(item, setting))
         except DownloadError as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
             note(f"{item} is skipped: {fault}")
@@ -69,19 +88,40 @@ def reproduce(
     if as_json:
         click.echo(json.dumps({"items": results, "skipped": skipped}, allow_nan=False))
         return
-    for told in results:
-        click.echo(f"{told['item']}: {told['verdict']}")
+    for found in results:
+        click.echo(f"{found['item']}: {found['verdict']}")
 
 
-def _found(scripts: Path | None) -> Path:
-    """Find the folder of the scripts, which the installed package does not hold."""
+def find_package(scripts: Path | None) -> Path:
+    """Find the folder of the items, which the installed package does not hold.
+
+    Raises
+    ------
+    click.UsageError : it is not in the named folder, or neither here nor above.
+    """
     here = Path.cwd()
-    tried = [scripts] if scripts else [place / _FOLDER for place in (here, *here.parents)]
+    tried = [scripts] if scripts else [place / _PACKAGE for place in (here, *here.parents)]
     for folder in tried:
-        if (folder / f"{_PROGRAM}.py").is_file():
+        if (folder / "__init__.py").is_file() and (folder / "paper_values.toml").is_file():
             return folder.resolve()
     raise click.UsageError(
-        f"No scripts of the paper's items in {tried[0]}; they are in the folder {_FOLDER}/ of the "
-        "source code, not in the installed package: call this in a checkout, or give "
-        f"--scripts PATH/TO/{_FOLDER}."
+        f"No items of the paper in {tried[0]}; they are in the folder {_PACKAGE}/ of the source "
+        "code, not in the installed package: call this in a checkout, or give --scripts "
+        f"PATH/TO/{_PACKAGE}."
     )
+
+
+def import_package(folder: Path) -> None:
+    """Import the package of a checkout from its folder, wherever that is."""
+    found = sys.modules.get(_PACKAGE)
+    if found is not None and Path(str(found.__file__)).parent == folder:
+        return
+    for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
+        del sys.modules[name]
+    spec = spec_from_file_location(
+        _PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    if spec is None or spec.loader is None:  # never, as the file is there
+        raise ImportError(folder)
+    package = sys.modules[_PACKAGE] = module_from_spec(spec)
+    spec.loader.exec_module(package)

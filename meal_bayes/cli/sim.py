@@ -217,12 +217,11 @@ def _write_view(trial: "Trial", frames: "list[Frame]", path: Path) -> None:
 
 
 def _view(trial: "Trial", frames: "list[Frame]") -> None:
-    import tempfile
-
+    from meal_bayes.cache import temporary_folder
     from meal_bayes.viewer import Viewer
 
-    with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
-        recording = Path(folder) / "sim.rrd"
+    with temporary_folder() as folder:
+        recording = folder / "sim.rrd"
         _write_view(trial, frames, recording)
         with Viewer([recording]) as viewer:
             viewer.wait()

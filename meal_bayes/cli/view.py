@@ -2,12 +2,12 @@
 
 import contextlib
 import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.values import MOST_TRIALS, Whole
 from meal_bayes.files import check_output, draft_of
@@ -67,9 +67,9 @@ def view(
         _save(log, save, number)
     elif screenshot is not None:
         check_output(screenshot)
-        with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
+        with temporary_folder() as folder:
             # rerun shows the file's name
-            recording = Path(folder) / f"{log.resolve().name.partition('.')[0]}.rrd"
+            recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
             _record(log, _open(log, number), recording, number)
             _picture(log, recording, screenshot, number, step)
     elif web:

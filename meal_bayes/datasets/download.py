@@ -8,11 +8,14 @@ base. It was made in a folder mirror of the two repositories at their pinned com
 ``sha256sum <files> | sort -k 2 > SHA256SUMS``; ``sha256sum --check SHA256SUMS`` there repeats it.
 """
 
+import contextlib
 import functools
 import hashlib
 import logging
 import os
 import shutil
+import time
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("meal_bayes.datasets")
 
 PUBLIC_BASE = "https://raw.githubusercontent.com/"
+_TEMPORARY = "tmp" + 8 * "[a-z0-9_]"  # as Python's `tempfile` names files
+_TORN = 3600.0  # s since it was written: who wrote it has ended
 _LARGEST = 1 << 24  # bytes of a file: the largest that is published has four million
 _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
 
@@ -73,6 +78,7 @@ def fetch(data: str) -> Path:
         _check_offline(data)
         return folder
     pooch.get_logger().setLevel("WARNING")  # it would log every file on the terminal
+    _remove_torn({(folder / name).parent for name in known})
     keeper = pooch.create(path=folder, base_url=base, registry=known)
     download = functools.partial(_download, pooch.HTTPDownloader())
     for name in known:
@@ -85,6 +91,14 @@ def fetch(data: str) -> Path:
                 f"MEAL_BAYES_DATA_DIR to a folder that can be written; {_WITHOUT}."
             ) from error
     return folder
+
+
+def _remove_torn(folders: Iterable[Path]) -> None:
+    """Remove what killed downloads left: pooch's temporary files, once they are an hour old."""
+    for path in (path for folder in folders for path in folder.glob(_TEMPORARY)):
+        with contextlib.suppress(OSError):
+            if path.is_file() and time.time() - path.stat().st_mtime > _TORN:
+                path.unlink()
 
 
 def _download(http: "pooch.HTTPDownloader", url: str, target: str, keeper: "pooch.Pooch") -> None:

@@ -69,12 +69,12 @@ class ObjectSplit:
         fewest, worst = -1, ""
         for _ in range(tries):
             order = rng.permutation(count)
-            parts = np.split(order, ends)[:PARTS]
-            counts = np.stack([positive[part].sum(axis=0) for part in parts])  # (3,P)
-            if counts.min(initial=minimum) >= minimum:
-                return cls(*parts)
-            if counts.min() > fewest:
-                fewest, worst = int(counts.min()), names[int(counts.min(axis=0).argmin())]
+            counts = np.add.reduceat(positive[order[: ends[-1]]], [0, *ends[:-1]])  # (3,P)
+            least = int(counts.min(initial=minimum))
+            if least >= minimum:
+                return cls(*np.split(order, ends)[:PARTS])
+            if least > fewest:
+                fewest, worst = least, names[int(counts.min(axis=0).argmin())]
         raise SettingsError(
             f"No split of {tries} has {minimum} objects of every attribute in each part; the best "
             f"has {fewest} of {worst!r}; lower the minimum, or leave the attribute out."

@@ -128,9 +128,10 @@ class Domain:
 
     def behavior_index(self, name: str) -> int:
         """Position of a behavior; `DomainError` with the nearest names where there is none."""
-        if name not in self.behavior_names:
-            raise DomainError(unknown("behavior", name, self.behavior_names))
-        return self.behavior_names.index(name)
+        for index, behavior in enumerate(self.behaviors):
+            if behavior.name == name:
+                return index
+        raise DomainError(unknown("behavior", name, self.behavior_names))
 
     def attribute_index(self, name: str) -> int:
         """Position of an attribute; `QueryError` with the nearest names where there is none."""

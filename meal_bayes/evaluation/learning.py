@@ -1,17 +1,17 @@
-"""Learning curves: how right, after how many hours of exploration (Sect. 7.3).
+"""Learning curves: what test trials earn, after how many hours of exploration (Sect. 7.3).
 
-The hours that an agent needs are read off mean curves made monotone, as noisy curves cross a level
-many times; their uncertainty is estimated by drawing whole repeats again.
+Agents are compared with the first one named, its curve and theirs paired repeat by repeat: by the
+area between the curves of mean test reward over the hours that the reference explores, at fixed
+budgets of hours, after the last batch, and by the successes within a budget (Eq. 7).
 """
 
 import dataclasses
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
+from scipy.integrate import trapezoid
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
@@ -19,63 +19,85 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import (
-    Interval,
-    Measures,
-    bootstrap_interval,
-    paired_difference,
-)
+from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
 from meal_bayes.evaluation.summary import mean
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
 Array = NDArray[np.float64]
 
-REFERENCE = "iterative_morc"
-_LAST = 3  # batches whose mean accuracy is the level to reach, and whose beliefs are pooled
-_MASS = 0.9  # of the interval of an hours ratio
-_SOON = 1e-3  # h; a level that is there before any training counts as reached after this
+BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
+MASS = 0.9  # of intervals
+_LAST = 3  # batches whose beliefs are pooled
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LearningRow(Measures):
-    """Test trials of one agent after one batch of one repeat; nan where undefined."""
+    """Test trials of one agent after one batch of one repeat; nan where undefined.
+
+    Attributes
+    ----------
+    hours : of exploration so far.
+    accuracy, accuracy_se : Eq. 5; objects as clusters.
+    reward : mean, unshaped.
+    ece : of the final beliefs; of a few hundred cases it is biased up, see `pooled_ece`.
+    test_cost_s : mean, s.
+    nll : of the final beliefs, nats.
+    claimed_accuracy : mean of the agent's own Pr(its report is right).
+    """
 
     agent: str
-    batch: int
     repeat: int
-    exploration_hours: float
-    accuracy: float  # Eq. 5
-    accuracy_se: float  # objects drawn as wholes
+    batch: int
+    hours: float
+    accuracy: float
+    reward: float
+    ece: float
+    accuracy_se: float
     test_cost_s: float
-    reward: float  # unshaped
-    nll: float  # of the final belief, nats
-    ece: float  # biased up with few hundred cases, see `pooled_ece`
-    claimed_accuracy: float  # mean of the agent's own Pr(its report is right)
+    nll: float
+    claimed_accuracy: float
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LearningSummary(Measures):
-    """An agent beside the reference, over the repeats they share; nan where undefined."""
+    """An agent beside the reference, over the repeats that they share; nan where undefined.
+
+    Attributes
+    ----------
+    area_hours : hours H that the reference explores, mean over repeats.
+    area_reward_difference : of the mean test reward over the first H hours, agent - reference.
+    area_low, area_high : its 90 % interval over repeats.
+    reward_after : after the last batch.
+    reward_after_difference : agent - reference.
+    accuracy_after : after the last batch.
+    ece_after : of the last three batches, all repeats pooled.
+    """
 
     agent: str
-    repeats: int
-    exploration_hours: float  # after the last batch
-    accuracy: float  # mean of the last three batches
-    reward: float  # after the last batch
-    pooled_ece: float  # of the last three batches and all repeats
-    ece_calibrated: float  # what calibrated beliefs of the same values would show
-    hours_ratio: float  # the reference's hours to its own accuracy over the agent's; 0: never
-    hours_ratio_low: float
-    hours_ratio_high: float
-    accuracy_difference: float  # agent - reference
-    accuracy_difference_se: float
-    reward_difference: float
-    reward_difference_se: float
+    area_hours: float
+    area_reward_difference: float
+    area_low: float
+    area_high: float
+    reward_after: float
+    reward_after_difference: float
+    accuracy_after: float
+    ece_after: float
+
+    @property
+    def decided(self) -> bool:
+        """Whether the interval of the area excludes 0."""
+        return self.area_low > 0 or self.area_high < 0
 
 
 class Curves(NamedTuple):
-    """Curves of one agent, (S,B) of S repeats and B batches each."""
+    """Curves of one agent, S repeats and B batches.
+
+    Attributes
+    ----------
+    repeats : (S,) their numbers.
+    hours, accuracy, reward : (S,B).
+    """
 
     repeats: tuple[int, ...]
     hours: Array
@@ -85,7 +107,7 @@ class Curves(NamedTuple):
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     """Measure every batch of test trials."""
-    return list(map(_row, results))
+    return [_row(result) for result in results]
 
 
 def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
@@ -107,32 +129,87 @@ def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
 
 
 def summarize_learning(
-    results: Sequence[BatchOutcomes], *, reference: str = REFERENCE
+    results: Sequence[BatchOutcomes], *, reference: str | None = None
 ) -> list[LearningSummary]:
-    """Compare every agent with the reference; without it, differences and ratios are nan."""
-    agents = dict.fromkeys(result.agent for result in results)
-    base = curves_of(results, reference) if reference in agents else None
-    return [_summary(results, agent, base) for agent in agents]
+    """Compare every agent with the reference, by default the first one."""
+    agents = tuple(dict.fromkeys(result.agent for result in results))
+    curves = {agent: curves_of(results, agent) for agent in agents}
+    base = curves[agents[0] if reference is None else reference]
+    return [_summary(results, agent, curves[agent], base) for agent in agents]
 
 
-def hours_to(hours: Array, accuracy: Array, level: float) -> float:
-    """Compute the hours at which a mean curve, made monotone, reaches a level; inf if never.
+def decided(results: Sequence[BatchOutcomes]) -> bool:
+    """Return whether the interval of every agent's area excludes 0, but the first one's."""
+    return all(row.decided for row in summarize_learning(results)[1:])
 
-    >>> hours_to(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.9, 0.7]), 0.65)
-    0.5
+
+def area_difference(own: Curves, base: Curves) -> tuple[float, Interval]:
+    """Compare mean rewards over the hours that the reference explores.
+
+    A curve is linear between batches, and stays at its end where an agent has explored less.
+
+    Returns
+    -------
+    The hours, mean over repeats, and the paired difference.
     """
-    rising = isotonic_regression(accuracy).x
-    reached = np.flatnonzero(rising >= level - 1e-12)
-    if not len(reached):
-        return math.inf
-    i = int(reached[0])
-    if i == 0:
-        return float(hours[0])
-    return float(np.interp(level, rising[i - 1 : i + 1], hours[i - 1 : i + 1]))
+    own, base = _shared(own, base)
+    hours = float(base.hours[:, -1].mean())
+    return hours, _difference(own, base, lambda x, y: mean_until(x, y, hours))
+
+
+def difference_at(own: Curves, base: Curves, budget: float) -> Interval:
+    """Compare rewards after some hours of exploration, linear between batches."""
+    return _difference(*_shared(own, base), lambda x, y: float(np.interp(budget, x, y)))
+
+
+def mean_until(hours: Array, values: Array, end: float) -> float:
+    """Average a curve, linear between its points, over the first hours; its start where end is 0.
+
+    >>> mean_until(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]), 4.0)
+    0.875
+    """
+    if end <= 0:
+        return float(values[0])
+    points = np.append(hours[hours < end], end)
+    return float(trapezoid(np.interp(points, hours, values), points) / end)
+
+
+def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
+    """Count the successes of an agent's trials, in order, until a budget is spent (Eq. 7).
+
+    Parameters
+    ----------
+    outcomes : of one agent.
+    budget : s; the trial that passes it does not count.
+    """
+    paid = np.cumsum(outcomes.cost) <= budget
+    return int((outcomes.success[paid] == 1).sum())
+
+
+def success_difference(
+    training: Callable[[str], Sequence[TrialOutcomes]], agent: str, reference: str, budget: float
+) -> Interval:
+    """Compare the successes of training trials within a budget (Eq. 7), paired by repeat.
+
+    Parameters
+    ----------
+    training : training trials of an agent, one entry a repeat (see `OnlineRun.training`).
+    agent, reference : names.
+    budget : s of each repeat.
+    """
+    own, base = (
+        [successes_within(one, budget) for one in training(name)] for name in (agent, reference)
+    )
+    return paired_difference(own, base, np.arange(len(own)), mass=MASS)
 
 
 def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
-    """Compute the ECE of an agent's last batches in all repeats, and of calibrated beliefs."""
+    """Compute the expected calibration error over all repeats of one agent's last batches.
+
+    Returns
+    -------
+    The error, and what calibrated beliefs of the same values would show.
+    """
     every = list(results)
     end = max(result.batch for result in every)
     chosen = [result.outcomes.beliefs() for result in every if result.batch > end - last]
@@ -147,15 +224,15 @@ def _row(result: BatchOutcomes) -> LearningRow:
     accuracy = mean(outcomes, "success")
     return LearningRow(
         agent=result.agent,
-        batch=result.batch,
         repeat=result.repeat,
-        exploration_hours=result.hours,
+        batch=result.batch,
+        hours=result.hours,
         accuracy=accuracy.estimate,
+        reward=float(outcomes.reward.mean()),
+        ece=calibration_error(positive, truth),
         accuracy_se=accuracy.se,
         test_cost_s=float(outcomes.cost.mean()),
-        reward=float(outcomes.reward.mean()),
         nll=float(negative_log_likelihood(positive, truth).mean()),
-        ece=calibration_error(positive, truth),
         claimed_accuracy=float(outcomes.certainty.mean()),
     )
 
@@ -164,51 +241,47 @@ def _accuracy(outcomes: TrialOutcomes) -> float:
     return float(outcomes.success[outcomes.judged].mean())
 
 
-def _summary(results: Sequence[BatchOutcomes], agent: str, base: Curves | None) -> LearningSummary:
-    own = curves_of(results, agent)
-    ece, calibrated = pooled_ece(result for result in results if result.agent == agent)
-    ratio = low = high = math.nan
-    accuracy = reward = Interval(math.nan, math.nan, math.nan, math.nan)
-    if base is not None:
-        shared = sorted(set(own.repeats) & set(base.repeats))
-        first = _of(own, shared)
-        second = _of(base, shared)
-        both = np.stack([first.hours, first.accuracy, second.hours, second.accuracy], axis=1)
-        rng = stream(0, "hours ratio", agent)
-        found = bootstrap_interval(both, shared, rng, statistic=_ratio, draws=1000, mass=_MASS)
-        ratio, low, high = found.estimate, found.low, found.high
-        last = slice(-_LAST, None)
-        accuracy = paired_difference(
-            first.accuracy[:, last].mean(axis=1), second.accuracy[:, last].mean(axis=1), shared
-        )
-        reward = paired_difference(first.reward[:, -1], second.reward[:, -1], shared)
+def _summary(
+    results: Sequence[BatchOutcomes], agent: str, own: Curves, base: Curves
+) -> LearningSummary:
+    hours, area = area_difference(own, base)
+    paired, against = _shared(own, base)
+    after = paired.reward[:, -1] - against.reward[:, -1]
     return LearningSummary(
         agent=agent,
-        repeats=len(own.repeats),
-        exploration_hours=float(own.hours[:, -1].mean()),
-        accuracy=float(own.accuracy[:, -_LAST:].mean()),
-        reward=float(own.reward[:, -1].mean()),
-        pooled_ece=ece,
-        ece_calibrated=calibrated,
-        hours_ratio=ratio,
-        hours_ratio_low=low,
-        hours_ratio_high=high,
-        accuracy_difference=accuracy.estimate,
-        accuracy_difference_se=accuracy.se,
-        reward_difference=reward.estimate,
-        reward_difference_se=reward.se,
+        area_hours=hours,
+        area_reward_difference=area.estimate,
+        area_low=area.low,
+        area_high=area.high,
+        reward_after=float(own.reward[:, -1].mean()),
+        reward_after_difference=float(after.mean()),
+        accuracy_after=float(own.accuracy[:, -1].mean()),
+        ece_after=pooled_ece(result for result in results if result.agent == agent)[0],
     )
 
 
-def _of(curves: Curves, repeats: Sequence[int]) -> Curves:
-    rows = [curves.repeats.index(repeat) for repeat in repeats]
-    return Curves(tuple(repeats), *(part[rows] for part in curves[1:]))
+def _difference(own: Curves, base: Curves, of: Callable[[Array, Array], float]) -> Interval:
+    """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
+    found, against = (
+        [of(hours, reward) for hours, reward in zip(one.hours, one.reward, strict=True)]
+        for one in (own, base)
+    )
+    return paired_difference(found, against, own.repeats, mass=MASS)
 
 
-def _ratio(both: Array) -> float:
-    """Compute the ratio of hours from (S,4,B): the agent's hours and accuracy, the reference's."""
-    hours, accuracy, base_hours, base_accuracy = both.mean(axis=0)
-    level = float(base_accuracy[-_LAST:].mean())
-    needed = max(hours_to(hours, accuracy, level), _SOON)
-    base_needed = max(hours_to(base_hours, base_accuracy, level), _SOON)
-    return 0.0 if math.isinf(needed) else base_needed / needed
+def _shared(own: Curves, base: Curves) -> tuple[Curves, Curves]:
+    """Return the repeats that two agents share.
+
+    Raises
+    ------
+    SettingsError : there are none.
+    """
+    repeats = tuple(sorted({*own.repeats} & {*base.repeats}))
+    if not repeats:
+        raise SettingsError("No repeat is of both agents; run the same repeats of each.")
+
+    def of(curves: Curves) -> Curves:
+        rows = [curves.repeats.index(repeat) for repeat in repeats]
+        return Curves(repeats, *(part[rows] for part in curves[1:]))
+
+    return of(own), of(base)

@@ -258,7 +258,6 @@ def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None
     with axes_to_draw(ax) as to:
         for number, (group, costs) in enumerate(groups.items()):
             color = COLORS[number % len(COLORS)]
-            # `compress` of matplotlib 3.11 counts equal values once
             values, counts = np.unique(np.asarray(costs, float), return_counts=True)
             to.ecdf(values, counts, color=color, lw=1.6, label=group)
         name_axes(to, "cost of a trial, s", "fraction of trials")

@@ -10,7 +10,12 @@ from meal_bayes.experiments.offline import (
     run_offline,
     warm_up_offline,
 )
-from meal_bayes.experiments.online import OnlineRun, run_online, warm_up_online
+from meal_bayes.experiments.online import (
+    OnlineRun,
+    run_online,
+    run_online_until,
+    warm_up_online,
+)
 from meal_bayes.experiments.online_config import OnlineConfig
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
@@ -24,6 +29,7 @@ __all__ = [
     "offline_tasks",
     "run_offline",
     "run_online",
+    "run_online_until",
     "warm_up_offline",
     "warm_up_online",
 ]

@@ -187,6 +187,8 @@ def _store(config: OfflineConfig, logs: str | Path, carried: Mapping[str, Carrie
     """Name the folder by what every unit depends on, the source of agents of one's own included."""
     shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
     shared["table"] = fingerprint(config.dataset)
+    if config.trials % UNIT == 0:  # its units are those of longer runs
+        shared["trials"] = "whole units"
     shared["sources"] = {name: one.digest for name, one in carried.items() if one.digest}
     name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
     return Store.of(logs, name, shared)

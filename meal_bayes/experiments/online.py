@@ -6,18 +6,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from meal_bayes.agents import (
+    Agent,
     Experience,
     Feedback,
-    MorcItrs,
-    OnlineAgent,
-    Surroundings,
+    ITRSBonus,
+    OnlineLearner,
+    RunContext,
     Task,
     Trial,
-    heard,
     origin_of,
 )
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
@@ -34,6 +35,7 @@ from meal_bayes.seeds import stream
 from meal_bayes.trial_log import (
     BatchOutcomes,
     OutcomeWriter,
+    TrialOutcomes,
     TrialWriter,
     log_info,
     read_outcomes,
@@ -42,6 +44,7 @@ from meal_bayes.trial_log import (
 )
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
+_STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,16 @@ class OnlineRun:
                     tests = read_outcomes(unit.log(batch, "test"))
                     yield BatchOutcomes(agent.name, repeat, batch, cost / 3600, tests)
 
+    def training(self, agent: str) -> list[TrialOutcomes]:
+        """Return the outcomes of an agent's training trials, in order, one entry a repeat."""
+        (own,) = (one for one in self.config.agents if one.name == agent)
+        units = [_unit(self.config, own, k, self.folder) for k in _repeats(self.config)]
+        batches = range(1, self.config.batches + 1)
+        return [
+            TrialOutcomes.join([read_outcomes(unit.log(b, "train")) for b in batches])
+            for unit in units
+        ]
+
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
@@ -75,12 +88,14 @@ class _Unit:
     fresh: bool = False  # is it run again although it is there?
 
     @property
-    def agent(self) -> OnlineAgent:
-        """Who runs, with the config's weights of exploration."""
-        agent: OnlineAgent = self.config.agents[0]
-        alpha = agent.alpha if self.config.alpha is None else self.config.alpha
-        beta = agent.beta if self.config.beta is None else self.config.beta
-        return dataclasses.replace(agent, alpha=alpha, beta=beta)
+    def agent(self) -> Agent:
+        """Who runs, with the config's weights of Eq. 11."""
+        agent: Agent = self.config.agents[0]
+        bonus, given = agent.exploration, {"alpha": self.config.alpha, "beta": self.config.beta}
+        if not isinstance(bonus, ITRSBonus):
+            return agent
+        weights = {name: value for name, value in given.items() if value is not None}
+        return dataclasses.replace(agent, exploration=dataclasses.replace(bonus, **weights))
 
     @property
     def name(self) -> tuple[str, int]:
@@ -103,10 +118,10 @@ class _Unit:
 
 
 def _unit(
-    config: OnlineConfig, agent: OnlineAgent, repeat: int, folder: Path, fresh: bool = False
+    config: OnlineConfig, agent: Agent, repeat: int, folder: Path, fresh: bool = False
 ) -> _Unit:
     own = dataclasses.replace(config, agents=(agent,))
-    return _Unit(Carried.of(agent.recipe), own, repeat, folder, fresh)
+    return _Unit(Carried.of(agent), own, repeat, folder, fresh)
 
 
 def run_online(
@@ -163,12 +178,31 @@ def run_online(
     return OnlineRun(config, store.folder)
 
 
+def run_online_until(
+    config: OnlineConfig, decided: Callable[[list[BatchOutcomes]], bool], **options: Any
+) -> OnlineRun:
+    """Run repeats in steps of 10, 20, 40, ... until the results are decided.
+
+    Parameters
+    ----------
+    config : what to run; its repeats are the most that are run.
+    decided : of the results so far.
+    options : of `run_online`.
+    """
+    repeats = min(_STEP, config.repeats)
+    while True:
+        run = run_online(dataclasses.replace(config, repeats=repeats), **options)
+        if repeats == config.repeats or decided(list(run.results())):
+            return run
+        repeats = min(2 * repeats, config.repeats)
+
+
 def warm_up_online(config: OnlineConfig) -> None:
     """Compile the kernels that the agents need, once, before every process would."""
     domain = _protocol(config, config.first).dataset.domain
     query = Query(domain.attributes[: config.attributes])
     for agent in config.agents:
-        agent.recipe.warm_up(domain, query)
+        agent.warm_up(domain, query)
 
 
 def _repeats(config: OnlineConfig) -> range:
@@ -178,13 +212,9 @@ def _repeats(config: OnlineConfig) -> range:
 def _shared(config: OnlineConfig) -> dict[str, object]:
     """Give what every unit depends on; repeats and agents name its folders."""
     shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
-    digests = {agent.name: origin_of(agent.recipe).digest for agent in config.agents}
+    digests = {agent.name: origin_of(agent).digest for agent in config.agents}
     sources = {name: digest for name, digest in digests.items() if digest}
     return {**shared, "data": fingerprint(config.dataset, config.root), "sources": sources}
-
-
-def _dataset(config: OnlineConfig) -> Dataset:
-    return _loaded(config.dataset, config.root, fingerprint(config.dataset, config.root))
 
 
 @lru_cache(maxsize=2)
@@ -196,10 +226,19 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 
 
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
+    content = fingerprint(config.dataset, config.root)
+    data = (config.dataset, config.root, content)
+    return _drawn(data, config.attributes, config.seed, repeat, config.split)
+
+
+@lru_cache(maxsize=2)
+def _drawn(
+    data: tuple[str, str | None, str], attributes: int, seed: int, repeat: int,
+    shares: tuple[int, int, int],
+) -> Protocol:  # fmt: skip
     return Protocol.of(
-        _dataset(config), attributes=config.attributes, seed=config.seed, repeat=repeat,
-        shares=config.split,
-    )  # fmt: skip
+        _loaded(*data), attributes=attributes, seed=seed, repeat=repeat, shares=shares
+    )
 
 
 def _run_unit(unit: _Unit) -> tuple[str, int]:
@@ -210,33 +249,36 @@ def _run_unit(unit: _Unit) -> tuple[str, int]:
     rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
     experience = Experience.none(dataset, rng, memory=agent.memory)
     experience = experience.pretrain(dataset, protocol.split.pre)
-    world = _surroundings(config, protocol, Kernels.of(dataset, experience.training_set()))
+    context = _context(config, protocol, Kernels.of(dataset, experience.training_set()))
     tests = protocol.tests()
     for batch in range(config.batches + 1):
         train = config.batches > batch and not unit.has(batch + 1, "train")
         test = not unit.has(batch, "test")
         learner = None
-        if train or test:
-            learner = MorcItrs.learn(agent, world, experience, config.seed)
-            if test:
-                known = [dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
-                _write(unit, batch, "test", learner.test, tests, pretrained=known)
-            if train:
-                tasks = protocol.training(batch + 1, config.trials)
-                _write(unit, batch + 1, "train", _Training(learner), tasks)
-                experience = learner.experience
+        if test:
+            learner = OnlineLearner.fit(agent, context, experience, config.seed)
+            known = [dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
+            _write(unit, batch, "test", learner.test, tests, pretrained=known)
+        if train:
+            if learner is None or agent.trained_by is not None:
+                trainer = dataclasses.replace(agent.trained_by or agent, name=agent.name)
+                learner = OnlineLearner.fit(trainer, context, experience, config.seed)
+            tasks = protocol.training(batch + 1, config.trials)
+            _write(unit, batch + 1, "train", _Training(learner), tasks)
+            experience = learner.experience
         if not train and batch < config.batches:
-            experience = _replay(unit, batch + 1, world, experience)
+            experience = _replay(unit, batch + 1, context, experience)
     return unit.name
 
 
-def _surroundings(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> Surroundings:
+def _context(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> RunContext:
     dataset, split = protocol.dataset, protocol.split
-    return Surroundings(
+    pretrained = [] if config.normalizer == "paper" else [split.pre]
+    return RunContext(
         dataset=dataset,
         kernels=kernels,
-        objects=np.concatenate([split.train, split.test]),
-        delta=dataset.recordings * (len(split.pre) + len(split.train)),
+        scored=np.concatenate([split.train, split.test]),
+        counted=np.concatenate([*pretrained, split.train]),
         queries=config.horizon * config.attributes / len(dataset.domain.attributes),
         reward=_REWARD if config.reward is None else config.reward,
         feedback=Feedback(config.answers, config.error),
@@ -256,12 +298,12 @@ def _body(domain: Domain, success: Mapping[str, float]) -> Domain:
 class _Training:
     """Runs a training trial and takes it in before the next."""
 
-    def __init__(self, learner: MorcItrs) -> None:
+    def __init__(self, learner: OnlineLearner) -> None:
         self.learner = learner
 
     def __call__(self, task: Task) -> Trial:
         trial = self.learner.train(task)
-        self.learner.absorb(trial)
+        self.learner.tell(trial)
         return trial
 
 
@@ -281,19 +323,25 @@ def _write(
         "repeat": unit.repeat, "batch": batch, "part": part,
         **({"pretrained": list(pretrained)} if pretrained else {}),
     }  # fmt: skip
-    compact = part == "test" and unit.config.log == "compact"
-    with (OutcomeWriter if compact else TrialWriter)(path, header) as log:
-        for task in tasks:
-            start = time.perf_counter()
-            trial = run(task)
-            log.write(trial, seconds=time.perf_counter() - start)
+    if part == "test" and unit.config.log == "compact":
+        trials, seconds = zip(*(_timed(run, task) for task in tasks), strict=True)
+        with OutcomeWriter(path, header) as log:
+            log.write_outcomes(TrialOutcomes.of(trials), seconds=seconds)
+    else:
+        with TrialWriter(path, header) as whole:
+            for trial, took in (_timed(run, task) for task in tasks):
+                whole.write(trial, seconds=took)
     remove_drafts(path)  # of processes that were killed
 
 
-def _replay(unit: _Unit, batch: int, world: Surroundings, experience: Experience) -> Experience:
+def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
+    start = time.perf_counter()
+    return run(task), time.perf_counter() - start
+
+
+def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:
     """Rebuild what a finished batch taught from its log alone."""
-    trials = list(read_trials(unit.log(batch, "train")))
-    for trial in trials:
-        told = heard(world, trial, unit.config.seed)
-        experience = experience.absorb(world.dataset.domain, trial, told)
+    for trial in read_trials(unit.log(batch, "train")):
+        told = context.labels_of(trial, unit.config.seed)
+        experience = experience.absorb(context.dataset.domain, trial, told)
     return experience

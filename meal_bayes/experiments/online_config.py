@@ -1,15 +1,16 @@
 """What an online run is: its settings, checked."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from meal_bayes.agents import PUBLISHED, Feedback, as_online_agent, distinct
+from meal_bayes.agents import Feedback, PublishedVariants, as_agent, distinct
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.untrusted import LARGEST
 
-_LOGS = ("full", "compact")
+_LOGS = ("compact", "full")
+_NORMALIZERS = ("paper", "all")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +39,13 @@ class OnlineConfig:
     error: float = 0.0  # Pr(a person errs)
     success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
     learn_success: bool = False  # does the robot learn success probabilities?
-    published: tuple[str, ...] = ()  # what the authors' code does otherwise
-    horizon: int = 1000  # queries to be answered, for which curiosity explores
-    log: str = "full"  # or "compact": of test trials the outcomes only
+    published: PublishedVariants = field(default_factory=PublishedVariants)
+    normalizer: str = "paper"  # of Eq. 10: experience in training; "all": in pretraining too
+    horizon: int = 1000  # queries to be answered, for which exploring is valued
+    log: str = "compact"  # form of the logs of test trials: outcomes only, or "full"
 
     def __post_init__(self) -> None:
-        found = distinct(as_online_agent(value) for value in self.agents)
+        found = distinct(as_agent(value) for value in self.agents)
         object.__setattr__(self, "agents", found)
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
@@ -58,9 +60,8 @@ class OnlineConfig:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
         if self.log not in _LOGS:
             raise SettingsError(unknown("log", self.log, _LOGS))
-        for name in self.published:
-            if name not in PUBLISHED:
-                raise SettingsError(unknown("published variant", name, PUBLISHED))
+        if self.normalizer not in _NORMALIZERS:
+            raise SettingsError(unknown("normalizer", self.normalizer, _NORMALIZERS))
         for name in ("alpha", "beta"):
             value = getattr(self, name)
             if value is not None and not 0 <= value <= LARGEST:
@@ -69,7 +70,11 @@ class OnlineConfig:
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for headers and JSON."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        lists = {name: list(getattr(self, name)) for name in ("split", "published")}
-        names = [agent.name for agent in self.agents]
-        return {**fields, **lists, "agents": names, "success": [list(p) for p in self.success]}
+        fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        plain = {
+            "split": list(self.split),
+            "published": dataclasses.asdict(self.published),
+            "agents": [agent.name for agent in self.agents],
+            "success": [list(pair) for pair in self.success],
+        }
+        return {**fields, **plain}

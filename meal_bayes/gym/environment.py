@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, Morc, Streams, Task, Trial, load_agent
+from meal_bayes.agents import Agent, OfflineRunner, Streams, Task, Trial, load_agent
 from meal_bayes.agents.trial import RunningTrial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
@@ -74,7 +74,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         chosen = agent if isinstance(agent, Agent) else load_agent(agent)
         self.tasks = offline_tasks(table, attributes, trials, seed)
         self.render_mode, self._max_steps = render_mode, max_steps
-        self._morc = Morc(table, chosen, seed, percepts, reward)
+        self._runner = OfflineRunner(table, chosen, seed, percepts, reward)
         self._begun: RunningTrial | None = None
         self._action = 0
         n, x = attributes, len(table.domain.diagram.states)
@@ -104,7 +104,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """
         super().reset(seed=seed)
         index = (options or {}).get("task")
-        seed_of_task = self._morc.seed
+        seed_of_task = self._runner.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
@@ -126,7 +126,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
-        _, policy = self._morc.prepare(self._running.task)
+        _, policy = self._runner.prepare(self._running.task)
         return int(policy.decide(self._running.history, self._running.streams.planner).action)
 
     def render(self) -> str | None:
@@ -142,11 +142,11 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     @property
     def trial(self) -> Trial:
         """The trial so far."""
-        return self._running.trial(self._morc.agent.name)
+        return self._running.trial(self._runner.agent.name)
 
     def _begin(self, task: Task, seed: int) -> None:
-        momdp, _ = self._morc.prepare(task)
-        runner = replace(self._morc, seed=seed)  # which shares what was learned
+        momdp, _ = self._runner.prepare(task)
+        runner = replace(self._runner, seed=seed)  # which shares what was learned
         columns = runner.table.domain.columns(task.query.attributes)
         self._begun = RunningTrial(
             task,
@@ -154,13 +154,13 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             _Commanded(self, momdp),
             runner.robot(task),
             runner.perceiver(task),
-            Streams.of(seed, task, self._morc.agent.name),
+            Streams.of(seed, task, self._runner.agent.name),
             runner.table.labels[task.object_index, columns],
         )
         self._begun.start()
 
     def _observation(self) -> Observation:
-        running, domain = self._running, self._morc.table.domain
+        running, domain = self._running, self._runner.table.domain
         asked = domain.columns(running.task.query.attributes)
         return {
             "state": running.belief.x,

@@ -7,12 +7,13 @@ percepts, all its trials together, are one row of counts among the others.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, Trial, run_trial
-from meal_bayes.agents.knowledge import base_rates, knowledge_of
+from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.domain import Query
 from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
@@ -105,12 +106,47 @@ class Fitted:
         told = labels_of(lessons, domain).get(object_name, unknown)
         labels = np.where(told < 0, labels, told)
         row = row + level_counts(lessons, labels, domain, levels)
-        posterior = self.knowledge.posterior.replace_object(
-            self._rows.get(object_name, nothing), row
-        )
+        before = self._rows.get(object_name, nothing)
         self._rows[object_name], self._labels[object_name] = row, labels
-        rates = base_rates(np.array(list(self._labels.values())))
-        self.knowledge = replace(self.knowledge, posterior=posterior, base_rates=rates)
+        self.knowledge = self.knowledge.with_object(before, row, list(self._labels.values()))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """All that was fitted and learned since, which `restore` takes back."""
+        rows, fitted = self._rows, list(self._fitted.values())
+        return {
+            "perception": self.perception,
+            "knowledge": self.knowledge,
+            "rows": dict(rows),
+            "labels": dict(self._labels),
+            "fitted_rows": dict(zip(self._fitted, (row for row, _ in fitted), strict=True)),
+            "fitted_labels": dict(zip(self._fitted, (own for _, own in fitted), strict=True)),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Come to a state that was saved.
+
+        Raises
+        ------
+        ValueError : arrays that do not fit the recordings.
+        """
+        p, e = len(self.dataset.domain.attributes), len(self.dataset.domain.behaviors)
+        shape = (p, e, 2, self.agent.levels)
+        self.perception, self.knowledge = state["perception"], state["knowledge"]
+        rows, fitted = (dict(state[name]) for name in ("rows", "fitted_rows"))
+        labels, own = (dict(state[name]) for name in ("labels", "fitted_labels"))
+        for name, classifier in self.perception.classifiers.items():
+            zeros = {m: np.zeros((1, self.sizes[name, m])) for m in classifier.spaces}
+            if classifier.log_odds(zeros).shape != (1, p):
+                raise ValueError(f"the classifiers of {name} do not fit the attributes")
+        counted = [self.knowledge.posterior.counts, *rows.values(), *fitted.values()]
+        labelled = [self.knowledge.base_rates, *labels.values(), *own.values()]
+        if any(each.shape != shape for each in counted) or any(
+            each.shape != (p,) for each in labelled
+        ):
+            raise ValueError("what was counted does not fit attributes, behaviors and levels")
+        self._rows, self._labels = rows, labels
+        self._fitted = {name: (row, own[name]) for name, row in fitted.items()}
 
     def known(self, object_name: str | None) -> Knowledge:
         """Return what is known of any object."""

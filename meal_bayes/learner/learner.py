@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Task, Trial, as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
@@ -15,11 +15,15 @@ from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labels_of, percepts_of
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
+from meal_bayes.learner.sources import own_posterior, source_of
 from meal_bayes.learner.tasks import live_task, replay_task
 from meal_bayes.momdp import MOMDP
-from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Robot
 
+_NO_CLASSIFIERS = (
+    "A percept table holds no classifiers for what a robot feels; fit recordings (load_dataset), "
+    "or name an object of the table."
+)
 _KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
 
 
@@ -80,7 +84,8 @@ class Learner:
             raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self.agent: Agent = as_agent(agent)
-        self.classifier, self.posterior = classifier, self._given(posterior)
+        self.classifier = classifier
+        self.posterior = own_posterior(posterior, self.domain, self.agent)
         self.seed, self.reward, self.percepts = seed, reward, percepts
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
@@ -114,44 +119,38 @@ class Learner:
         return self._source
 
     def refitted(self, lesson: Lesson) -> bool:
-        """Whether the last refit has learned from a lesson."""
+        """Return whether the last refit has learned from a lesson."""
         return lesson.key in self._refitted
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
-        """Learn from recordings, or from a percept table; what was told before is kept.
+        """Learn from recordings, or from a table of what classifiers said of them.
 
-        Parameters
-        ----------
-        data : recordings of the domain's behaviors (classifiers are fitted on them), or a table of
-            what classifiers said of them (see `build_percept_table`).
-
-        Raises
-        ------
-        SettingsError : data of another domain.
+        What was told before is kept. Raises `SettingsError` for data of another domain.
         """
-        found = data.domain
-        if (found.attributes, found.behaviors) != (self.domain.attributes, self.domain.behaviors):
-            raise SettingsError(
-                f"Attributes or behaviors of the data's domain {found.name!r} differ from those of "
-                f"{self.domain.name!r}; load the data for this domain."
-            )
-        self._source = (
-            Replayed(data, self.agent, self.seed, self.percepts, self.reward, self.posterior)
-            if isinstance(data, PerceptTable)
-            else Fitted(data, self.agent, self.classifier, self.seed, self.reward, self.posterior)
-        )
+        self._source = source_of(self, data)
         return self.refit()
 
     def resume(
-        self, data: Dataset | PerceptTable, lessons: Sequence[Lesson], refitted: Sequence[bool]
+        self,
+        data: Dataset | PerceptTable,
+        lessons: Sequence[Lesson],
+        refitted: Sequence[bool],
+        state: Mapping[str, Any] | None = None,
     ) -> Self:
         """Come to the state of a learner with this data and these lessons, in order.
 
-        `refitted` tells of each lesson whether the last refit had learned from it.
+        `refitted` says of each lesson whether the last refit had learned from it; without the
+        `state` of a `Fitted` everything is fitted again, with equal results.
         """
         pairs = list(zip(lessons, refitted, strict=True))
         self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
-        self.fit(data)
+        self._source = source_of(self, data)
+        if state is not None and isinstance(self._source, Fitted):
+            self._source.restore(state)
+            self._refitted = set(self._lessons)
+            self._lessons = {lesson.key: lesson for lesson in lessons}
+            return self
+        self.refit()
         self._lessons = {lesson.key: lesson for lesson in lessons}
         return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
 
@@ -213,13 +212,11 @@ class Learner:
             task = replay_task(query, self._replayed().table, robot, key)
             return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
         if isinstance(source, Replayed):
-            raise SettingsError(
-                "A percept table holds no classifiers for what a robot feels; fit recordings "
-                "(load_dataset), or name an object of the table."
-            )
+            raise SettingsError(_NO_CLASSIFIERS)
         task = live_task(query, self.domain, self.asked if key is None else key, object_name)
         self.asked += 1
-        told = self._told_of(task.object_name)
+        unknown = np.full(len(self.domain.attributes), -1, np.int8)
+        told = labels_of(self.lessons, self.domain).get(task.object_name, unknown)
 
         def run(recorder: Recorder | None) -> Trial:
             trial, self._met[task.key] = source.run(
@@ -250,6 +247,8 @@ class Learner:
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
         """Learn what the object of a trial is; the posterior is updated at once.
+
+        How much objects differ, and how their percepts err together, hold until `refit`.
 
         Parameters
         ----------
@@ -303,7 +302,7 @@ class Learner:
         classifier: object = None,
         logs: str | Path | None = "logs",
     ) -> "Learner":
-        """Read a learner from a file; classifiers are fitted again, with equal results.
+        """Read a learner from a file; only classifiers of one's own are fitted again.
 
         Parameters
         ----------
@@ -318,21 +317,6 @@ class Learner:
         from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
         return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
-
-    def _given(self, posterior: object) -> ConfusionPosterior | None:
-        """Return a posterior of one's own, laid out for the domain."""
-        if posterior is None:
-            return None
-        if not isinstance(posterior, ConfusionPosterior):
-            posterior = ConfusionPosterior.from_idata(posterior, self.domain)
-        shape, wanted = posterior.counts.shape, self.agent.levels
-        expected = (len(self.domain.attributes), len(self.domain.behaviors), 2, wanted)
-        if shape != expected:
-            raise SettingsError(
-                f"The posterior has shape {shape}, expected {expected}: attributes and behaviors "
-                f"of the domain, and the {wanted} levels of the agent {self.agent.name!r}."
-            )
-        return posterior
 
     def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
         if isinstance(source, Replayed):
@@ -353,17 +337,11 @@ class Learner:
         """Return the lessons that came after the last refit, or that it could not learn from."""
         return [lesson for lesson in self.lessons if lesson.key not in self._refitted]
 
-    def _told_of(self, object_name: str) -> NDArray[np.int8]:
-        """Return what people told of an object, (P,)."""
-        unknown = np.full(len(self.domain.attributes), -1, np.int8)
-        return labels_of(self.lessons, self.domain).get(object_name, unknown)
-
     def _replayed(self) -> Replayed:
         source = self.source
         if isinstance(source, Fitted):
             raise SettingsError(
-                "Objects are replayed from a percept table; make one with build_percept_table, or "
-                "give a robot."
+                "Objects are replayed from a percept table (build_percept_table); or give a robot."
             )
         return source
 

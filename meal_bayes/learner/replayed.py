@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from meal_bayes.agents import Agent, Knowledge, Morc, Recorder, Step, Task, Trial
+from meal_bayes.agents import Agent, Knowledge, OfflineRunner, Recorder, Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.lesson import Lesson, labels_of
@@ -27,7 +27,7 @@ class Replayed:
     percepts: str
     reward: float | None
     given: ConfusionPosterior | None
-    _morc: Morc | None = field(default=None)
+    _runner: OfflineRunner | None = field(default=None)
 
     def learn(self, lessons: Sequence[Lesson]) -> None:
         """Take the lessons of objects in the table for labels."""
@@ -36,7 +36,7 @@ class Replayed:
             told = np.full(self.table.labels.shape, -1, np.int8)
             for name, labels in labels_of(lessons, self.table.domain).items():
                 told[object_index(self.table.objects, name)] = labels
-        self._morc = Morc(
+        self._runner = OfflineRunner(
             self.table, self.agent, self.seed, self.percepts, self.reward, told, self.given
         )
 
@@ -60,7 +60,7 @@ class Replayed:
         """Build the decision problem of a task."""
         return self._ready().prepare(task)[0]
 
-    def _ready(self) -> Morc:
-        if self._morc is None:
+    def _ready(self) -> OfflineRunner:
+        if self._runner is None:
             self.learn(())
-        return self._morc  # type: ignore[return-value]  # just made
+        return self._runner  # type: ignore[return-value]  # just made

@@ -1,15 +1,16 @@
 """A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
 
 `learner.json` holds names, settings and lessons; recordings are one array of float32 a context,
-features of lessons another; a percept table is the .npz of `save_percepts`. What was fitted is not
-kept: fitting is deterministic, so `load` fits again and takes the lessons in again.
+features of lessons another; a percept table is the .npz of `save_percepts`. What was fitted is kept
+as it is (`fitted_state.py`). Classifiers of one's own could only be pickled, so that `load` fits
+them again, with equal results where they are deterministic, and takes the lessons in again.
 """
 
 import io
 import json
+import logging
 import lzma
 import struct
-import tempfile
 import zipfile
 import zlib
 from pathlib import Path
@@ -19,16 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import read_array, save_percepts
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
+from meal_bayes.learner.fitted_state import pack, unpack
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.lesson import Lesson, Percept, checked_values
 from meal_bayes.learner.replayed import Replayed
+from meal_bayes.learner.sources import own_posterior
+from meal_bayes.untrusted import read_json
 
-_FORMAT = 1
+log = logging.getLogger("meal_bayes.learner")
+
+_FORMAT = 2
 _LARGEST = 2**30  # bytes that a member may unpack to
 _TEXT = "learner.json"
 _TABLE = "table.npz"
@@ -60,10 +67,11 @@ def save_learner(learner: Learner, path: Path) -> None:
         "lessons": [],
     }
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
-        rows = _Rows(learner.domain)
+        rows, arrays = _Rows(learner.domain), _Kept(archive)
         for lesson in learner.lessons:
-            told = _lesson_table(lesson, rows)
+            told = _lesson_table(lesson, rows, arrays)
             meta["lessons"].append({**told, "refitted": learner.refitted(lesson)})
+        meta["posterior"] = pack(learner.posterior, arrays.keep)
         if isinstance(source, Replayed):
             archive.writestr(_TABLE, _table_bytes(source))
         else:
@@ -72,7 +80,18 @@ def save_learner(learner: Learner, path: Path) -> None:
             for i, context in enumerate(rows.contexts):
                 _write(archive, f"features/{i}", source.dataset.features[context])
                 _write(archive, f"met/{i}", rows.array(context, source.sizes[context]))
-        archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
+            meta["state"] = None
+            if learner.classifier is None:
+                meta["state"] = pack(source.state, arrays.keep)
+        archive.writestr(_TEXT, _checked(json.dumps(meta, allow_nan=False)))
+
+
+def _checked(text: str) -> str:
+    try:
+        read_json(text)  # a reader must take it
+    except ValueError as fault:
+        raise SettingsError(f"This learner was told too much for one file ({fault}).") from fault
+    return text
 
 
 def load_learner(
@@ -83,11 +102,15 @@ def load_learner(
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
         with zipfile.ZipFile(path) as archive:
-            meta = json.loads(_unpacked(archive, _TEXT))
+            meta = read_json(_unpacked(archive, _TEXT))
             if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
                 found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
                 raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
             learner = _learner(meta, agent, classifier, logs)
+            kept = _Kept(archive)
+            own = unpack(meta["posterior"], kept.read, learner.domain)
+            learner.posterior = own_posterior(own, learner.domain, learner.agent)
+            state = None
             if _TABLE in archive.namelist():
                 data: Any = _read_table(archive, learner.domain)
                 arrays = None
@@ -99,8 +122,11 @@ def load_learner(
                     arrays.features("features"),
                     arrays.read("labels", "|i1", 2),
                 )
-            lessons = [_lesson(told, learner, arrays) for told in meta["lessons"]]
+                state = unpack(meta["state"], kept.read, learner.domain)
+            lessons = [_lesson(told, learner, arrays, kept) for told in meta["lessons"]]
             refitted = [told["refitted"] is True for told in meta["lessons"]]
+            if state is not None:
+                return learner.resume(data, lessons, refitted, state)
     except SettingsError:
         raise
     except _UNREADABLE as fault:
@@ -109,6 +135,7 @@ def load_learner(
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
+    log.info("%s is fitted again", path)
     return learner.resume(data, lessons, refitted)
 
 
@@ -138,6 +165,21 @@ def _learner(
     )
     learner.asked = int(meta["asked"])
     return learner
+
+
+class _Kept:
+    """Arrays of what was fitted, by number."""
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._archive, self._count = archive, 0
+
+    def keep(self, values: NDArray[Any]) -> str:
+        self._count += 1
+        _write(self._archive, f"fitted/{self._count}", values)
+        return str(self._count)
+
+    def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
+        return _array(self._archive, f"fitted/{name}", dtype, axes)
 
 
 class _Rows:
@@ -175,7 +217,11 @@ class _Arrays:
         return {c: self.read(f"{part}/{i}", "<f4", 3) for i, c in enumerate(self._contexts)}
 
     def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        return read_array(_unpacked(self._archive, f"{name}.npy"), name, dtype, axes)
+        return _array(self._archive, name, dtype, axes)
+
+
+def _array(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
+    return read_array(_unpacked(archive, f"{name}.npy"), name, dtype, axes)
 
 
 def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -193,28 +239,27 @@ def _write(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:
     archive.writestr(f"{name}.npy", buffer.getvalue())
 
 
-def _lesson_table(lesson: Lesson, rows: _Rows) -> dict[str, Any]:
+def _lesson_table(lesson: Lesson, rows: _Rows, arrays: _Kept) -> dict[str, Any]:
+    levels = [percept.levels for percept in lesson.percepts]
     return {
         "key": list(lesson.key),
         "object": lesson.object_name,
         "values": dict(lesson.values),
-        "percepts": [
-            {"behavior": p.behavior, "levels": p.levels.tolist(), "row": rows.add(p)}
-            for p in lesson.percepts
-        ],
+        "levels": arrays.keep(np.array(levels)) if levels else None,
+        "percepts": [{"behavior": p.behavior, "row": rows.add(p)} for p in lesson.percepts],
     }
 
 
-def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None) -> Lesson:
+def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept: _Kept) -> Lesson:
     percepts, domain, most = list[Percept](), learner.domain, learner.agent.levels
-    for entry in told["percepts"]:
+    every = () if told["levels"] is None else kept.read(told["levels"], "|i1", 2)
+    for entry, levels in zip(told["percepts"], every, strict=True):
         behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
-        levels = np.array(entry["levels"], np.int8)
         if (
             levels.shape != (len(domain.attributes),)
             or not -1 <= levels.min() <= levels.max() < most
         ):
-            raise ValueError(f"a percept of {behavior.name} has levels {entry['levels']}")
+            raise ValueError(f"a percept of {behavior.name} has levels {levels.tolist()}")
         features = None
         if arrays is not None and int(entry["row"]) >= 0:
             features = {
@@ -229,14 +274,14 @@ def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None) -> L
 
 
 def _table_bytes(source: Replayed) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / _TABLE
+    with temporary_folder() as folder:
+        path = folder / _TABLE
         save_percepts(source.table, path)
         return path.read_bytes()
 
 
 def _read_table(archive: zipfile.ZipFile, domain: Domain) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / _TABLE
+    with temporary_folder() as folder:
+        path = folder / _TABLE
         path.write_bytes(_unpacked(archive, _TABLE))
         return load_percepts(path, domain=domain)

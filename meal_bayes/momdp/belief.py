@@ -1,6 +1,6 @@
 """The exact belief filter: N times C weights and percept counts, never 2^N numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,9 @@ class Belief:
     weight: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
     seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
     log_share: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
+    _log_odds: NDArray[np.float64] | None = field(
+        default=None, init=False, repr=False, compare=False
+    )  # computed when first asked for
 
     def __post_init__(self) -> None:
         set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
@@ -53,9 +56,10 @@ class Belief:
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of the truth, (N,)."""
-        with np.errstate(divide="ignore"):
+        if self._log_odds is None:
             of_truth = _log_sum(self.weight[:, None] + self.log_share)  # (N,2)
-            return freeze(of_truth[:, 1] - of_truth[:, 0])
+            set_frozen(self, _log_odds=freeze(of_truth[:, 1] - of_truth[:, 0]))
+        return self._log_odds  # type: ignore[return-value]  # just set
 
     @property
     def positive(self) -> NDArray[np.float64]:
@@ -96,9 +100,7 @@ class Belief:
 
 def _log_sum(weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum probabilities given by their logarithms, over the last axis."""
-    top = weight.max(axis=-1)
-    level = np.where(np.isneginf(top), 0.0, top)
-    return np.asarray(level + np.log(np.exp(weight - level[..., None]).sum(axis=-1)))
+    return np.asarray(np.logaddexp.reduce(weight, axis=-1))
 
 
 def initial_belief(momdp: MOMDP) -> Belief:

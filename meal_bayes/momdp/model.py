@@ -93,6 +93,15 @@ class MOMDP:
             raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
         if not (self.precision > 0).all():
             raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
+        for name in ("cost", "bonus", "correct", "incorrect", "counts"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise SettingsError(f"MOMDP.{name} must be finite; found {getattr(self, name)}.")
+        if not ((self.cost >= 0).all() and (self.limit >= 0).all()):
+            raise SettingsError(
+                f"MOMDP.cost and MOMDP.limit must be 0 or more; found {self.cost}, {self.limit}."
+            )
+        if not ((self.informative >= 0) & (self.informative <= 1)).all():
+            raise SettingsError("MOMDP.informative must be probabilities, from 0 to 1.")
         if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
             raise SettingsError(
                 f"Need 0 < discount <= 1 and correct >= incorrect; found discount "

@@ -14,9 +14,12 @@ from meal_bayes.perception.ensemble import Perception
 from meal_bayes.perception.kernels import Kernels, fit_and_score
 from meal_bayes.perception.perceiver import (
     ConfusionSampler,
-    FittedPercepts,
+    Oracle,
     Perceiver,
-    RecordedPercepts,
+    ScoredPercepts,
+    recorded_percepts,
+    sampled_percepts,
+    scored_percepts,
 )
 from meal_bayes.perception.settings import (
     DEFAULT,
@@ -32,18 +35,21 @@ __all__ = [
     "PAPER",
     "ConfusionCounts",
     "ConfusionSampler",
-    "FittedPercepts",
     "Kernels",
+    "Oracle",
     "Perceiver",
     "Perception",
     "PerceptionSettings",
-    "RecordedPercepts",
+    "ScoredPercepts",
     "build_percept_table",
     "cross_validate",
     "fit_and_score",
     "fit_and_validate",
     "fit_perception",
     "named_settings",
+    "recorded_percepts",
+    "sampled_percepts",
+    "scored_percepts",
     "table_counts",
     "with_classifier",
 ]

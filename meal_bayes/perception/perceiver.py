@@ -1,4 +1,4 @@
-"""Who turns an execution into a percept: recorded outputs, fresh draws, or a person's answer."""
+"""Perceivers: what an executed behavior shows; scored recordings, draws, a person's answers."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -55,71 +55,75 @@ def person_says(
 
 
 @dataclass(frozen=True, slots=True)
-class RecordedPercepts:
-    """Percepts of real recordings, made by classifiers that never saw the object."""
+class Oracle:
+    """A perceiver beside a person, who answers behaviors that ask.
 
-    table: PerceptTable
-    levels: int = 2  # K
+    Attributes
+    ----------
+    perceiver : of all other behaviors.
+    domain : behaviors and attributes.
+    labels : (O,P) what the person knows; nothing else uses them.
+    levels : K of the answers.
+    """
+
+    perceiver: Perceiver
+    domain: Domain
+    labels: NDArray[np.int8]
+    levels: int
 
     def __post_init__(self) -> None:
-        level_edges(self.table.edges, self.levels)
-
-    def log_odds(self, instance: Instance, query: Query) -> NDArray[np.float64]:
-        """Class-balanced log-odds, (N,); NaN where a person answers."""
-        behavior = self.table.domain.behavior_index(instance.behavior)
-        columns = self.table.domain.columns(query.attributes)
-        recorded = self.table.log_odds[instance.object_index, instance.recording, behavior, columns]
-        return freeze(recorded, np.float64)
+        set_frozen(self, labels=freeze(self.labels, np.int8))
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Levels of the recorded outputs, or a drawn answer.
-
-        Raises
-        ------
-        SettingsError : an attribute or object for which the table was not computed.
-        """
-        table = self.table
-        said = person_says(table.domain, table.labels, instance, query, self.levels, rng)
-        if said is not None:
-            return said
-        recorded = self.log_odds(instance, query)
-        if np.isnan(recorded).any():
-            missing = np.array(query.attributes)[np.isnan(recorded)].tolist()
-            raise SettingsError(
-                f"The percept table holds nothing on {missing} of "
-                f"{self.table.objects[instance.object_index]!r} by {instance.behavior!r}; "
-                "build it with these attributes and objects."
-            )
-        return self.table.levels_of(recorded, self.levels)
+        """Return the percept levels of the queried attributes, or a drawn answer, (N,)."""
+        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
+        return self.perceiver.observe(instance, query, rng) if said is None else said
 
 
 @dataclass(frozen=True, slots=True)
-class FittedPercepts:
-    """Percepts of recordings that a fitted Psi has scored all at once."""
+class ScoredPercepts:
+    """Percepts of recordings that classifiers have scored.
+
+    Attributes
+    ----------
+    domain : behaviors and attributes.
+    log_odds : (O,R,E,P) class-balanced log-odds; NaN where nothing was scored.
+    edges : (L-1,) between the fine bins that levels merge.
+    levels : K.
+    """
 
     domain: Domain
-    labels: NDArray[np.int8]  # (O,P) what a person who is asked knows; nothing else uses them
-    log_odds: NDArray[np.float16]  # (O,R,E,P)
-    levels: int = 2  # K
+    log_odds: NDArray[np.float16]
+    edges: NDArray[np.float64]
+    levels: int
 
     def __post_init__(self) -> None:
         set_frozen(self, log_odds=freeze(self.log_odds, np.float16))
+        level_edges(self.edges, self.levels)
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Levels of the outputs, or a drawn answer."""
-        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
-        if said is not None:
-            return said
+        """Return the levels of the scored outputs, (N,).
+
+        Raises
+        ------
+        SettingsError : an attribute or object that was not scored.
+        """
         e, columns = (
             self.domain.behavior_index(instance.behavior),
             self.domain.columns(query.attributes),
         )
         scored = self.log_odds[instance.object_index, instance.recording, e, columns]
-        return levels_of(scored, BIN_EDGES, self.levels)
+        if np.isnan(scored).any():
+            missing = np.array(query.attributes)[np.isnan(scored)].tolist()
+            raise SettingsError(
+                f"No percepts of {missing} by {instance.behavior!r} were computed for object "
+                f"{instance.object_index}; build the table with these attributes and objects."
+            )
+        return levels_of(scored, self.edges, self.levels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,16 +150,32 @@ class ConfusionSampler:
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """Draw each attribute's level from its row of the true value (a coin's, if unknown)."""
-        levels = self.confusion.shape[-1]
-        said = person_says(self.domain, self.labels, instance, query, levels, rng)
-        if said is not None:
-            return said
         behavior = self.domain.behavior_index(instance.behavior)
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
-        rows = self.confusion[columns, behavior, truth]  # (N,K)
-        return draw_levels(rows, rng)
+        return draw_levels(self.confusion[columns, behavior, truth], rng)
+
+
+def scored_percepts(
+    domain: Domain, labels: NDArray[np.int8], log_odds: NDArray[np.float16], levels: int
+) -> Oracle:
+    """Return a perceiver of recordings that a fitted Psi has scored, (O,R,E,P)."""
+    return Oracle(ScoredPercepts(domain, log_odds, BIN_EDGES, levels), domain, labels, levels)
+
+
+def recorded_percepts(table: PerceptTable, levels: int = 2) -> Oracle:
+    """Return a perceiver of real recordings, by classifiers that never saw the object."""
+    scored = ScoredPercepts(table.domain, table.log_odds, table.edges, levels)
+    return Oracle(scored, table.domain, table.labels, levels)
+
+
+def sampled_percepts(
+    domain: Domain, labels: NDArray[np.int8], confusion: NDArray[np.float64]
+) -> Oracle:
+    """Return a perceiver that draws from confusion matrices (P,E,2,K)."""
+    levels = confusion.shape[-1]
+    return Oracle(ConfusionSampler(domain, labels, confusion), domain, labels, levels)
 
 
 def draw_levels(rows: ArrayLike, rng: np.random.Generator) -> NDArray[np.int8]:

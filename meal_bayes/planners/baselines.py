@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, best_report
@@ -37,13 +38,21 @@ class RandomPolicy:
 
 @dataclass(frozen=True, slots=True)
 class RandomLegal:
-    """Uniform over the legal behaviors while the cost is below a budget; then the best report."""
+    """Uniform over the legal behaviors while the cost is below a budget; then the best report.
 
-    budget: float = 50.0  # s; the last behavior may overrun it
+    Attributes
+    ----------
+    budget : s; the last behavior may overrun it.
+    barred : behaviors that are never drawn, such as those that ask a person.
+    """
+
+    budget: float = 50.0
+    barred: tuple[str, ...] = ()
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomLegalPolicy":
         """Make the policy."""
-        return RandomLegalPolicy(momdp, self.budget)
+        allowed = np.array([name not in self.barred for name in momdp.behavior_names])
+        return RandomLegalPolicy(momdp, self.budget, momdp.legal & allowed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +61,11 @@ class RandomLegalPolicy:
 
     momdp: MOMDP
     budget: float
+    allowed: NDArray[np.bool_]  # (X,E)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Draw a legal behavior, or report once the budget is spent."""
-        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
+        legal = np.flatnonzero(self.allowed[history.belief.x])
         if history.cost >= self.budget or not len(legal):
             return unvalued(self.momdp, best_report(self.momdp, history.belief))
         return unvalued(self.momdp, int(rng.choice(legal)))

@@ -13,7 +13,7 @@ from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import build_momdp
-from meal_bayes.perception import ConfusionSampler
+from meal_bayes.perception import sampled_percepts
 from meal_bayes.planners import RandomLegal
 from meal_bayes.robots import CheckedRobot, RecordedRobot
 from meal_bayes.seeds import stream
@@ -35,7 +35,7 @@ class Witness:
 
     def observe(self, instance, query, rng):
         self.shown.append((instance.object_index, instance.behavior, instance.recording))
-        return ConfusionSampler(TOY, DATASET.labels, FAIR).observe(instance, query, rng)
+        return sampled_percepts(TOY, DATASET.labels, FAIR).observe(instance, query, rng)
 
 
 def work(experience, o, attributes, seed, budget=BUDGET):

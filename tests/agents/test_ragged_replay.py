@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments import offline_tasks
 
@@ -23,7 +23,7 @@ def ragged():
 
 @pytest.mark.parametrize("agent", ["random_legal", "predefined_plus", "greedy"])
 def test_what_was_not_recorded_is_not_perceived(ragged, agent):
-    morc, executed = Morc(ragged, load_agent(agent), 0), 0
+    morc, executed = OfflineRunner(ragged, load_agent(agent), 0), 0
     for task in offline_tasks(ragged, 1, 6, 0):
         trial = morc.run(task)
         names = [trial.momdp.action_name(step.decision.action) for step in trial.steps]

@@ -8,14 +8,14 @@ import pytest
 from meal_bayes.trial_log import log_info
 
 ROW = [
-    "agent", "batch", "repeat", "exploration_hours", "accuracy", "accuracy_se", "test_cost_s",
-    "reward", "nll", "ece", "claimed_accuracy",
+    "agent", "repeat", "batch", "hours", "accuracy", "reward", "ece", "accuracy_se", "test_cost_s",
+    "nll", "claimed_accuracy",
 ]  # fmt: skip
 SUMMARY = [
-    "agent", "repeats", "exploration_hours", "accuracy", "reward", "pooled_ece", "ece_calibrated",
-    "hours_ratio", "hours_ratio_low", "hours_ratio_high", "accuracy_difference",
-    "accuracy_difference_se", "reward_difference", "reward_difference_se",
+    "agent", "area_hours", "area_reward_difference", "area_low", "area_high", "reward_after",
+    "reward_after_difference", "accuracy_after", "ece_after",
 ]  # fmt: skip
+VARIANTS = dict.fromkeys(("shaped_test", "sample_wise", "joint_label", "model_percepts"), False)
 SMALL = ("--batches", "2", "--trials", "4")
 
 
@@ -33,7 +33,7 @@ def test_json_is_one_object_with_every_field(run, words):
     assert result.exit_code == 0
     assert result.stdout.count("\n") == 1
     told = json.loads(result.stdout)
-    assert list(told) == ["config", "rows", "summary", "log"]
+    assert list(told) == ["config", "rows", "summary"]
     config = told["config"]
     assert config["agents"] == ["bayes", "iterative_morc"]
     assert (config["batches"], config["trials"], config["repeats"]) == (2, 4, 2)
@@ -48,22 +48,22 @@ def test_json_is_one_object_with_every_field(run, words):
         assert list(row) == ROW
         assert 0 <= row["accuracy"] <= 1
         assert 0 <= row["claimed_accuracy"] <= 1
-        assert (row["exploration_hours"] == 0) == (row["batch"] == 0)
+        assert (row["hours"] == 0) == (row["batch"] == 0)
     assert [row["agent"] for row in told["summary"]] == config["agents"]
     for row in told["summary"]:
         assert list(row) == SUMMARY
-        assert row["repeats"] == 2
-    reference = told["summary"][1]
-    assert reference["hours_ratio"] == pytest.approx(1.0)
-    assert reference["accuracy_difference"] == reference["reward_difference"] == 0
-    assert len(list(Path(told["log"]).rglob("*.mcap"))) == 2 * 2 * 5
+    reference = told["summary"][0]
+    assert reference["area_reward_difference"] == reference["reward_after_difference"] == 0
+    forms = [(p.name[3:-5], log_info(p).form) for p in Path("logs").rglob("*.mcap")]
+    assert len(forms) == 2 * 2 * 5
+    assert set(forms) == {("train", "full"), ("test", "compact")}
 
 
-def test_one_repeat_has_no_errors_of_differences(run, words):
+def test_one_repeat_has_no_interval(run, words):
     told = json.loads(run(*words, "--agent", "iterative_random_legal", "--json").stdout)
     (row,) = told["summary"]
-    assert row["hours_ratio"] is None
-    assert row["accuracy_difference_se"] is None
+    assert row["area_low"] is None
+    assert row["area_high"] is None
 
 
 def test_the_table_fits_and_names_the_log(run, words):
@@ -75,22 +75,29 @@ def test_the_table_fits_and_names_the_log(run, words):
     assert lines[1].split()[0] == "bayes"
     assert lines[2].split()[0] == "iterative_morc"
     assert lines[3].startswith("repeats: 1;")
-    assert "against iterative_morc" in result.stdout
+    assert "reward less bayes's" in result.stdout
     assert "nan" not in result.stdout
     assert "trials in logs/online-own-n1-" in result.stderr
 
 
-def test_differences_of_several_repeats_have_errors(run, words):
+def test_differences_of_several_repeats_have_intervals(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
-    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("bayes"))
-    assert row.count("±") + row.count("+-") == 2
+    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
+    assert row.count("±") + row.count("+-") == 1
     assert "nan" not in result.stdout
+
+
+def test_a_run_until_decided_ends_at_its_most_repeats(run, words):
+    same = ("--agent", "iterative_morc,morc", "--until-decided", "--repeats", "2")
+    told = json.loads(run(*words, *same, "--json").stdout)
+    assert told["config"]["repeats"] == 2
+    assert told["summary"][1]["area_low"] <= 0 <= told["summary"][1]["area_high"]
 
 
 def test_a_second_call_computes_nothing_unless_fresh(run, words):
     words = (*words, "--agent", "bayes", "--json")
     first = run(*words)
-    folder = Path(json.loads(first.stdout)["log"])
+    (folder,) = Path("logs").iterdir()
     stamps = {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")}
     again = run(*words)
     assert again.stdout == first.stdout
@@ -106,27 +113,26 @@ def test_options_reach_the_run(run, words):
     options = (
         "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--feedback",
         "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--published",
-        "sample_wise, joint_label", "--seed", "9", "--log", "compact", "--agent", "morc_itrs",
+        "sample_wise, joint_label", "--seed", "9", "--log", "full", "--agent", "morc_itrs",
+        "--normalizer", "all",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)
     config = told["config"]
     expected = {
         "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
         "error": 0.1, "success": [["lift", 0.5]], "learn_success": True,
-        "published": ["sample_wise", "joint_label"], "seed": 9, "log": "compact",
+        "published": VARIANTS | {"sample_wise": True, "joint_label": True}, "seed": 9,
+        "log": "full", "normalizer": "all",
         "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
-    logs = Path(told["log"]).rglob("*.mcap")
-    forms = {path.name.partition("-")[2]: log_info(path).form for path in logs}
-    assert forms == {"train.mcap": "full", "test.mcap": "compact"}
+    logs = [*Path("logs").rglob("*.mcap")]
+    assert {log_info(path).form for path in logs} == {"full"}
 
 
 def test_all_published_variants_at_once(run, words):
     told = json.loads(run(*words, "--published", "all", "--agent", "morc_itrs", "--json").stdout)
-    assert told["config"]["published"] == [
-        "shaped_test", "sample_wise", "joint_label", "model_percepts",
-    ]  # fmt: skip
+    assert told["config"]["published"] == dict.fromkeys(VARIANTS, True)
 
 
 @pytest.mark.parametrize(

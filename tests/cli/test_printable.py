@@ -6,7 +6,7 @@ from importlib import import_module
 
 import pytest
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.cli.console import note, output
 from meal_bayes.cli.narration import print_trial
 from meal_bayes.datasets.percepts import PerceptTable
@@ -27,7 +27,7 @@ def strange(table):
     objects = (f"red_mug{ESCAPE}", *table.objects[1:])
     fields = {f.name: getattr(table, f.name) for f in dataclasses.fields(PerceptTable)}
     made = PerceptTable(**{**fields, "objects": objects})
-    morc = Morc(made, load_agent("greedy"), seed=0)
+    morc = OfflineRunner(made, load_agent("greedy"), seed=0)
     tasks = offline_tasks(made, 1, 20, 0)
     task = next(task for task in tasks if task.object_index == 0)
     return made, morc.run(task)

@@ -9,135 +9,172 @@ import pytest
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import (
     curves_of,
-    hours_to,
+    decided,
+    difference_at,
     learning_rows,
+    mean_until,
     pooled_ece,
+    success_difference,
+    successes_within,
     summarize_learning,
 )
 from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
 TRIALS = 200
-ROW = {
-    "agent", "batch", "repeat", "exploration_hours", "accuracy", "accuracy_se", "test_cost_s",
-    "reward", "nll", "ece", "claimed_accuracy",
-}  # fmt: skip
+RISING = (0.5, 0.6, 0.7, 0.8, 0.8, 0.8)
+ROW = [
+    "agent", "repeat", "batch", "hours", "accuracy", "reward", "ece", "accuracy_se", "test_cost_s",
+    "nll", "claimed_accuracy",
+]  # fmt: skip
+SUMMARY = [
+    "agent", "area_hours", "area_reward_difference", "area_low", "area_high", "reward_after",
+    "reward_after_difference", "accuracy_after", "ece_after",
+]  # fmt: skip
 
 
-def outcomes_of(success, belief, *, cost=10.0, objects=20):
-    """Trials that all report "true"; it is right in those of `success`, (n,)."""
-    k = np.arange(len(success))
-    none = np.zeros((len(k), 0), int)
+def outcomes_of(success, *, cost=10.0, positive=0.8, objects=20):
+    """Trials about one attribute that is said to be true; success (n,) is its truth."""
+    right = np.asarray(success, bool)
+    n = len(right)
+    k = np.arange(n)
+    column, ones = np.full((n, 1), "red", object), np.ones((n, 1))
     return TrialOutcomes(
-        behaviors=(), agent=["bayes"] * len(k), key=k.astype(str), object_index=k % objects,
-        object_name=(k % objects).astype(str), attribute=[["red"]] * len(k),
-        truth=np.reshape(success, (-1, 1)), report=np.ones((len(k), 1)),
-        positive=np.broadcast_to(np.reshape(belief, (-1, 1)), (len(k), 1)),
-        cost=np.full(len(k), cost), reward=np.where(success, 300.0, -300.0) - cost,
-        ended=[""] * len(k), steps=np.ones(len(k)), executed=none, failed=none,
+        behaviors=(), agent=np.full(n, "some", object), key=np.array([f"[{i}]" for i in k], object),
+        object_index=k % objects, object_name=np.array([f"o{i}" for i in k % objects], object),
+        attribute=column, truth=right[:, None].astype(np.int8), report=ones.astype(np.int8),
+        positive=np.broadcast_to(positive, n)[:, None] * ones, cost=np.broadcast_to(cost, n) * 1.0,
+        reward=np.where(right, 300.0, -300.0) - cost, ended=np.full(n, "", object),
+        steps=np.ones(n, int), executed=np.zeros((n, 0), int), failed=np.zeros((n, 0), int),
     )  # fmt: skip
 
 
-def trials_of(accuracy, *, belief=0.8, **options):
-    """Trials of which exactly this fraction is right; the belief in yes is the same in all."""
-    return outcomes_of(np.arange(TRIALS) < round(accuracy * TRIALS), belief, **options)
+def share(accuracy, **options):
+    """Trials of which exactly this share is right."""
+    return outcomes_of(np.arange(TRIALS) < round(accuracy * TRIALS), **options)
 
 
 def curve(agent, accuracies, *, hours=1.0, repeats=3, **options):
-    """A curve of one point every so many hours, the same in every repeat."""
+    """Return a curve of one point every so many hours, the same in every repeat."""
     return [
-        BatchOutcomes(agent, repeat, batch, batch * hours, trials_of(accuracy, **options))
+        BatchOutcomes(agent, repeat, batch, batch * hours, share(accuracy, **options))
         for repeat in range(repeats)
         for batch, accuracy in enumerate(accuracies)
     ]
 
 
-RISING = (0.5, 0.6, 0.7, 0.8, 0.8, 0.8)
-
-
 @pytest.mark.parametrize(
-    ("hours", "accuracy", "level", "expected"),
+    ("hours", "values", "end", "expected"),
     [
-        ([0, 1, 2], [0.5, 0.7, 0.9], 0.6, 0.5),
-        ([0, 1, 2], [0.5, 0.7, 0.9], 0.9, 2.0),
-        ([0, 1, 2], [0.5, 0.7, 0.9], 0.91, math.inf),
-        ([0, 1, 2], [0.5, 0.7, 0.9], 0.4, 0.0),
-        ([0, 2, 4, 6], [0.4, 0.8, 0.6, 0.9], 0.7, 2.0),  # 0.8, 0.6 become 0.7, 0.7
-        ([0, 2, 4, 6], [0.4, 0.8, 0.6, 0.9], 0.8, 5.0),
-        ([0, 1, 3], [0.5, 0.5, 0.9], 0.7, 2.0),
+        ([0, 1, 2], [0, 2, 4], 2.0, 2.0),
+        ([0, 1, 2], [0, 2, 4], 1.5, 1.5),
+        ([0, 1], [0, 2], 3.0, (1 + 2 * 2) / 3),  # who explored less stays where it was
+        ([0, 0.5, 3], [1, 2, 2], 1.0, (0.75 + 1.0)),
+        ([0, 1], [7, 9], 0.0, 7.0),
+        ([0, 0, 0], [7, 7, 7], 2.0, 7.0),
     ],
 )
-def test_hours_to_a_level(hours, accuracy, level, expected):
-    found = hours_to(np.array(hours, float), np.array(accuracy), level)
+def test_the_mean_of_a_curve_over_its_first_hours(hours, values, end, expected):
+    found = mean_until(np.array(hours, float), np.array(values, float), end)
     assert found == pytest.approx(expected)
 
 
 class TestSummary:
-    @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0, 5.0])
-    def test_a_faster_agent_has_the_ratio_of_its_speed(self, speed):
-        results = [
-            *curve("iterative_morc", RISING),
-            *curve("bayes", RISING, hours=1 / speed, cost=8.0),
-        ]
-        base, bayes = summarize_learning(results)
-        assert bayes.hours_ratio == pytest.approx(speed)
-        assert (bayes.hours_ratio_low, bayes.hours_ratio_high) == pytest.approx((speed, speed))
-        assert base.hours_ratio == pytest.approx(1.0)
-        assert bayes.exploration_hours == pytest.approx(5 / speed)
-        assert bayes.accuracy_difference == pytest.approx(0.0)
-        assert bayes.reward_difference == pytest.approx(2.0)
-        assert bayes.reward_difference_se == pytest.approx(0.0, abs=1e-9)
+    def test_a_faster_agent_has_the_area_between_the_curves(self):
+        line = (0.5, 0.6, 0.7, 0.8)  # 600 of reward for all, over 3 hours
+        base, bayes = summarize_learning([*curve("slow", line), *curve("fast", line, hours=0.5)])
+        assert base.area_hours == bayes.area_hours == pytest.approx(3.0)
+        # over the first 1.5 hours from 0 to 90 ahead, over the rest from 90 to 0: 45 in the mean
+        assert bayes.area_reward_difference == pytest.approx(45.0)
+        assert (bayes.area_low, bayes.area_high) == pytest.approx((45.0, 45.0))
+        assert bayes.reward_after_difference == pytest.approx(0.0)
+        assert base.area_reward_difference == base.reward_after_difference == 0
 
-    def test_who_never_gets_there_has_ratio_0(self):
-        results = [*curve("iterative_morc", RISING), *curve("poor", (0.5,) * 6)]
-        assert summarize_learning(results)[1].hours_ratio == 0.0
-
-    def test_who_needs_no_training_is_faster_by_far_and_the_reference_is_itself(self):
-        results = [*curve("iterative_morc", RISING), *curve("born_wise", (0.9,) * 6)]
-        assert summarize_learning(results)[1].hours_ratio >= 1000
-        flat = summarize_learning(curve("iterative_morc", (0.8,) * 6))
-        assert flat[0].hours_ratio == 1.0
+    def test_the_first_agent_is_the_reference_unless_another_is_named(self):
+        results = [*curve("one", RISING), *curve("other", RISING, cost=8.0)]
+        assert [r.area_reward_difference for r in summarize_learning(results)] == [0, 2]
+        named = summarize_learning(results, reference="other")
+        assert [row.area_reward_difference for row in named] == [-2, 0]
 
     def test_differences_are_paired_by_repeat(self):
         results = [
-            BatchOutcomes(agent, repeat, batch, batch, trials_of(0.5 + 0.1 * repeat + more))
+            BatchOutcomes(agent, repeat, batch, batch, share(0.5 + 0.1 * repeat + more))
             for agent, more in (("iterative_morc", 0.0), ("bayes", 0.05))
             for repeat in range(4)
             for batch in range(4)
         ]
         bayes = summarize_learning(results)[1]
-        assert bayes.accuracy_difference == pytest.approx(0.05)
-        assert bayes.accuracy_difference_se == pytest.approx(0.0, abs=1e-9)
-        assert bayes.reward_difference == pytest.approx(0.05 * 600)
+        assert bayes.area_reward_difference == pytest.approx(30)
+        assert (bayes.area_low, bayes.area_high) == pytest.approx((30, 30))
+        assert bayes.accuracy_after == pytest.approx(0.7)
+
+    def test_the_interval_is_student_s_at_90_percent(self):
+        gains = np.array([0.0, 0.05, 0.1])
+        results = [
+            BatchOutcomes(agent, repeat, batch, batch, share(0.5 + gain))
+            for agent, by in (("iterative_morc", 0 * gains), ("bayes", gains))
+            for repeat, gain in enumerate(by)
+            for batch in range(3)
+        ]
+        bayes = summarize_learning(results)[1]
+        reach = 2.920 * 30 / math.sqrt(3)  # t of two degrees, differences of 0, 30, 60
+        assert bayes.area_high - bayes.area_low == pytest.approx(2 * reach, rel=1e-3)
 
     def test_only_shared_repeats_are_compared(self):
         base = curve("iterative_morc", RISING, repeats=2)
         more = [
-            *curve("bayes", RISING, hours=0.5, repeats=2),
+            *curve("bayes", RISING, repeats=2, cost=8.0),
             *(b._replace(repeat=7) for b in curve("bayes", (0.5,) * 6, repeats=1)),
         ]
         bayes = summarize_learning([*base, *more])[1]
-        assert bayes.repeats == 3
-        assert bayes.hours_ratio == pytest.approx(2.0)
-        assert bayes.accuracy == pytest.approx((0.8 + 0.8 + 0.5) / 3)
+        assert bayes.area_reward_difference == bayes.reward_after_difference == pytest.approx(2)
+        assert bayes.accuracy_after == pytest.approx((0.8 + 0.8 + 0.5) / 3)
 
-    def test_without_the_reference_nothing_is_compared(self):
-        (row,) = summarize_learning(curve("bayes", RISING))
-        assert math.isnan(row.hours_ratio)
-        assert row.as_dict()["hours_ratio"] is None
-        assert row.accuracy == pytest.approx(0.8)
-
-    def test_torn_curves_are_refused(self):
+    def test_curves_that_cannot_be_compared_are_refused(self):
         with pytest.raises(SettingsError, match="No whole learning curve of 'bayes'"):
             curves_of(curve("bayes", RISING)[:-1], "bayes")
         with pytest.raises(SettingsError, match="No whole learning curve of 'nobody'"):
             curves_of(curve("bayes", RISING), "nobody")
+        other = [b._replace(repeat=b.repeat + 5) for b in curve("morc", RISING)]
+        with pytest.raises(SettingsError, match="No repeat is of both agents"):
+            summarize_learning([*curve("bayes", RISING), *other])
+
+
+def test_rewards_at_budgets_are_read_off_the_curves():
+    base, fast = curves_of(curve("slow", RISING), "slow"), curves_of(
+        curve("fast", RISING, hours=0.5), "fast"
+    )  # fmt: skip
+    assert difference_at(fast, base, 0.0).estimate == pytest.approx(0.0)
+    assert difference_at(fast, base, 1.0).estimate == pytest.approx(60.0)
+    assert difference_at(fast, base, 9.0).estimate == pytest.approx(0.0)
+
+
+def test_a_run_is_decided_when_every_interval_excludes_0():
+    better, same = curve("better", (0.9,) * 6), curve("same", RISING)
+    assert decided([*curve("base", RISING), *better])
+    assert not decided([*curve("base", RISING), *better, *same])
+    assert not decided([*curve("base", RISING, repeats=1), *curve("b", (0.9,) * 6, repeats=1)])
+
+
+class TestSuccesses:
+    def test_they_are_counted_until_the_budget_is_spent(self):
+        some = outcomes_of([True, False, True, True], cost=10.0)
+        counts = [successes_within(some, budget) for budget in (0, 9.9, 10, 30, 35, 40, 1e9)]
+        assert counts == [0, 0, 1, 2, 2, 3, 3]
+
+    def test_they_are_compared_repeat_by_repeat(self):
+        training = {
+            "cheap": [outcomes_of([True] * 8, cost=cost) for cost in (10.0, 20.0)],
+            "dear": [outcomes_of([True] * 8, cost=cost) for cost in (20.0, 40.0)],
+        }
+        found = success_difference(training.__getitem__, "cheap", "dear", 80.0)
+        assert found.estimate == pytest.approx(((8 - 4) + (4 - 2)) / 2)
 
 
 def test_rows_measure_each_batch():
-    rows = learning_rows(curve("bayes", (0.5, 0.75), repeats=2, belief=0.75))
+    rows = learning_rows(curve("bayes", (0.5, 0.75), repeats=2, positive=0.75))
     assert [(row.repeat, row.batch) for row in rows] == [(0, 0), (0, 1), (1, 0), (1, 1)]
     last = rows[1]
-    assert (last.exploration_hours, last.accuracy, last.test_cost_s) == (1.0, 0.75, 10.0)
+    assert (last.hours, last.accuracy, last.test_cost_s) == (1.0, 0.75, 10.0)
     assert last.reward == pytest.approx(300 * 0.75 - 300 * 0.25 - 10)
     assert last.claimed_accuracy == pytest.approx(0.75)
     assert last.ece == pytest.approx(0.0, abs=1e-9)  # three quarters are true
@@ -146,17 +183,15 @@ def test_rows_measure_each_batch():
 
 
 def test_all_fields_are_plain_json():
-    results = curve("bayes", (0.5, 0.8), repeats=1, objects=1)  # no errors, no comparison
+    results = curve("bayes", (0.5, 0.8), repeats=1, objects=1)  # no errors, no interval
     for row in learning_rows(results):
         told = json.loads(json.dumps(row.as_dict(), allow_nan=False))
-        assert set(told) == ROW
+        assert list(told) == ROW
         assert told["accuracy_se"] is None
-    (summary,) = summarize_learning([*results])
+    (summary,) = summarize_learning(results)
     told = json.loads(json.dumps(summary.as_dict(), allow_nan=False))
-    assert {name for name, value in told.items() if value is None} == {
-        "hours_ratio", "hours_ratio_low", "hours_ratio_high", "accuracy_difference",
-        "accuracy_difference_se", "reward_difference", "reward_difference_se",
-    }  # fmt: skip
+    assert list(told) == SUMMARY
+    assert {name for name, value in told.items() if value is None} == {"area_low", "area_high"}
 
 
 @pytest.mark.statistical
@@ -166,10 +201,9 @@ def test_pooled_ece_shows_miscalibration_only(wrong_by, excess):
     results = []
     for repeat in range(10):
         belief = rng.uniform(0.25, 0.75, TRIALS)
-        found = outcomes_of(rng.random(TRIALS) < belief + wrong_by, belief)
-        results += [BatchOutcomes("bayes", repeat, batch, batch, found) for batch in (8, 9, 10)]
-        worst = trials_of(0.0, belief=1.0)
-        results.append(BatchOutcomes("bayes", repeat, 7, 7, worst))  # too early to count
+        trials = outcomes_of(rng.random(TRIALS) < belief + wrong_by, positive=belief)
+        results += [BatchOutcomes("bayes", repeat, batch, batch, trials) for batch in (8, 9, 10)]
+        results.append(BatchOutcomes("bayes", repeat, 7, 7, share(0.0, positive=1.0)))  # too early
     error, calibrated = pooled_ece(results)
     assert 0 < calibrated < 0.05
     assert error - calibrated == pytest.approx(excess, abs=0.05)

@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
 from meal_bayes.trial_log import read_header, read_trials
@@ -38,7 +38,7 @@ class TestAFinishedRun:
                 np.testing.assert_array_equal(trial.truth, truth)
 
     def test_trials_are_those_of_morc(self, finished, roc36):
-        morc = Morc(roc36, load_agent("predefined_plus"), 3)
+        morc = OfflineRunner(roc36, load_agent("predefined_plus"), 3)
         (path,) = (p for p in finished.paths if p.match("predefined_plus/unit-0001.mcap"))
         for trial in read_trials(path):
             expected = morc.run(trial.task)
@@ -179,7 +179,7 @@ def test_changed_code_uses_another_folder(tmp_path, monkeypatch):
 
 def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
     config = OfflineConfig("roc36", 2, 20, ("random",))
-    run, calls = Morc.run, []
+    run, calls = OfflineRunner.run, []
 
     def failing(self, task, **options):
         calls.append(task)
@@ -187,12 +187,12 @@ def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
             raise RuntimeError("the power went")
         return run(self, task, **options)
 
-    monkeypatch.setattr(Morc, "run", failing)
+    monkeypatch.setattr(OfflineRunner, "run", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_offline(config, logs=tmp_path)
     assert not list(tmp_path.rglob("*.mcap"))
     assert len(list(tmp_path.rglob("*.mcap.active"))) == 1
-    monkeypatch.setattr(Morc, "run", run)
+    monkeypatch.setattr(OfflineRunner, "run", run)
     assert len(list(run_offline(config, logs=tmp_path).trials())) == 20
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner, PublishedVariants
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
@@ -25,10 +25,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 KILLED = """
 import os, signal, sys
-from meal_bayes.agents import MorcItrs
+from meal_bayes.agents import OnlineLearner
 from meal_bayes.experiments import OnlineConfig, run_online
 
-train, done = MorcItrs.train, 0
+train, done = OnlineLearner.train, 0
 
 def train_until(self, task):
     global done
@@ -37,9 +37,9 @@ def train_until(self, task):
         os.kill(os.getpid(), signal.SIGKILL)
     return train(self, task)
 
-MorcItrs.train = train_until
+OnlineLearner.train = train_until
 config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
-                      agents=("iterative_random_legal", "bayes_memory"))
+                      agents=("iterative_random_legal", "bayes_memory"), log="full")
 run_online(config, logs=sys.argv[3])
 """
 
@@ -66,7 +66,7 @@ def same(left, right):
 def config(own_data):
     return OnlineConfig(
         str(own_data), root=str(own_data.parent), batches=2, trials=5, repeats=2, seed=3,
-        agents=AGENTS,
+        agents=AGENTS, log="full",
     )  # fmt: skip
 
 
@@ -177,7 +177,7 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
 
 @pytest.mark.parametrize("stop", [1, 8, 20])
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
-    train, calls = MorcItrs.train, []
+    train, calls = OnlineLearner.train, []
 
     def failing(self, task):
         calls.append(task)
@@ -185,10 +185,10 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
             raise RuntimeError("the power went")
         return train(self, task)
 
-    monkeypatch.setattr(MorcItrs, "train", failing)
+    monkeypatch.setattr(OnlineLearner, "train", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_online(config, logs=tmp_path)
-    monkeypatch.setattr(MorcItrs, "train", train)
+    monkeypatch.setattr(OnlineLearner, "train", train)
     assert len(contents(tmp_path)) < len(whole)
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
@@ -262,7 +262,8 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
-        {"published": ("joint_label",)}, {"trials": 4},
+        {"published": PublishedVariants(joint_label=True)},
+        {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
     for change in changes:
@@ -272,6 +273,20 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
         assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
         assert {trial.momdp.correct for trial in trials} == {change.get("reward", 100.0)}
     assert len(folders) == len(changes)
+
+
+def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
+    agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
+    run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)
+    morc, taught, own = (run.training(agent) for agent in agents)
+    for one, other in zip(morc, taught, strict=True):
+        np.testing.assert_array_equal(one.executed, other.executed)
+        np.testing.assert_array_equal(one.cost, other.cost)
+        assert set(other.agent) == {"iterative_morc_bayes"}
+    first = [r.outcomes.positive for r in run.results() if (r.batch, r.repeat) == (0, 0)]
+    np.testing.assert_array_equal(first[1], first[2])  # bayes' belief of what was known before
+    assert (first[0] != first[1]).any()
+    assert any((a.cost != b.cost).any() for a, b in zip(taught, own, strict=True))
 
 
 def test_curious_agents_take_their_weights(config, tmp_path):
@@ -301,7 +316,7 @@ def test_curious_agents_take_their_weights(config, tmp_path):
         ({"log": "some"}, "log 'some'"),
         ({"answers": "verdikt"}, "did you mean 'verdict'"),
         ({"error": 1.5}, "give 0 to below 1"),
-        ({"published": ("shaped",)}, "published variant 'shaped'"),
+        ({"normalizer": "papre"}, "did you mean 'paper'"),
         ({"alpha": -1.0}, "alpha"),
         ({"beta": float("nan")}, "beta"),
         ({"horizon": 0}, "horizon"),

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from meal_bayes.agents import Morc, load_agent
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
@@ -36,7 +36,7 @@ def test_a_table_of_ones_own_is_an_environment():
 def test_an_agent_scores_what_an_offline_run_says(name, agent):
     env = MealEnv(ENVIRONMENTS[name]["dataset"], agent=agent, seed=3, trials=12)
     table = load_percepts(ENVIRONMENTS[name]["dataset"])
-    morc = Morc(table, load_agent(agent), 3)
+    morc = OfflineRunner(table, load_agent(agent), 3)
     for index, task in enumerate(offline_tasks(table, 2, 12, 3)):
         env.reset(options={"task": index})
         total, done = 0.0, False

@@ -1,5 +1,6 @@
 """A learner comes back as it was; a file that is none is one clear error."""
 
+import io
 import json
 import zipfile
 
@@ -61,6 +62,23 @@ def test_everything_comes_back(taught, saved, agent, make):
     again.refit()
     again.forget(trials[0])
     assert len(again.lessons) == 1
+
+
+def test_nothing_is_fitted_again(saved, agent, monkeypatch):
+    def fit(*arguments, **options):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr("meal_bayes.learner.fitted.fit_and_validate", fit)
+    assert len(Learner.load(saved, agent=agent, logs=None).lessons) == 3
+
+
+def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
+    own = make.learner(dataset).knowledge().posterior
+    agent = make.agent("look", **make.ours)
+    make.learner(dataset, agent, posterior=own).save(tmp_path / "own.mind")
+    again = Learner.load(tmp_path / "own.mind", agent=agent, logs=None)
+    np.testing.assert_array_equal(again.posterior.concentration, own.concentration)
+    np.testing.assert_array_equal(again.knowledge().posterior.dispersion, own.dispersion)
 
 
 def test_a_percept_table_comes_back(tmp_path):
@@ -125,7 +143,35 @@ def text(**changes):
     return change
 
 
-PERCEPT = {"behavior": "look", "levels": [0, 9], "row": 0}
+def lesson(percept=(), more=0):
+    """Change the first percept of the first lesson, or its levels."""
+
+    def change(members):
+        meta = json.loads(members["learner.json"])
+        first = meta["lessons"][0]
+        first["percepts"][0].update(percept)
+        name, buffer = f"fitted/{first['levels']}.npy", io.BytesIO()
+        np.save(buffer, np.load(io.BytesIO(members[name])) + np.int8(more))
+        members.update({"learner.json": json.dumps(meta).encode(), name: buffer.getvalue()})
+
+    return change
+
+
+def state(edit):
+    """Change what was fitted."""
+
+    def change(members):
+        meta = json.loads(members["learner.json"])
+        edit(meta["state"]["table"])
+        members["learner.json"] = json.dumps(meta).encode()
+
+    return change
+
+
+def row(**entry):
+    return state(lambda found: found["rows"]["table"].update({"x": entry}))
+
+
 HOSTILE = {
     "format": text(format=99),
     "no format": text(format=None),
@@ -138,13 +184,17 @@ HOSTILE = {
     "reward": text(reward=[1]),
     "lessons": text(lessons=7),
     "a lesson": text(lessons=[{}]),
-    "a level too high": text(
-        lessons=[{"key": [1], "object": "a", "values": {}, "refitted": 0, "percepts": [PERCEPT]}]
-    ),
-    "a row that is not there": text(
-        lessons=[{"key": [1], "object": "a", "values": {"red": True}, "refitted": True,
-                  "percepts": [{**PERCEPT, "levels": [0, 0], "row": 99}]}]
-    ),
+    "a level too high": lesson(more=9),
+    "a row that is not there": lesson({"row": 99}),
+    "a behavior that is not there": lesson({"behavior": "fly"}),
+    "another class": state(lambda found: found["perception"].update({"class": "system"})),
+    "no perception": state(lambda found: found.pop("perception")),
+    "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),
+    "text for perception": state(lambda found: found.update({"perception": "x"})),
+    "text for counts": state(lambda found: found["rows"].update({"table": {"x": "y"}})),
+    "an array of objects": row(array="1", dtype="|O", axes=1),
+    "an array that is not there": row(array="../labels", dtype="|i1", axes=2),
+    "labels for counts": row(array="1", dtype="|i1", axes=2),
     "nested": lambda members: members.update({"learner.json": b"[" * 100_000}),
     "no text": lambda members: members.pop("learner.json"),
     "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),

@@ -144,6 +144,12 @@ def test_arrays_cannot_be_written_to():
         ({"precision": 0.0}, "precision must be above 0"),
         ({"discount": 0.0}, "Need 0 < discount <= 1"),
         ({"correct": -9, "incorrect": 9}, "correct >= incorrect"),
+        ({"correct": np.inf}, "correct must be finite"),
+        ({"incorrect": -np.inf}, "incorrect must be finite"),
+        ({"incorrect": np.nan}, "incorrect must be finite"),
+        ({"limit": -1}, "0 or more"),
+        ({"limit": np.nan}, "0 or more"),
+        ({"counts": np.full((2, 3, 2, 2), np.nan)}, "counts must be finite"),
         ({"levels": 3}, "an even number"),
     ],
 )
@@ -165,3 +171,13 @@ def test_settings_out_of_range_are_refused(options, says):
 def test_confusion_that_is_none_is_refused(confusion, says):
     with pytest.raises(SettingsError, match=says):
         build_momdp(load_domain("toy"), Query(("red", "heavy")), confusion)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("cost", np.inf), ("cost", np.nan), ("cost", -1.0), ("bonus", np.inf), ("informative", 1.5)],
+)
+def test_arrays_out_of_range_are_refused(name, value):
+    momdp = uninformed("toy", 2)
+    with pytest.raises(SettingsError, match=f"MOMDP.{name}"):
+        replace(momdp, **{name: np.full_like(getattr(momdp, name), value)})

@@ -6,11 +6,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
+import pytest
+
 import meal_bayes
+from meal_bayes.cli.reproduce import find_package
 from meal_bayes.planners import POMCP, warm_up
+from paper_repro import frame
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPTS = ROOT / "paper_repro"
+FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
 NEED_RECORDINGS = {"table2", "table4", "fig10", "fig11", "fig12"}
 
@@ -26,14 +31,14 @@ def reproduce(*arguments, cwd=ROOT, **variables):
     )  # fmt: skip
 
 
-def test_all_items_quickly(scripts, tmp_path):
-    before = {path: path.stat().st_mtime_ns for path in SCRIPTS.rglob("*") if path.is_file()}
+def test_all_items_quickly(tmp_path):
+    before = {path: path.stat().st_mtime_ns for path in FOLDER.rglob("*.[jmp]*") if path.is_file()}
     warm_up(POMCP())  # the first run on a machine does, in half a minute
     done = reproduce("all", "--quick", "--json", "--jobs", 2, "--logs", tmp_path)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     found = {one["item"]: one for one in told["items"]}
-    assert {*found, *told["skipped"]} == set(scripts.reproduction.ITEMS)
+    assert {*found, *told["skipped"]} == set(frame.items())
     assert set(told["skipped"]) <= NEED_RECORDINGS
     if "MEAL_BAYES_DATA_URL" in os.environ:
         assert not told["skipped"]
@@ -49,23 +54,37 @@ def test_all_items_quickly(scripts, tmp_path):
     assert json.loads(again.stdout) == told  # from the logs
 
 
-def test_a_script_runs_alone(tmp_path):
-    done = subprocess.run(
-        [sys.executable, str(SCRIPTS / "table5.py"), "--quick", "--logs", str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": str(PACKAGE)}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert "| shake | no | 0.060 | 0.059 |" in done.stdout
-
-
-def test_without_scripts_one_line_says_where_they_are(tmp_path):
+def test_without_the_items_one_line_says_where_they_are(tmp_path):
     done = reproduce("table5", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "--scripts" in done.stderr
     assert "checkout" in done.stderr
-    done = reproduce("table5", "--quick", "--scripts", SCRIPTS, cwd=tmp_path)
+    done = reproduce("table5", "--quick", "--scripts", FOLDER, cwd=tmp_path)
     assert done.returncode == 0
-    assert "reproduced: 7 of 7" in done.stdout
+    assert "reproduced (2 stand, 5 by construction)" in done.stdout
+    assert "| shake | no | 0.060 | 0.059 |" in done.stdout
+
+
+def test_the_items_are_found_here_and_above(tmp_path, monkeypatch):
+    monkeypatch.chdir(FOLDER / "items")
+    assert find_package(None) == FOLDER
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(click.UsageError, match="source code"):
+        find_package(None)
+    (tmp_path / "paper_repro").mkdir()  # a folder of that name is not enough
+    with pytest.raises(click.UsageError):
+        find_package(None)
+
+
+def test_online_items_that_are_not_run_say_so(tmp_path):
+    done = reproduce("fig10", "--repeats", 0, "--quick", "--json", "--logs", tmp_path)
+    assert done.returncode == 0, done.stderr
+    (found,) = json.loads(done.stdout)["items"]
+    assert found["verdict"] == "not run"
+    assert found["statements"]
+    for one in found["statements"]:
+        assert (one["recorded"], one["published"], one["repeats"]) == (None, None, 0)
 
 
 def test_missing_recordings_are_told_in_a_line(tmp_path):

@@ -11,11 +11,11 @@ from meal_bayes.domain import Query
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    FittedPercepts,
     Kernels,
     cross_validate,
     fit_and_score,
     fit_and_validate,
+    scored_percepts,
 )
 
 BOTH = Query(("red", "heavy"))
@@ -42,7 +42,7 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels, s
     objects = np.array([2, 9, 11])
     log_odds, counts = fit_and_score(kernels, training_set, objects, settings=settings)
     np.testing.assert_array_equal(counts.counts, expected.counts)
-    percepts = FittedPercepts(dataset.domain, dataset.labels, log_odds, levels)
+    percepts = scored_percepts(dataset.domain, dataset.labels, log_odds, levels)
     for o in objects.tolist():
         for behavior in ("look", "lift"):
             for r in range(dataset.recordings):

@@ -12,8 +12,8 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    RecordedPercepts,
     build_percept_table,
+    recorded_percepts,
     with_classifier,
 )
 from meal_bayes.perception.leave_out import each_group, kernel_problem
@@ -128,8 +128,8 @@ def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
     assert np.isnan(part.log_odds[..., 0]).all()
     assert np.isnan(part.log_odds[0]).all()
     assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == held
-    with pytest.raises(SettingsError, match=r"holds nothing on \['red'\]"):
-        RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
+    with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'look'"):
+        recorded_percepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
 
 
 def test_names_that_do_not_exist_are_refused(make):

@@ -73,7 +73,7 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
     first = POMCP(0, paid=1).solve(with_bonus(momdp, [30.0, 60.0, 0.0]), None)
     now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0])
-    again, belief = first.with_rewards_of(now), initial_belief(now)
+    again, belief = first.sharing_plans(now), initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
         found = again.decide(History(belief), np.random.default_rng(0))
         values = values_of(compile_momdp(now, 1), first.plans, belief)
@@ -82,6 +82,18 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
         np.testing.assert_allclose(found.values[:2], expected)
         belief = update_belief(belief, now, Transition(0, 0, np.array(observation, np.int8)))
     assert first.momdp.bonus[0, 1, 0] == 60.0  # the policy itself is as it was
+
+
+def test_shared_plans_are_judged_by_the_percepts_of_the_new_problem(small):
+    momdp = small.momdp("toy", small.rates, limit=4)
+    first = POMCP(0).solve(momdp, None)
+    same = first.sharing_plans(momdp).plans
+    np.testing.assert_array_equal(same.table[same.row], first.plans.table[first.plans.row])
+    blind = small.momdp("toy", {"red": {"look": (0.5, 0.5)}}, limit=4)
+    shared = first.sharing_plans(blind).plans
+    np.testing.assert_array_equal(shared.uses, first.plans.uses)
+    stop = shared.table[shared.row[:, 0]]  # whatever is executed, an even rule errs by a half
+    np.testing.assert_allclose(stop.mean(axis=2), 0.5)
 
 
 def test_a_bonus_that_is_worth_its_cost_is_fetched(small):

@@ -16,7 +16,7 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.open_loop.errors import OUTCOMES
-from meal_bayes.planners.open_loop.library import Candidates, _tabulated, diagram_of
+from meal_bayes.planners.open_loop.library import _tabulated, diagram_of
 from meal_bayes.planners.pomcp import POMCPPolicy
 
 PROBLEMS = {
@@ -196,7 +196,8 @@ class TestWithoutThese:
         simple = diagram_of(policy.problem.dynamics).simple
         single = simple.take(np.flatnonzero(simple.path[:, 1] < 0))
         plans = _tabulated(policy.problem, single, OUTCOMES)
-        blind = POMCPPolicy(momdp, policy.settings, plans)
+        blind = POMCPPolicy(momdp, policy.settings)
+        blind.plans = plans
         start, look = History(initial_belief(momdp)), momdp.behavior_names.index("look")
         seeing, unseeing = (p.decide(start, np.random.default_rng(1)) for p in (policy, blind))
         assert seeing.action == look
@@ -229,11 +230,8 @@ def test_latent_classes_that_truths_share_are_worth_what_split_ones_are(small):
     twice = {"confusion": (1, 1, 2, 1), "precision": (1, 1, 2)}
     halves = {name: np.tile(getattr(momdp, name), times) for name, times in twice.items()}
     problems = momdp, replace(momdp, kinds=small.split(momdp.kinds), **halves)
-    shared, split = (POMCP(200).solve(problem, np.random.default_rng(0)) for problem in problems)
-    plans = shared.plans
-    start = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
-    same = Candidates(start, plans.uses, plans.plan, plans.uses, plans.executions)  # no paths
-    split = POMCPPolicy(problems[1], split.settings, _tabulated(split.problem, same, OUTCOMES))
+    shared = POMCP(200).solve(momdp, np.random.default_rng(0))
+    split = shared.sharing_plans(problems[1])
     steps = (0, np.array([3, 0])), (1, np.array([2, 2])), (0, np.array([0, 1]))
     beliefs = [initial_belief(problem) for problem in problems]
     for action, percept in steps:

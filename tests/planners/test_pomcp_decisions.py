@@ -13,6 +13,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.pomcp.search import search
 
 
 def same(one, other):
@@ -125,6 +126,16 @@ def test_a_full_tree_ends_the_search(small, toy):
     assert decision.visits.sum() == decision.simulations
 
 
+def test_a_full_tree_keeps_a_node_free(small):
+    """A sampled percept is written to it: past the end it would be anyone's memory."""
+    momdp, options = small.ispy32(6), np.array([0.0, 0.0])
+    for capacity in range(1, 130, 3):
+        policy = POMCP(simulations=200, capacity=capacity).solve(momdp, np.random.default_rng(0))
+        tree, leaf, sampled = policy._prepare(initial_belief(momdp))
+        search(policy.problem, leaf, tree, sampled, 200, options, np.random.default_rng(1))
+        assert 1 < tree.size[0] < len(tree.node)
+
+
 def test_visits_and_the_logged_tree(small, toy):
     decision = small.search(toy, 400)
     assert decision.visits.sum() == decision.simulations == 400
@@ -175,6 +186,7 @@ import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.pomcp.search import search
 from meal_bayes.planners.open_loop import growth, library, policy, values
 from meal_bayes.planners.pomcp import leaf, policy as search
 

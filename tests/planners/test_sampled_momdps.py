@@ -10,9 +10,19 @@ from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners import Factored, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.pomcp.sampled import KEPT, draw_percepts, make_sampled
+from meal_bayes.planners.kernels import entry_kernel
+from meal_bayes.planners.pomcp.sampled import KEPT, draw_object, draw_percept, make_sampled
 
 DRAWS = 100_000
+
+
+@entry_kernel
+def draw_percepts(percepts, sampled, behaviors, rng, out):
+    """Draw what so many sampled MOMDPs show along a sequence of behaviors -> out (D,T,N)."""
+    for d in range(out.shape[0]):
+        draw_object(percepts, sampled, rng)
+        for t in range(behaviors.shape[0]):
+            draw_percept(percepts, sampled, behaviors[t], out[d, t], rng)
 
 
 def sequence_probabilities(momdp, belief, behaviors):

@@ -10,9 +10,9 @@ from meal_bayes.posterior import (
     ConfusionPosterior,
     SharedDegree,
     learn_degree,
-    log_likelihood,
     truth_evidence,
 )
+from meal_bayes.posterior.pointwise import log_likelihood
 
 OBJECTS, ATTRIBUTES, BEHAVIORS, LEVELS = 80, 6, 5, 4
 

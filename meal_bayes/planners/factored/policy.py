@@ -33,6 +33,7 @@ What is left out of the state, and what then holds:
 """
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +102,7 @@ class FactoredPolicy:
     _rest: dict[tuple[int, ...], tuple[ValueIteration, Table]] = field(
         default_factory=dict, repr=False, compare=False
     )  # what is left when behaviors have run out
+    deterministic: ClassVar[bool] = True
 
     @property
     def upper_bound(self) -> float:

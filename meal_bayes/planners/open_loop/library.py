@@ -130,6 +130,14 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     return _tabulated(problem, _cheapest(_with_rests(diagram, winners)), OUTCOMES)
 
 
+def retabulate(plans: Plans, problem: Compiled) -> Plans:
+    """Tabulate the errors of the same plans in another MOMDP of the query."""
+    x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
+    unread = np.empty((len(x), 0), np.int64)
+    same = Candidates(x, unread, plans.plan, plans.uses, plans.executions)
+    return _tabulated(problem, same, OUTCOMES)
+
+
 def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 

@@ -5,13 +5,14 @@ import os
 import shutil
 import signal
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from meal_bayes import processes
+from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.pomdpx_file import write_pomdpx
@@ -61,8 +62,7 @@ class Sarsop:
             raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
         exits = ~momdp.legal.T & (momdp.transition[:, :, momdp.terminal] == 1)
         forbid = not (momdp.abstain and exits[:, :-1].any())
-        with tempfile.TemporaryDirectory(prefix="meal_bayes_") as name:
-            folder = Path(name)
+        with temporary_folder() as folder:
             write_pomdpx(momdp, folder / "problem.pomdpx", forbid_illegal=forbid)
             command = [
                 program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
@@ -93,13 +93,10 @@ def _find(program: str | Path | None) -> str:
 def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
     """Run a program, without a shell, to its end or the end of patience."""
     with (folder / "words.txt").open("wb") as words:
-        try:
-            process = subprocess.Popen(
-                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words,
-                stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
-        except OSError as fault:
-            raise SettingsError(f"{command[0]} cannot be run: {fault.strerror}.") from fault
+        process = processes.start(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words, stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )  # fmt: skip
         try:
             code = process.wait(timeout=seconds)
         except subprocess.TimeoutExpired as fault:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.planners.compiled import Percepts
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import predictive
 
 KEPT = 8  # sampled MOMDPs whose rows a decision keeps
@@ -131,12 +131,3 @@ def condition(percepts, scratch, prob, i, e, z, out):
         for c in range(prob.shape[1]):
             out[i, c] /= evidence
     return evidence
-
-
-@entry_kernel
-def draw_percepts(percepts, sampled, behaviors, rng, out):
-    """Draw what so many sampled MOMDPs show along a sequence of behaviors -> out (D,T,N)."""
-    for d in range(out.shape[0]):
-        draw_object(percepts, sampled, rng)
-        for t in range(behaviors.shape[0]):
-            draw_percept(percepts, sampled, behaviors[t], out[d, t], rng)

@@ -24,7 +24,7 @@ def search(model, leaf, tree, sampled, simulations, options, rng):
     """
     width = model.dynamics.branch.shape[2] * ENUMERATE
     for done in range(simulations):
-        if tree.size[0] + width > tree.node.shape[0]:
+        if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
         draw_object(model.percepts, sampled, rng)
         _restart(leaf.scratch, sampled.counts)

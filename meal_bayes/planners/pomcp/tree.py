@@ -74,15 +74,16 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
     taken = [a for a, n in enumerate(visits) if n]
     edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
-    below = []
-    for parent, a in enumerate(taken):
-        children = slice(first[a], first[a] + count[a])
-        opened = tree.node["visits"][children] > 0  # else without edges
-        often = tree.edge["visits"][children] * opened[:, None]
-        worth, levels = tree.edge["value"][children], tree.level[children].tolist()
-        for child, b in np.argwhere(often).tolist():
-            told = tuple(z for z in levels[child] if z >= 0)
-            value = float(worth[child, b])
-            below.append(TreeEdge(2, parent, b, told, int(often[child, b]), value))
-    below.sort(key=lambda edge: -edge.visits)
-    return (*edges, *below[:_LOGGED])
+    rows = [np.arange(first[a], first[a] + count[a]) for a in taken]
+    children = np.concatenate([np.zeros(0, np.int64), *rows])
+    parent = np.repeat(np.arange(len(taken)), [len(row) for row in rows])
+    opened = tree.node["visits"][children] > 0  # else without edges
+    children, parent = children[opened], parent[opened]
+    often = tree.edge["visits"][children]
+    child, b = np.nonzero(often)
+    most = np.argsort(-often[child, b], kind="stable")[:_LOGGED]
+    child, b = child[most], b[most]
+    told = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
+    value = tree.edge["value"][children[child], b]
+    columns = (parent[child].tolist(), b.tolist(), told, often[child, b].tolist(), value.tolist())
+    return (*edges, *(TreeEdge(2, *edge) for edge in zip(*columns, strict=True)))

@@ -1,0 +1,211 @@
+"""What a training trial is paid for exploring beyond its own query: bonuses of `MOMDP.bonus`.
+
+The paper's ITRS pays for percepts of high entropy and charges for experience, with weights that a
+person chose. Ours values what a better table brings: after n objects a table's rates are known to
+within a posterior standard deviation, one more object moves them by about 1 / (n + 1) of it, and
+all queries to come gain from where they then are. No weight is left to choose, but for the number
+of queries to come.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from meal_bayes.agents.experience import Experience
+from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.domain import Query
+from meal_bayes.momdp import ITRS, MOMDP, build_momdp, observation_entropy, shape_reward
+from meal_bayes.planners import batched_value_iteration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a robot has learned when it plans a training trial.
+
+    Attributes
+    ----------
+    knowledge, experience : so far.
+    valued : returns (P,E) `information_value` at the last refit, s a query.
+    queries : about each attribute, to come.
+    counted : objects whose labelled instances are experience (Eq. 10).
+    """
+
+    knowledge: Knowledge
+    experience: Experience
+    valued: Callable[[], Array]
+    queries: float
+    counted: NDArray[np.intp]
+
+    @property
+    def delta(self) -> float:
+        """Labelled instances that make one unit of experience (Eq. 10)."""
+        return float(self.experience.labels.shape[2] * len(self.counted))
+
+    @property
+    def instances(self) -> NDArray[np.int64]:
+        """Labelled instances, (P,E): delta x IE of Eq. 10."""
+        return self.experience.evidence(self.counted)
+
+
+class ExplorationBonus(Protocol):
+    """Shapes the rewards of training trials.
+
+    Attributes
+    ----------
+    paid : float
+        Percepts of a behavior in one trial that the bonus is paid for, at most.
+    """
+
+    @property
+    def paid(self) -> float: ...  # noqa: D102  in the class's docstring
+
+    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+        """Return the MOMDP with a bonus for exploring.
+
+        Parameters
+        ----------
+        momdp : of the query, without a bonus.
+        object_index : the object at hand; None: one of which nothing is recorded.
+        progress : what the robot has learned so far.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NoBonus:
+    """Answer the query at hand, and learn from what that shows."""
+
+    paid: float = np.inf
+
+    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+        """Return the MOMDP as it is."""
+        return momdp
+
+
+@dataclass(frozen=True, slots=True)
+class ITRSBonus:
+    """The paper's alpha Ent - beta IE (Eq. 11), with the published code's weights."""
+
+    alpha: float = 6.0
+    beta: float = 30.0
+    paid: float = np.inf
+
+    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+        """Return the MOMDP with the shaped reward of Eq. 11."""
+        return _itrs(momdp, ITRS(self.alpha, self.beta, progress.delta), progress)
+
+
+@dataclass(frozen=True, slots=True)
+class FittedITRSBonus:
+    """Eq. 11 with the weights that come nearest to the value of information."""
+
+    paid: float = np.inf
+
+    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+        """Return the MOMDP with the shaped reward of Eq. 11."""
+        return _itrs(momdp, fitted_weights(progress), progress)
+
+
+@dataclass(frozen=True, slots=True)
+class InformationBonus:
+    """The value of information for queries to come, paid for an object's first percepts."""
+
+    paid: float = 1.0
+
+    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+        """Return the MOMDP with a bonus on the first percept of each behavior."""
+        domain = progress.knowledge.domain
+        columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+        bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
+        bonus[0] = first_percept_value(progress, object_index, columns)[:, None]
+        return replace(momdp, bonus=bonus)
+
+
+def information_value(knowledge: Knowledge, *, reward: float, discount: float) -> Array:
+    """Compute what one query about an attribute gains where a table is better known, (P,E), s.
+
+    The gain of the optimal value when the rates of yes percepts of (attribute, behavior) are each
+    better by their posterior's standard deviation.
+    """
+    domain, alpha = knowledge.domain, knowledge.posterior.concentration
+    half = alpha.shape[-1] // 2
+    weight = alpha.sum(axis=-1)  # (P,E,2)
+    yes = alpha[..., half:].sum(axis=-1) / weight
+    deviation = np.sqrt(yes * (1 - yes) / (weight + 1))
+    senses = _senses(knowledge)
+    believed = senses & (yes[..., 1] > yes[..., 0])
+    flat = yes.mean(axis=-1, keepdims=True)
+    now = np.where(believed[..., None], yes, flat)  # (P,E,2)
+    better = np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99)
+    p, e = believed.shape
+    rates = np.repeat(now[:, None], 1 + e, axis=1)  # (P,1+E,E,2), the first as it is
+    for behavior in np.flatnonzero(senses):
+        rates[:, 1 + behavior, behavior] = better[:, behavior]
+    query = Query(domain.attributes[:1])
+    momdp = build_momdp(
+        domain, query, np.full((1, e, 2, 2), 0.5), np.inf,
+        correct=reward, incorrect=-reward, discount=discount,
+    )  # fmt: skip
+    prior = np.repeat(knowledge.base_rates, 1 + e)
+    values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
+    return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))
+
+
+def first_percept_value(progress: Progress, object_index: int | None, columns: list[int]) -> Array:
+    """Value a first percept of each behavior to the queries to come, (E,), s.
+
+    Parameters
+    ----------
+    object_index : the object at hand, of which nothing is worth recording twice; None: a new one.
+    columns : the queried attributes; with memory, those told of the object before teach as well.
+        (Those still to be told would too, but to record for them first costs more than it brings.)
+    """
+    experience = progress.experience
+    new = np.zeros(progress.instances.shape, np.bool_)  # (P,E)
+    new[columns] = True
+    if object_index is not None:
+        if experience.memory:
+            new |= experience.told[object_index][:, None] >= 0
+        new &= ~experience.recorded()[object_index].T
+    return np.asarray((_object_value(progress) * new).sum(axis=0))
+
+
+def fitted_weights(progress: Progress) -> ITRS:
+    """Fit alpha and beta of Eq. 11 to what exploring is worth, by nonnegative least squares.
+
+    alpha Ent - beta IE, averaged over the truths, is fitted to the value of a first percept over
+    all attributes and behaviors.
+    """
+    knowledge, delta = progress.knowledge, progress.delta
+    domain, senses = knowledge.domain, _senses(knowledge)
+    confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
+    momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
+    entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
+    worth = _object_value(progress)[:, senses]
+    ie = progress.instances[:, senses] / delta
+    (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), worth.ravel())
+    return ITRS(float(alpha), float(beta), delta)
+
+
+def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
+    domain = progress.knowledge.domain
+    columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+    experience = progress.instances[columns] / weights.delta
+    return shape_reward(momdp, experience, weights, domain=domain)
+
+
+def _object_value(progress: Progress) -> Array:
+    """Value one more object in a table, (P,E), s: the more it has, the less another moves it."""
+    objects = progress.experience.recorded().sum(axis=0).T  # (P,E)
+    return np.asarray(progress.queries * progress.valued() / (objects + 1))
+
+
+def _senses(knowledge: Knowledge) -> NDArray[np.bool_]:
+    """Return which behaviors have modalities, (E,)."""
+    return np.array([bool(behavior.modalities) for behavior in knowledge.domain.behaviors])

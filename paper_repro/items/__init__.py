@@ -1,0 +1,1 @@
+"""One script for each table, figure or claim of the paper."""

@@ -1,0 +1,141 @@
+"""What exploring is worth: nothing where nothing is new, more where a table may get better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import Experience, Progress
+from meal_bayes.agents.exploration import (
+    first_percept_value,
+    fitted_weights,
+    information_value,
+)
+from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.datasets import make_synthetic
+from meal_bayes.domain import load_domain
+from meal_bayes.momdp import ITRS
+from meal_bayes.posterior import ConfusionPosterior
+
+TOY = load_domain("toy")
+DATASET = make_synthetic(TOY, objects=6, recordings=2, rng=np.random.default_rng(0))
+VALUE = np.array([[1.0, 2.0, 0.0], [4.0, 8.0, 0.0]])  # (P,E)
+PRE, EVERY = np.array([0, 1]), np.arange(6)
+
+
+def start(*, memory=False):
+    none = Experience.none(DATASET, np.random.default_rng(0), memory=memory)
+    return none.pretrain(DATASET, PRE)
+
+
+def knowledge_from(counts):
+    """Tables (P,E,2,K) of these counts a behavior and truth; base rates one half."""
+    return Knowledge(TOY, ConfusionPosterior.from_counts(counts), np.full(2, 0.5))
+
+
+def table(look=(6, 4), lift=(6, 4)):
+    """Counts: so many of ten yes-percepts where false, the others turned around where true."""
+    counts = np.full((2, 3, 2, 2), 5.0)
+    for e, (no, yes) in enumerate((look, lift)):
+        counts[:, e] = [[no, yes], [yes, no]]
+    return counts
+
+
+def progress(experience, *, value=VALUE, knowledge=None, queries=9.0):
+    return Progress(knowledge or knowledge_from(table()), experience, lambda: value, queries, EVERY)
+
+
+def bonus_of(experience, object_index, columns):
+    return first_percept_value(progress(experience), object_index, columns)
+
+
+class TestBonus:
+    def test_new_objects_pay_for_the_queried_attributes(self):
+        for column in (0, 1):
+            bonus = bonus_of(start(), None, [column])
+            np.testing.assert_allclose(bonus, 9 * VALUE[column] / 3)  # after two objects
+        both = bonus_of(start(), 4, [1, 0])
+        np.testing.assert_allclose(both, 9 * VALUE.sum(axis=0) / 3)
+
+    def test_what_is_recorded_pays_nothing(self):
+        assert (bonus_of(start(), 0, [0, 1]) == 0).all()
+        labels = start().labels.copy()
+        labels[4, 1, 0, 0] = 1  # lifted, and known to be red or not
+        bonus = bonus_of(replace(start(), labels=labels), 4, [0])
+        np.testing.assert_allclose(bonus, [9 * 1.0 / 3, 0.0, 0.0])
+
+    def test_memory_pays_for_what_was_told_before_as_well(self):
+        for memory in (False, True):
+            experience = start(memory=memory)
+            told = experience.told.copy()
+            told[4, 1] = 0
+            experience = replace(experience, told=told)
+            bonus = bonus_of(experience, 4, [0])
+            np.testing.assert_allclose(bonus, 3 * (VALUE.sum(axis=0) if memory else VALUE[0]))
+            other = bonus_of(experience, 5, [0])
+            np.testing.assert_allclose(other, 3 * VALUE[0])
+
+    def test_more_objects_are_worth_less_each(self):
+        labels = start().labels.copy()
+        labels[3, 0, 0, 0] = 1
+        after = bonus_of(replace(start(), labels=labels), 4, [0])
+        np.testing.assert_allclose(after, [9 * 1.0 / 4, 9 * 2.0 / 3, 0.0])
+
+
+class TestInformation:
+    @staticmethod
+    def value(counts):
+        return information_value(knowledge_from(counts), reward=300.0, discount=0.99)
+
+    def test_only_behaviors_with_modalities_have_it(self):
+        value = self.value(table())
+        assert value.shape == (2, 3)
+        assert (value[:, 2] == 0).all()  # reinit perceives nothing
+        assert (value[:, :2] > 0).all()
+
+    def test_sure_tables_have_little_left_to_learn(self):
+        few, many = self.value(table()), self.value(1000 * table())
+        assert (many < 0.2 * few)[:, :2].all()
+
+    def test_a_perfect_behavior_leaves_the_other_worthless(self):
+        value = self.value(table(look=(5000, 0), lift=(6, 4)))
+        assert (value[:, 1] < 1e-6).all()
+
+    def test_attributes_are_valued_each_by_its_own_table(self):
+        counts = table()
+        counts[1] *= 1000
+        value, alone = self.value(counts), self.value(table())
+        np.testing.assert_allclose(value[0], alone[0], atol=0.1)
+        assert (value[1, :2] < value[0, :2]).all()
+
+
+class TestFittedWeights:
+    def test_they_are_nonnegative_and_scale_with_the_queries(self):
+        knowledge = knowledge_from(table(lift=(9, 1)))
+        for seed in range(5):
+            value = np.random.default_rng(seed).uniform(0, 5, (2, 3))
+            one = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=10.0))
+            ten = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=100.0))
+            assert one.alpha >= 0 <= one.beta
+            assert one.delta == 12.0
+            assert (ten.alpha, ten.beta) == pytest.approx((10 * one.alpha, 10 * one.beta))
+
+    def test_worthless_exploring_is_not_paid(self):
+        weights = fitted_weights(progress(start(), value=np.zeros((2, 3))))
+        assert weights == ITRS(0.0, 0.0, 12.0)
+
+    def test_a_bonus_of_equation_11_is_found_again(self):
+        knowledge = knowledge_from(table(look=(9, 1), lift=(6, 4)))
+        labels = start().labels.copy()
+        labels[3:5, 0, :, 0] = 1  # more experience of red by look
+        experience = replace(start(), labels=labels)
+        rows = knowledge.posterior.select(range(2), exact=True)[0][:, :2]
+        entropy = -(rows * np.log2(rows)).sum(axis=-1).mean(axis=-1)
+        ie = experience.evidence()[:, :2] / 12.0
+        objects = (experience.labels >= 0).any(axis=2).sum(axis=0).T[:, :2]
+        value = np.zeros((2, 3))
+        value[:, :2] = (7.0 * entropy - 11.0 * ie) * (objects + 1) / 5.0
+        weights = fitted_weights(
+            progress(experience, value=value, knowledge=knowledge, queries=5.0)
+        )
+        assert (weights.alpha, weights.beta) == pytest.approx((7.0, 11.0))

@@ -1,0 +1,248 @@
+"""Algorithm 1 from a table to trials: what agents share, and where their percepts come from."""
+
+import dataclasses
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import AGENTS, Agent, OfflineRunner, load_agent
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import Transition, update_belief
+from meal_bayes.planners import POMCP, Predefined, RandomLegal
+
+QUICK = ("random_legal", "predefined", "predefined_plus", "greedy")
+EAGER = Agent("eager", lambda domain, query: Predefined(("look",) * 12))  # looks, come what may
+
+
+def fast(name):
+    """Make a named agent that searches little."""
+    agent = load_agent(name)
+    if name in ("morc", "bayes"):
+        return dataclasses.replace(agent, solver=lambda domain, query: POMCP(20))
+    return agent
+
+
+def outcomes(trial):
+    """(moved, percept) of each behavior's executions in order, where they were legal."""
+    found = defaultdict(list)
+    for step in trial.steps:
+        action = step.decision.action
+        if action < trial.momdp.n_behaviors and trial.momdp.legal[step.x, action]:
+            percept = None if step.observation is None else tuple(step.observation.tolist())
+            found[action].append((step.next_x != step.x, percept))
+    return found
+
+
+def same_trial(one, other):
+    pairs = zip(one.steps, other.steps, strict=True)
+    return np.array_equal(one.report, other.report) and all(
+        a.decision.action == b.decision.action
+        and a.next_x == b.next_x
+        and np.array_equal(a.belief.log_odds, b.belief.log_odds)
+        and np.array_equal(a.decision.values, b.decision.values, equal_nan=True)
+        for a, b in pairs
+    )
+
+
+@pytest.mark.parametrize("name", AGENTS)
+def test_every_agent_runs_and_repeats_itself(table, make, name):
+    agent = fast(name)
+    one, other = (OfflineRunner(table, agent, 7) for _ in range(2))
+    tasks = [make.task(table, index) for index in range(4)]
+    trials = [one.run(task) for task in tasks]
+    again = [other.run(task) for task in reversed(tasks)][::-1]  # the order is no matter
+    assert all(map(same_trial, trials, again))
+    assert {trial.agent for trial in trials} == {name}
+
+
+def test_seeds_change_trials(table, make):
+    task = make.task(table, 0)
+    trials = [OfflineRunner(table, load_agent("random_legal"), seed).run(task) for seed in range(5)]
+    assert len({tuple(step.decision.action for step in trial.steps) for trial in trials}) > 1
+
+
+def test_all_agents_meet_the_same_failures_and_recordings(table, make):
+    """The k-th execution of a behavior comes out the same, whoever executes it."""
+    compared = 0
+    for index in range(len(table.objects)):
+        task = make.task(table, index)
+        met = [outcomes(OfflineRunner(table, fast(name), 5).run(task)) for name in (*QUICK, "morc")]
+        for one in met:
+            for other in met:
+                for action in one.keys() & other.keys():
+                    shared = min(len(one[action]), len(other[action]))
+                    assert one[action][:shared] == other[action][:shared]
+                    compared += shared * (one is not other)
+    assert compared > 200
+
+
+def test_recordings_come_once_each_and_then_none(table, make):
+    looking = OfflineRunner(table, EAGER, 1)
+    for index in range(4):
+        trial = looking.run(make.task(table, index))
+        percepts = [step.observation for step in trial.steps[:12]]
+        assert [p is not None for p in percepts] == [True] * 4 + [False] * 8
+        assert trial.cost == 12
+        recorded = table.levels_of(table.log_odds[index, :, 0, :2], 2)  # (R,N)
+        assert sorted(map(tuple, percepts[:4])) == sorted(map(tuple, recorded))
+        np.testing.assert_array_equal(trial.momdp.limit, 4)
+
+
+def test_beliefs_replay(table, make):
+    for name in QUICK:
+        trial = OfflineRunner(table, fast(name), 3).run(make.task(table, 2))
+        belief = trial.first_belief
+        for step in trial.steps:
+            transition = Transition(step.decision.action, step.next_x, step.observation)
+            belief = update_belief(belief, trial.momdp, transition)
+            np.testing.assert_array_equal(step.belief.log_odds, belief.log_odds)
+            assert step.belief.x == belief.x
+
+
+def misleading(table):
+    """Make all recordings say yes, and the training side know the truth perfectly."""
+    log_odds = np.where(np.isnan(table.log_odds), np.nan, 4.0)
+    bins = np.zeros_like(table.training_bins)
+    for other in range(len(table.objects)):
+        for p in range(2):
+            bins[:, other, p, :2, 7 if table.labels[other, p] == 1 else 0] = 4
+        bins[other, other] = 0
+    return dataclasses.replace(table, log_odds=log_odds, training_bins=bins)
+
+
+def test_recorded_percepts_are_the_recordings_model_percepts_the_model_s(table, make):
+    tricked = misleading(table)
+    said = {"recorded": [], "model": []}
+    for percepts, rows in said.items():
+        morc = OfflineRunner(tricked, EAGER, 1, percepts)
+        for index in range(len(table.objects)):
+            trial = morc.run(make.task(table, index))
+            felt = [s.observation for s in trial.steps if s.observation is not None]
+            assert len(felt) == (4 if percepts == "recorded" else 12)
+            rows += [row == trial.truth for row in felt]
+    assert np.mean(said["recorded"]) == 0.5  # yes to all, and half of the labels are true
+    assert np.mean(said["model"]) > 0.9
+
+
+@pytest.mark.statistical
+def test_model_percepts_have_the_confusion_s_frequencies(table, make):
+    morc = OfflineRunner(table, EAGER, 2, "model")
+    confusion, _ = morc.knowledge(0).posterior.select([0, 1], exact=True)
+    yes, n = np.zeros(2), 0
+    for number in range(60):
+        task = dataclasses.replace(make.task(table, 0), key=("toy", number))
+        trial = morc.run(task)
+        felt = [s.observation for s in trial.steps if s.observation is not None]
+        yes += np.sum(felt, axis=0)
+        n += len(felt)
+    for i in range(2):
+        p = confusion[i, 0, int(table.labels[0, i]), 1]
+        assert abs(yes[i] / n - p) <= 5 * np.sqrt(p * (1 - p) / n)
+
+
+def test_model_percepts_never_run_out(table, make):
+    morc = OfflineRunner(table, EAGER, 2, "model")
+    assert np.isinf(morc.prepare(make.task(table, 0))[0].limit).all()
+
+
+class TestPreparing:
+    def test_the_held_out_object_does_not_enter_its_momdp(self, table, make):
+        for name in ("morc", "bayes"):
+            task, changed = make.task(table, 3), make.change_object(table, 3)
+            one, other = (
+                OfflineRunner(t, fast(name), 0).prepare(task)[0] for t in (table, changed)
+            )
+            for field in ("confusion", "precision", "prior", "kinds"):
+                np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+            near = OfflineRunner(make.change_object(table, 4), fast(name), 0).prepare(task)[0]
+            assert not np.array_equal(one.confusion, near.confusion)
+
+    def test_the_paper_s_agent_has_eq_8_and_a_uniform_prior(self, table, make):
+        momdp, _ = OfflineRunner(table, fast("morc"), 0).prepare(make.task(table, 1))
+        assert np.isinf(momdp.precision).all()
+        assert momdp.n_kinds == 2
+        np.testing.assert_array_equal(momdp.prior, 0.5)
+        assert momdp.discount == 0.99
+
+    def test_ours_has_objects_that_differ_and_base_rates(self, table, make):
+        morc = OfflineRunner(table, fast("bayes"), 0)
+        momdp, _ = morc.prepare(make.task(table, 1, "heavy"))
+        assert np.isfinite(momdp.precision[:, :2]).all()
+        np.testing.assert_array_equal(momdp.prior, morc.knowledge(1).base_rates[[1]])
+        assert momdp.query.attributes == ("heavy",)
+
+    def test_attributes_keep_the_query_s_order(self, table, make):
+        morc = OfflineRunner(table, fast("bayes"), 0)
+        one, _ = morc.prepare(make.task(table, 1, "red", "heavy"))
+        other, _ = morc.prepare(make.task(table, 1, "heavy", "red"))
+        np.testing.assert_array_equal(one.confusion, other.confusion[::-1])
+        np.testing.assert_array_equal(one.prior, other.prior[::-1])
+
+    def test_policies_are_made_once_a_query_and_object(self, table, make):
+        morc = OfflineRunner(table, fast("morc"), 0)
+        first = morc.prepare(make.task(table, 1))
+        assert morc.prepare(make.task(table, 1)) is first
+        assert morc.prepare(make.task(table, 2)) is not first
+        assert morc.prepare(make.task(table, 1, "red")) is not first
+
+    def test_policies_used_lately_are_kept(self, table, make, monkeypatch):
+        monkeypatch.setattr("meal_bayes.agents.offline._KEPT", 2)
+        morc = OfflineRunner(table, fast("predefined"), 0)
+        tasks = [make.task(table, index) for index in range(3)]
+        one, other = morc.prepare(tasks[0]), morc.prepare(tasks[1])
+        assert morc.prepare(tasks[0]) is one  # used again
+        morc.prepare(tasks[2])
+        assert morc.prepare(tasks[0]) is one
+        assert morc.prepare(tasks[1]) is not other
+        assert len(morc._policies) == 2
+
+    @pytest.mark.parametrize("reward", [None, 30.0])
+    def test_rewards(self, table, make, reward):
+        momdp, _ = OfflineRunner(table, fast("predefined"), 0, reward=reward).prepare(
+            make.task(table, 0)
+        )
+        assert (momdp.correct, momdp.incorrect) == ((100, -100) if reward is None else (30, -30))
+
+
+def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
+    labels = np.array(table.labels)
+    labels[2, 1] = -1
+    morc = OfflineRunner(dataclasses.replace(table, labels=labels), fast("predefined"), 0)
+    assert morc.run(make.task(table, 2, "red")).truth.shape == (1,)
+    trial = morc.run(make.task(table, 2))
+    np.testing.assert_array_equal(trial.truth, [table.labels[2, 0], -1])
+    assert trial.success is None
+    assert trial.report is not None
+    assert np.isnan(trial.reward)
+    assert trial.cost > 0
+
+
+def test_percepts_are_one_of_two_kinds(table):
+    with pytest.raises(SettingsError, match="Unknown percepts 'imagined'"):
+        OfflineRunner(table, fast("random"), 0, "imagined")
+
+
+class TestRecipes:
+    def test_unknown_agents_are_told_the_nearest(self):
+        with pytest.raises(SettingsError, match="did you mean 'bayes'"):
+            load_agent("bayess")
+
+    def test_names_are_their_own(self):
+        assert all(agent.name == name for name, agent in AGENTS.items())
+
+    @pytest.mark.parametrize(("n", "budget"), [(1, 50), (2, 80), (3, 80), (9, 80)])
+    def test_random_legal_s_budget_goes_by_the_attributes(self, make, n, budget):
+        table = make.table("ispy32")
+        task = make.task(table, 0, *table.domain.attributes[:n])
+        solver = load_agent("random_legal").solver(table.domain, task.query)
+        assert solver == RandomLegal(budget, barred=("ask",))  # it explores, and asks nobody
+
+    def test_predefined_sequences_are_the_domain_s(self, table, make):
+        task = make.task(table, 0)
+        plain, plus = (
+            load_agent(name).solver(table.domain, task.query)
+            for name in ("predefined", "predefined_plus")
+        )
+        assert plain == Predefined(("look", "lift"))
+        assert plus == Predefined(("look", "lift"), persistent=True)
