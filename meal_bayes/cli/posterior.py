@@ -138,7 +138,8 @@ def _write(
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
 
-    from meal_bayes.evaluation.plots import reliability_diagram, save
+    from meal_bayes.evaluation.canvas import save
+    from meal_bayes.evaluation.plots import reliability_diagram
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata
