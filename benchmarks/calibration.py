@@ -40,7 +40,7 @@ from meal_bayes.experiments import askable
 from meal_bayes.perception.confusion import by_truth
 from meal_bayes.posterior import (
     ConfusionPosterior,
-    learn_degree,
+    learn_trait,
     truth_evidence,
 )
 from meal_bayes.posterior.dispersion import youden
@@ -49,7 +49,7 @@ from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
 
-DEFAULT = "shared degree"
+DEFAULT = "shared trait"
 LEVELS = {
     "counts": 2,
     "object level": 2,
@@ -104,8 +104,8 @@ def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]
                 exact, known = paper.select(columns, exact=True)
                 models["counts"] = Model(exact, known, np.eye(2))
             else:
-                degree = learn_degree(posterior, shown, labels, rates)
-                models[DEFAULT] = Model(*degree.select(rows, precision), degree.kinds)
+                trait = learn_trait(posterior, shown, labels, rates)
+                models[DEFAULT] = Model(*trait.select(rows, precision), trait.latent_classes)
         useful = youden(decisions(table, o, prior, pairs))[columns] > USEFUL
         if pairs == "all":
             useful = posteriors[2][o].informative[columns]

@@ -27,7 +27,7 @@ class Agent:
     name : of the agent.
     solver : makes the planner of a query.
     object_level : objects differ (finite precision); otherwise Eq. 8.
-    shared_degree : percepts of an object may err together.
+    shared_trait : percepts of an object may err together.
     base_rates : the prior belief comes from the training objects; otherwise it is uniform.
     levels : K of its percepts.
     abstain : its planner may end a trial by an illegal behavior.
@@ -44,7 +44,7 @@ class Agent:
     name: str
     solver: Callable[[Domain, Query], Solver]
     object_level: bool = False
-    shared_degree: bool = False
+    shared_trait: bool = False
     base_rates: bool = False
     levels: int = 2
     abstain: bool = False
@@ -120,7 +120,8 @@ class Agent:
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
         """Return the rows of the confusion posterior, of latent classes where they are shared."""
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
-        if not self.shared_degree or knowledge.degree is None:
+        if not self.shared_trait or knowledge.trait is None:
             return confusion, precision, None
-        rows, weight = knowledge.degree.select(confusion, precision)
-        return rows, weight, np.tile(knowledge.degree.kinds, (len(columns), 1, 1))  # (N,2,M)
+        rows, weight = knowledge.trait.select(confusion, precision)
+        classes = knowledge.trait.latent_classes
+        return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
 
@@ -65,10 +65,10 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
 
 
-def replayable(dataset: Dataset) -> NDArray[np.int64]:
+def replayable(dataset: Dataset | PerceptTable) -> NDArray[np.int64]:
     """Return how many recordings of each behavior can be replayed, (O,E); R where it has none.
 
-    So behaviors without modalities, such as asking a person, never run out before the others.
+    Behaviors without modalities, such as asking a person, never run out before the others.
     """
     senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
     return np.where(senses, dataset.recording_counts, dataset.recordings)

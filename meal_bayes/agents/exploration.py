@@ -121,7 +121,7 @@ class InformationBonus:
     def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""
         domain = progress.knowledge.domain
-        columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+        columns = domain.columns(momdp.query.attributes)
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
         bonus[0] = first_percept_value(progress, object_index, columns)[:, None]
         return replace(momdp, bonus=bonus)
@@ -195,7 +195,7 @@ def fitted_weights(progress: Progress) -> ITRS:
 
 def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
     domain = progress.knowledge.domain
-    columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+    columns = domain.columns(momdp.query.attributes)
     experience = progress.instances[columns] / weights.delta
     return shape_reward(momdp, experience, weights, domain=domain)
 

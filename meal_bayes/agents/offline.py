@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.experience import replayable
 from meal_bayes.agents.inner_loop import Environment, Recorder, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.trial import Step, Task, Trial
@@ -89,14 +90,16 @@ class OfflineRunner:
         """Build and solve the query's MOMDP from what is known without the object."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            limit = self._recordings(task) if self.percepts == "recorded" else np.inf
+            limit = (
+                replayable(self.table)[task.object_index] if self.percepts == "recorded" else np.inf
+            )
             columns = self.table.domain.columns(key[1])
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
                 task.query,
                 self.knowledge(task.object_index),
                 rng,
-                limit=limit,
+                limit=counts if self.percepts == "recorded" else np.inf,
                 reward=self.reward,
                 labels=None if self.labels is None else self.labels[task.object_index, columns],
             )
@@ -119,19 +122,13 @@ class OfflineRunner:
             self._knowledge[held_out] = known
         return self._knowledge[held_out]
 
-    def _recordings(self, task: Task) -> NDArray[np.int64]:
-        """Return how many recordings of each behavior the object has, (E,)."""
-        senses = [bool(behavior.modalities) for behavior in self.table.domain.behaviors]
-        counts = self.table.recording_counts[task.object_index]
-        return np.where(senses, counts, self.table.recordings)
-
     def environment(self, task: Task) -> Environment:
         """Return the environment of a trial, with random streams of the trial's own."""
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
             task.object_index,
-            self._recordings(task),
+            replayable(self.table)[task.object_index],
             stream(self.seed, "recordings", *task.key),
             stream(self.seed, "robot", *task.key),
             repeats=self.percepts == "model",

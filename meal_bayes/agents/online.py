@@ -180,7 +180,7 @@ class OnlineLearner:
         return stream(self.seed, "solver", self.agent.name, *task.key)
 
     def _columns(self, task: Task) -> list[int]:
-        return [self.knowledge.domain.attribute_index(name) for name in task.query.attributes]
+        return self.knowledge.domain.columns(task.query.attributes)
 
     def _model(self, task: Task, labels: NDArray[np.int8] | None) -> MOMDP:
         forever = self.context.published.model_percepts and labels is None

@@ -47,7 +47,7 @@ _PACKAGE = "paper_repro"
     help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
 @json_option
-def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **settings: Any) -> None:
+def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
@@ -64,8 +64,8 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
         note(f"{item} ...")
         try:
             with progress(item, "trials") as advance:
-                setting = frame.Setting(**settings, on_progress=advance)
-                results.append(frame.reproduce(item, setting))
+                one = frame.Setting(**setting, on_progress=advance)
+                results.append(frame.reproduce(item, one))
         except DownloadError as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
             note(f"{item} is skipped: {fault}")

@@ -71,6 +71,8 @@ class OfflineConfig:
     perception: str = "default"
     reward: float | None = None
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)
         object.__setattr__(self, "agents", found)

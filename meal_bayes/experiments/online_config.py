@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from meal_bayes.agents import Feedback, PublishedVariants, as_agent, distinct
+from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.untrusted import LARGEST
@@ -63,6 +64,8 @@ class OnlineConfig:
     normalizer: str = "paper"
     horizon: int = 1000
     log: str = "compact"
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)

@@ -102,7 +102,7 @@ def _check_table(dataset: str, perception: str, root: str | Path | None) -> None
         raise SettingsError(f"{dataset} is a percept table already; leave root out.")
     if perception != "default":
         settings = load_percepts(dataset).provenance.get("perception", "")
-        if not settings.startswith(f"recipe={perception}"):
+        if f"={perception}," not in settings.split(" ")[0]:  # the method comes first
             raise SettingsError(
                 f"{dataset} is a percept table of another method; leave perception out, or make "
                 "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "

@@ -96,7 +96,7 @@ def make_trials(
 def equal(left: object, right: object) -> bool:
     """Whether two values are the same through and through, NaN equal to NaN."""
     if dataclasses.is_dataclass(left):
-        names = [field.name for field in dataclasses.fields(left)]
+        names = [field.name for field in dataclasses.fields(left) if field.compare]
         return type(left) is type(right) and all(
             equal(getattr(left, name), getattr(right, name)) for name in names
         )
