@@ -90,9 +90,7 @@ class OfflineRunner:
         """Build and solve the query's MOMDP from what is known without the object."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            limit = (
-                replayable(self.table)[task.object_index] if self.percepts == "recorded" else np.inf
-            )
+            counts = replayable(self.table)[task.object_index]
             columns = self.table.domain.columns(key[1])
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
