@@ -18,7 +18,7 @@ from meal_bayes.cli.console import (
     resumed,
     showing_compilation,
     signs_of,
-)  # fmt: skip
+)
 from meal_bayes.cli.options import (
     ONLINE_AGENTS,
     OWN,
@@ -165,7 +165,7 @@ def _print(console: Console, results: "list[BatchOutcomes]") -> None:
     rows, summary = learning_rows(results), summarize_learning(results)
     last = max(row.batch for row in rows)
     names = ("explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
-    table = new_table("agent", *names)
+    table = _narrow(new_table("agent", *names))
     for one in summary:
         end = [row for row in rows if (row.agent, row.batch) == (one.agent, last)]
         table.add_row(
@@ -193,7 +193,7 @@ def _differences(
 
     base, hours = curves_of(results, summary[0].agent), summary[0].area_hours
     names = (f"first {hours:.1f} h", *(f"at {budget:g} h" for budget in BUDGETS), "after")
-    table = new_table(f"reward less {summary[0].agent}'s", *names)
+    table = _narrow(new_table(f"reward less {summary[0].agent}'s", *names))
     for one in summary[1:]:
         own = curves_of(results, one.agent)
         found = [difference_at(own, base, budget) for budget in BUDGETS]
@@ -210,3 +210,11 @@ def _differences(
 def _with_reach(estimate: float, high: float, spread: str) -> str:
     reach = high - estimate
     return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" {spread}{reach:.1f}")
+
+
+def _narrow(table: Table) -> Table:
+    """Set columns close and lines whole, so that 80 characters hold them."""
+    table.padding = (0, 1, 0, 0)
+    for column in table.columns:
+        column.no_wrap = True
+    return table

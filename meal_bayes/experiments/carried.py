@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from meal_bayes.agents import Agent, Origin, origin_of
 
-_imported: dict[str, str] = {}  # module of an agent's -> digest of the source it was imported from
+_digests: dict[str, str] = {}  # module of an agent's -> digest of the source it was imported from
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,9 @@ def _open(origin: Origin) -> _Way:
         if folder not in sys.path:
             sys.path.append(folder)
     for top in origin.modules:
-        if (
-            _imported.setdefault(top, origin.digest) != origin.digest
-        ):  # an older text of it is loaded
+        if _digests.setdefault(top, origin.digest) != origin.digest:  # an older text is loaded
             for name in [n for n in sys.modules if n == top or n.startswith(f"{top}.")]:
                 del sys.modules[name]
             importlib.invalidate_caches()
-            _imported[top] = origin.digest
+            _digests[top] = origin.digest
     return _Way(origin)
