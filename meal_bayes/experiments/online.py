@@ -49,7 +49,7 @@ _STEP = 10  # repeats after which a run that goes on until it is decided looks f
 
 @dataclass(frozen=True, slots=True)
 class OnlineRun:
-    """A finished run."""
+    """A finished run: its settings, and the folder of its logs."""
 
     config: OnlineConfig
     folder: Path

@@ -65,11 +65,19 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """The tasks of one repeat, the same for every agent."""
+    """The tasks of one repeat, the same for every agent.
+
+    Attributes
+    ----------
+    dataset : recordings and labels.
+    split : objects for pretraining, training, tests.
+    attributes : N, asked at a time.
+    seed, repeat : name the random streams.
+    """
 
     dataset: Dataset
     split: ObjectSplit
-    attributes: int  # N
+    attributes: int
     seed: int
     repeat: int
 
