@@ -23,8 +23,8 @@ class Agent:
     """A recipe. The two wings meet here: two arrays go from the posterior to the planner.
 
     An observation model of one's own takes what is known and the positions of the N queried
-    attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `kinds` (N,2,C), or None
-    for kinds that are the truth (see `build_momdp`).
+    attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes`
+    (N,2,C), or None for latent classes that are the truth (see `build_momdp`).
     """
 
     name: str
@@ -83,7 +83,7 @@ class Agent:
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
-        confusion, precision, kinds = (self.observation_model or self._observation)(
+        confusion, precision, latent_classes = (self.observation_model or self._observation)(
             knowledge, columns
         )
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
@@ -98,7 +98,7 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
-            kinds=kinds,
+            latent_classes=latent_classes,
             discount=self.discount,
             abstain=self.abstain,
             counts=knowledge.posterior.counts[columns],

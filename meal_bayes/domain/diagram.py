@@ -30,7 +30,9 @@ class TransitionArrays(NamedTuple):
     """A diagram compiled for a list of behaviors."""
 
     transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior); illegal rows as `illegal` says
-    informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x'); a loop that
+    observation_probability: NDArray[
+        np.float64
+    ]  # (E,X,X) Pr(a percept comes | behavior, x, x'); a loop that
     # may fail has less than 1 on its diagonal, as x' alone does not tell success from failure
     legal: NDArray[np.bool_]  # (X,E)
 
@@ -158,8 +160,12 @@ class TransitionDiagram:
         stays = np.arange(size)
         transition[:, stays, stays] += np.where(ends, 0.0, rest)
         transition[:, :, end] += np.where(ends, rest, 0.0)
-        informative = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
-        return TransitionArrays(freeze(transition), freeze(informative), freeze(legal, np.bool_))
+        observation_probability = np.divide(
+            sensed, transition, out=np.zeros_like(sensed), where=transition > 0
+        )
+        return TransitionArrays(
+            freeze(transition), freeze(observation_probability), freeze(legal, np.bool_)
+        )
 
 
 def _check_effect(effect: Effect, states: tuple[str, ...]) -> None:

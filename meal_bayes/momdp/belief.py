@@ -30,17 +30,21 @@ class Belief:
     """
 
     x: int
-    weight: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
-    seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
-    log_share: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
+    log_prob: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
+    percept_counts: NDArray[np.int64]  # (N,E,K) percepts of this object so far
+    log_truth: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
     _log_odds: NDArray[np.float64] | None = field(
         default=None, init=False, repr=False, compare=False
     )  # computed when first asked for
 
     def __post_init__(self) -> None:
-        set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
-        if self.log_share.flags.writeable:  # else all beliefs of a MOMDP hold the same array
-            set_frozen(self, log_share=freeze(self.log_share))
+        set_frozen(
+            self,
+            log_prob=freeze(self.log_prob),
+            percept_counts=freeze(self.percept_counts, np.int64),
+        )
+        if self.log_truth.flags.writeable:  # else all beliefs of a MOMDP hold the same array
+            set_frozen(self, log_truth=freeze(self.log_truth))
 
     def __repr__(self) -> str:
         """Return the belief in three lines."""
@@ -51,13 +55,13 @@ class Belief:
 
     def at(self, x: int) -> "Belief":
         """Move to another x, believing the same."""
-        return Belief(x, self.weight, self.seen, self.log_share)
+        return Belief(x, self.log_prob, self.percept_counts, self.log_truth)
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of the truth, (N,)."""
         if self._log_odds is None:
-            of_truth = _log_sum(self.weight[:, None] + self.log_share)  # (N,2)
+            of_truth = _log_sum(self.log_prob[:, None] + self.log_truth)  # (N,2)
             set_frozen(self, _log_odds=freeze(of_truth[:, 1] - of_truth[:, 0]))
         return self._log_odds  # type: ignore[return-value]  # just set
 
@@ -98,18 +102,18 @@ class Belief:
         return float(-(p * np.log2(p) + q * np.log2(q)).sum())
 
 
-def _log_sum(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum probabilities given by their logarithms, over the last axis."""
-    return np.asarray(np.logaddexp.reduce(weight, axis=-1))
+    return np.asarray(np.logaddexp.reduce(log_prob, axis=-1))
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
     """Belief at the start of a trial: x0, the prior, nothing seen."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
-        weight = np.log((chance[:, :, None] * momdp.kinds).sum(axis=1))
-    seen = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, weight, seen, momdp.log_share)
+        log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
+    percept_counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
+    return Belief(momdp.start, log_prob, percept_counts, momdp.log_truth)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
@@ -134,13 +138,13 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         return belief.at(transition.next_x)
     e, levels = transition.action, np.asarray(transition.observation, dtype=np.intp)
     attributes = np.arange(len(momdp.query))
-    seen = belief.seen[:, e]
-    total = seen.sum(axis=1)
+    percept_counts = belief.percept_counts[:, e]
+    total = percept_counts.sum(axis=1)
     mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
-    counts = seen[attributes, levels][:, None]
+    counts = percept_counts[attributes, levels][:, None]
     with np.errstate(divide="ignore"):
-        weight = belief.weight + np.log(predictive(mean, precision, counts, total[:, None]))
-        total_weight = _log_sum(weight)
+        log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
+        total_weight = _log_sum(log_prob)
     contradicted = np.isneginf(total_weight)
     if contradicted.any():
         bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
@@ -148,9 +152,9 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
             f"Percept of {bad!r} by {momdp.behavior_names[e]!r} has probability zero under every "
             "value still believed in; give the confusion rows a prior without zeros."
         )
-    counted = belief.seen.copy()
+    counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, weight - total_weight[:, None], counted, belief.log_share)
+    return Belief(transition.next_x, log_prob - total_weight[:, None], counted, belief.log_truth)
 
 
 def _check(momdp: MOMDP, transition: Transition) -> None:
@@ -172,10 +176,10 @@ def _check(momdp: MOMDP, transition: Transition) -> None:
 
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K)."""
-    counts = belief.seen[:, :, None]  # (N,E,1,K)
+    counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
     total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
-    prob = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, class)
+    prob = np.exp(belief.log_prob[:, None] + belief.log_truth)  # (N,2,C) Pr(truth, class)
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 

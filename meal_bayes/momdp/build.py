@@ -18,7 +18,7 @@ def build_momdp(
     correct: float | None = None,
     incorrect: float | None = None,
     limit: ArrayLike = np.inf,
-    kinds: ArrayLike | None = None,
+    latent_classes: ArrayLike | None = None,
     discount: float = 0.99,
     abstain: bool = False,
     counts: ArrayLike | None = None,
@@ -38,7 +38,7 @@ def build_momdp(
     prior : (N,) or a number; the paper's is uniform.
     correct, incorrect : rewards of a right and a wrong report, the domain's +-r by default.
     limit : (E,) or a number: recordings that can be perceived in one trial.
-    kinds : (N,2,C) Pr(kind | truth), which truths may share; the truth itself by default.
+    latent_classes : (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
     discount : factor a step, in planning only.
     abstain : may a planner end the trial by an illegal behavior?
     counts : (N,E,2,K) labelled percepts that the rows were learned from, for who looks on.
@@ -46,14 +46,18 @@ def build_momdp(
     arrays = domain.transitions()
     n, e = len(query), len(domain.behaviors)
     rows = np.array(confusion, dtype=float)
-    shares = np.tile(np.eye(2), (n, 1, 1)) if kinds is None else np.asarray(kinds, dtype=float)
+    shares = (
+        np.tile(np.eye(2), (n, 1, 1))
+        if latent_classes is None
+        else np.asarray(latent_classes, dtype=float)
+    )
     if shares.ndim != 3 or shares.shape[:2] != (n, 2):  # noqa: PLR2004
-        raise SettingsError(f"kinds has shape {shares.shape}; expected ({n},2,C).")
+        raise SettingsError(f"latent_classes has shape {shares.shape}; expected ({n},2,C).")
     c = shares.shape[-1]
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):  # noqa: PLR2004
         raise SettingsError(
-            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} kinds of "
-            "object, levels)."
+            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
+            "classes, levels)."
         )
     weight = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     percepts = np.array(np.broadcast_to(limit, (e,)), dtype=float)
@@ -65,7 +69,7 @@ def build_momdp(
         )
         rows, weight = np.tile(rows, (1, 1, 2, 1)), np.tile(weight, (1, 1, 2))
     true = shares[:, 1] > 0  # (N,C)
-    informative = arrays.informative.copy()
+    observation_probability = arrays.observation_probability.copy()
     for index, behavior in enumerate(domain.behaviors):
         if behavior.answer_accuracy is not None:
             right = behavior.answer_accuracy ** (1.0 / n)
@@ -74,7 +78,7 @@ def build_momdp(
             rows[:, index, :, -1] = np.where(true, right, 1.0 - right)
             weight[:, index] = percepts[index] = np.inf
         elif not behavior.senses:
-            informative[index] = 0.0
+            observation_probability[index] = 0.0
             rows[:, index] = 1.0 / rows.shape[-1]
     reward = domain.report_reward
     return MOMDP(
@@ -83,12 +87,12 @@ def build_momdp(
         behavior_names=domain.behavior_names,
         start=domain.diagram.states.index(domain.diagram.start),
         transition=arrays.transition,
-        informative=informative,
+        observation_probability=observation_probability,
         legal=arrays.legal,
         confusion=rows,
         precision=weight,
         prior=np.broadcast_to(prior, (n,)),
-        kinds=shares,
+        latent_classes=shares,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         correct=reward if correct is None else correct,
         incorrect=-reward if incorrect is None else incorrect,

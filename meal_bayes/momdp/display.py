@@ -27,7 +27,7 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
     return f"MOMDP of {', '.join(momdp.query.attributes)}", {
         "states": f"{momdp.n_states}: {listed(momdp.x_names)} and 2^{len(momdp.query)} values",
         "actions": f"{momdp.n_actions}: {listed(momdp.behavior_names)} and the reports",
-        "percepts": f"{momdp.levels} levels, {momdp.n_kinds} latent classes",
+        "percepts": f"{momdp.levels} levels, {momdp.n_classes} latent classes",
         "largest TPR - FPR": listed(tells, 3),
         "rewards": f"{paid}, costs {np.min(momdp.cost):g} to {np.max(momdp.cost):g} s",
     }
@@ -35,7 +35,7 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
 
 def belief_facts(belief: "Belief") -> Facts:
     """Return the title and the facts of a belief."""
-    percepts = int(belief.seen[:1].sum())
+    percepts = int(belief.percept_counts[:1].sum())
     return f"Belief in state {belief.x}, after {percepts} percepts", {
         "Pr(true)": listed([f"{value:.3f}" for value in belief.positive], 10),
         "certainty": f"{belief.certainty:.3f}, entropy {belief.entropy:.2f} bits",

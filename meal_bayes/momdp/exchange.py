@@ -56,14 +56,17 @@ def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
     """
     _check(momdp)
     n_y, end = 2 ** len(momdp.query), momdp.terminal
-    transition, informative = momdp.transition.copy(), momdp.informative.copy()
+    transition, observation_probability = (
+        momdp.transition.copy(),
+        momdp.observation_probability.copy(),
+    )
     reward = reward_table(momdp, n_y)[:-1].reshape(end, n_y, momdp.n_actions)
     if forbid_illegal:
         e, x = np.nonzero(~momdp.legal.T[:, :end])
         transition[e, x] = np.eye(end + 1)[end]
-        informative[e, x] = 0.0
+        observation_probability[e, x] = 0.0
         reward[x, :, e] = (momdp.incorrect - 1.0 - momdp.cost[e])[:, None]
-    comes, moves = _arrivals(momdp, transition, informative)
+    comes, moves = _arrivals(momdp, transition, observation_probability)
     y_names = tuple(f"{y:0{len(momdp.query)}b}" for y in range(n_y))
     separator = "" if momdp.levels <= 10 else "_"  # noqa: PLR2004  digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
@@ -82,13 +85,15 @@ def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
 
 
 def _check(momdp: MOMDP) -> None:
-    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
-            "A POMDP file cannot hold rows of finite precision, or several kinds of object a "
-            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8)."
+            "A POMDP file cannot hold rows of finite precision, or several latent classes a "
+            "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
         )
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
-    pairs = int(momdp.informative.any(axis=1).sum())  # behaviors and the x' they perceive at
+    pairs = int(
+        momdp.observation_probability.any(axis=1).sum()
+    )  # behaviors and the x' they perceive at
     size = n_y * (pairs * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
     if size > LARGEST:
         raise SettingsError(
@@ -98,7 +103,7 @@ def _check(momdp: MOMDP) -> None:
 
 
 def _arrivals(
-    momdp: MOMDP, transition: NDArray[np.float64], informative: NDArray[np.float64]
+    momdp: MOMDP, transition: NDArray[np.float64], observation_probability: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Give Pr(percept | behavior, x'), and whether x' can be entered; both (E,X)."""
     comes = np.zeros(transition.shape[:2])
@@ -107,7 +112,7 @@ def _arrivals(
         sources = np.flatnonzero(transition[e, :-1, target] > 0)
         if not len(sources):
             continue
-        shares = informative[e, sources, target]
+        shares = observation_probability[e, sources, target]
         if np.ptp(shares) > _SAME:
             most, least = (sources[int(i)] for i in (shares.argmax(), shares.argmin()))
             names = momdp.x_names

@@ -57,9 +57,9 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
             f"{len(momdp.query)} attributes make {size:.1g} observation probabilities; dense "
             f"arrays end at {MAX_ENTRIES:.0e}. Ask fewer attributes or use a factored planner."
         )
-    if not momdp.kind_is_truth:
+    if not momdp.class_is_truth:
         raise SettingsError(
-            "A flat POMDP knows one kind of object a truth; build the MOMDP without `kinds`."
+            "A flat POMDP knows one latent class a truth; build it without `latent_classes`."
         )
     if not np.isinf(momdp.precision).all():
         raise SettingsError(
@@ -105,7 +105,7 @@ def _observation(momdp: MOMDP, n_y: int, n_z: int) -> NDArray[np.float64]:
     blocks = flat[:, :-1, :-1].reshape(momdp.n_actions, end, n_y, end, n_y, n_z)
     for e in range(momdp.n_behaviors):
         percepts = percept_probabilities(momdp, e)  # (Y,Z-1)
-        comes = momdp.informative[e, :end, :end]
+        comes = momdp.observation_probability[e, :end, :end]
         for y in range(n_y):
             blocks[e, :, y, :, y, :-1] = comes[..., None] * percepts[y]
             blocks[e, :, y, :, y, -1] = 1.0 - comes

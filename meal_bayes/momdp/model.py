@@ -21,7 +21,7 @@ class MOMDP:
     rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. An object is of
     one of C kinds for each attribute: a latent class that all its percepts depend on, so that they
     may err together. Given the kind they tell nothing more of the truth, and both truths may have a
-    kind in common. In the paper the kind is the truth: C = 2, and `kinds` the identity.
+    kind in common. In the paper the kind is the truth: C = 2, and `latent_classes` the identity.
     """
 
     query: Query
@@ -29,12 +29,12 @@ class MOMDP:
     behavior_names: tuple[str, ...]  # (E,)
     start: int
     transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior)
-    informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x')
+    observation_probability: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x')
     legal: NDArray[np.bool_]  # (X,E)
     confusion: NDArray[np.float64]  # (N,E,C,K) rows = kinds (the paper's: the truth), cols = levels
     precision: NDArray[np.float64]  # (N,E,C) Dirichlet weight of a row, inf = known exactly
     prior: NDArray[np.float64]  # (N,) Pr(attribute is true) before the trial
-    kinds: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
+    latent_classes: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
     cost: NDArray[np.float64]  # (E,) s
     correct: float  # r+
     incorrect: float  # r-
@@ -44,10 +44,17 @@ class MOMDP:
     abstain: bool = False  # may a planner end a trial by an illegal behavior?
     counts: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,E,2,K) labelled percepts
     # behind the rows, for who looks on; zeros where nobody tells
-    log_share: NDArray[np.float64] = field(init=False, repr=False)  # (N,2,C) ln Pr(truth | kind)
+    log_truth: NDArray[np.float64] = field(init=False, repr=False)  # (N,2,C) ln Pr(truth | kind)
 
     def __post_init__(self) -> None:
-        for name in ("transition", "informative", "confusion", "precision", "prior", "kinds"):
+        for name in (
+            "transition",
+            "observation_probability",
+            "confusion",
+            "precision",
+            "prior",
+            "latent_classes",
+        ):
             set_frozen(self, **{name: freeze(getattr(self, name))})
         set_frozen(self, cost=freeze(self.cost), bonus=freeze(self.bonus), limit=freeze(self.limit))
         set_frozen(self, legal=freeze(self.legal, np.bool_))
@@ -56,7 +63,7 @@ class MOMDP:
             set_frozen(self, counts=np.zeros(shape))
         set_frozen(self, counts=freeze(self.counts))
         self._check()
-        set_frozen(self, log_share=freeze(self._log_share()))
+        set_frozen(self, log_truth=freeze(self._log_truth()))
 
     def _check(self) -> None:
         n, e, x = len(self.query), len(self.behavior_names), len(self.x_names)
@@ -65,17 +72,19 @@ class MOMDP:
                 f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
                 "levels, an even number, the upper half of which speaks for true."
             )
-        if self.kinds.ndim != 3:  # noqa: PLR2004
-            raise SettingsError(f"MOMDP.kinds has shape {self.kinds.shape}; expected (N,2,C).")
-        c = self.kinds.shape[2]
+        if self.latent_classes.ndim != 3:  # noqa: PLR2004
+            raise SettingsError(
+                f"MOMDP.latent_classes has shape {self.latent_classes.shape}; expected (N,2,C)."
+            )
+        c = self.latent_classes.shape[2]
         expected = {
             "transition": (e, x, x),
-            "informative": (e, x, x),
+            "observation_probability": (e, x, x),
             "legal": (x, e),
             "confusion": (n, e, c, self.levels),
             "precision": (n, e, c),
             "prior": (n,),
-            "kinds": (n, 2, c),
+            "latent_classes": (n, 2, c),
             "counts": (n, e, 2, self.levels),
             "cost": (e,),
             "bonus": (n, e, 2),
@@ -85,7 +94,7 @@ class MOMDP:
             found = getattr(self, name).shape
             if found != shape:
                 raise SettingsError(f"MOMDP.{name} has shape {found}; expected {shape}.")
-        for name in ("transition", "confusion", "kinds"):
+        for name in ("transition", "confusion", "latent_classes"):
             rows = getattr(self, name)
             if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):
                 raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
@@ -100,22 +109,22 @@ class MOMDP:
             raise SettingsError(
                 f"MOMDP.cost and MOMDP.limit must be 0 or more; found {self.cost}, {self.limit}."
             )
-        if not ((self.informative >= 0) & (self.informative <= 1)).all():
-            raise SettingsError("MOMDP.informative must be probabilities, from 0 to 1.")
+        if not ((self.observation_probability >= 0) & (self.observation_probability <= 1)).all():
+            raise SettingsError("MOMDP.observation_probability must be probabilities, from 0 to 1.")
         if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
             raise SettingsError(
                 f"Need 0 < discount <= 1 and correct >= incorrect; found discount "
                 f"{self.discount}, correct {self.correct}, incorrect {self.incorrect}."
             )
 
-    def _log_share(self) -> NDArray[np.float64]:
+    def _log_truth(self) -> NDArray[np.float64]:
         """Both logarithms, as the lesser share vanishes beside 1 where a kind is nearly sure."""
         chance = np.stack([1.0 - self.prior, self.prior], axis=1)[..., None]  # (N,2,1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            kinds = np.log(self.kinds)
+            latent_classes = np.log(self.latent_classes)
             believed, even = (
                 each - np.logaddexp.reduce(each, axis=1, keepdims=True)
-                for each in (kinds + np.log(chance), kinds)
+                for each in (latent_classes + np.log(chance), latent_classes)
             )
         # A kind that the prior rules out is never believed in; its share is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
@@ -133,19 +142,19 @@ class MOMDP:
         return int(self.confusion.shape[-1])
 
     @property
-    def n_kinds(self) -> int:
+    def n_classes(self) -> int:
         """C, kinds of objects."""
-        return int(self.kinds.shape[2])
+        return int(self.latent_classes.shape[2])
 
     @property
-    def kind_is_truth(self) -> bool:
+    def class_is_truth(self) -> bool:
         """Whether the kind is the truth (Eq. 8), so that log-odds are all there is to believe."""
-        return self.n_kinds == 2 and not self.kinds[:, [0, 1], [1, 0]].any()  # noqa: PLR2004
+        return self.n_classes == 2 and not self.latent_classes[:, [0, 1], [1, 0]].any()  # noqa: PLR2004
 
     @property
     def rows(self) -> NDArray[np.float64]:
         """Mean confusion matrix by truth (N,E,2,K): over the kinds of object of each."""
-        return np.asarray(np.einsum("nvc,neck->nevk", self.kinds, self.confusion))
+        return np.asarray(np.einsum("nvc,neck->nevk", self.latent_classes, self.confusion))
 
     @property
     def n_behaviors(self) -> int:

@@ -38,7 +38,7 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     yes = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)
     entropy = -(rows * np.log2(rows)).sum(axis=0)
-    senses = momdp.informative.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)
+    senses = momdp.observation_probability.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)
     return freeze(np.where(senses, entropy, 0.0))
 
 

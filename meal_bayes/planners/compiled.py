@@ -116,12 +116,12 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
         percepts=Percepts(
             rows=momdp.confusion.copy(),
             precision=momdp.precision.copy(),
-            classes=momdp.kinds.copy(),
-            truth=np.exp(momdp.log_share),
+            classes=momdp.latent_classes.copy(),
+            truth=np.exp(momdp.log_truth),
             informative=_information(momdp) > _INFORMATIVE,
             limit=momdp.limit.copy(),
             known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
-            class_is_truth=momdp.kind_is_truth,
+            class_is_truth=momdp.class_is_truth,
         ),
         bonus=momdp.bonus.copy(),
         paid=np.minimum(momdp.limit, paid),
@@ -134,7 +134,7 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
 def class_prior(momdp: MOMDP) -> Floats:
     """Compute Pr(latent class) (N,C) before a trial, none of them 0."""
     chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((chance[:, :, None] * momdp.kinds).sum(axis=1), 1e-21, 1.0)
+    prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)
     return np.asarray(prior / prior.sum(axis=1, keepdims=True))
 
 
@@ -145,7 +145,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     before what has to be done, and no plan would be worth less for it.
     """
     cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
-    parts = (momdp.transition, momdp.informative, momdp.legal, cost, momdp.cost)
+    parts = (momdp.transition, momdp.observation_probability, momdp.legal, cost, momdp.cost)
     key = (
         b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
     )
@@ -159,10 +159,10 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     size = len(momdp.x_names)
     states = np.arange(size)
-    idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
+    idle = (momdp.transition * (1 - momdp.observation_probability))[:, states, states].T  # (X,E)
     idle = np.where(momdp.legal, idle, 0.0)
     moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
-    sensed = (momdp.transition * momdp.informative).transpose(1, 0, 2)
+    sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)
     moved[states, :, states] -= idle
     silent = np.clip(moved - sensed, 0.0, None)
     step = records(idle.shape, STEP)
@@ -194,7 +194,7 @@ def _information(momdp: MOMDP) -> Floats:
 
     A percept that tells of the class alone may make the next one worth more.
     """
-    rows, p = momdp.confusion, momdp.kinds.mean(axis=1)[:, None, :, None]
+    rows, p = momdp.confusion, momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
     return np.asarray((p * rows * ratio).sum(axis=(2, 3)))

@@ -61,7 +61,7 @@ def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     joint = next_percept(momdp, belief)  # (N,E,2,K)
     true, (n, e) = joint.sum(axis=3), joint.shape[:2]
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
-    left = belief.seen[0].sum(axis=1) < momdp.limit
+    left = belief.percept_counts[0].sum(axis=1) < momdp.limit
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
 
 

@@ -106,7 +106,7 @@ class Remembering:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action, as the last time in the same place."""
         belief = history.belief
-        key = belief.x, belief.seen.tobytes()
+        key = belief.x, belief.percept_counts.tobytes()
         decision = self._made.get(key)
         if decision is None:
             place = hashlib.blake2b(key[1], digest_size=8).hexdigest()

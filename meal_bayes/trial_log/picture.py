@@ -74,7 +74,7 @@ def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[
 
     An object is of one of the kinds that its truth has, and its row Dirichlet about the kind's.
     """
-    share = momdp.kinds[..., None]  # (N,2,C,1)
+    share = momdp.latent_classes[..., None]  # (N,2,C,1)
     rows = momdp.confusion[:, None, action]  # (N,1,C,K)
     precision = momdp.precision[:, None, action, :, None]
     mean = (share * rows).sum(axis=2)

@@ -132,7 +132,7 @@ def optimum(momdp: MOMDP) -> float:
             bonus = np.stack([1 - belief.positive, belief.positive], axis=1) * momdp.bonus[:, e]
             total, idle = bonus.sum() - momdp.cost[e], 0.0
             for target, p in enumerate(momdp.transition[e, x]):
-                felt = p * momdp.informative[e, x, target]
+                felt = p * momdp.observation_probability[e, x, target]
                 if target == x:
                     idle += p
                 elif p:
@@ -248,7 +248,9 @@ def test_decisions_are_legal_everywhere(name, levels):
             action = decision.action if decision.action in legal else int(rng.choice(legal))
             x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
             percept = (
-                rng.choice([0, levels - 1], n) if momdp.informative[action, belief.x, x] else None
+                rng.choice([0, levels - 1], n)
+                if momdp.observation_probability[action, belief.x, x]
+                else None
             )
             belief = update_belief(belief, momdp, Transition(action, x, percept))
 
@@ -275,7 +277,7 @@ def test_certain_attributes_and_deciding_percepts():
                 load_domain("toy"),
                 Query(("red",)),
                 np.full((1, 3, 4, 2), 0.5),
-                kinds=np.full((1, 2, 4), 0.25),
+                latent_classes=np.full((1, 2, 4), 0.25),
             ),
             "several latent classes",
         ),

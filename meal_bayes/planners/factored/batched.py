@@ -55,9 +55,9 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
             break
     at = (np.log(start / (1 - start)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
     low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
-    share, row = np.clip(at - low, 0.0, 1.0), np.arange(len(start))
+    fraction, row = np.clip(at - low, 0.0, 1.0), np.arange(len(start))
     first = value[momdp.start]
-    return np.asarray((1 - share) * first[row, low] + share * first[row, low + 1])
+    return np.asarray((1 - fraction) * first[row, low] + fraction * first[row, low + 1])
 
 
 class _Percept:
@@ -70,15 +70,15 @@ class _Percept:
         at = np.arange(len(grid)) + np.log(rates[..., 1:] / rates[..., :1]) / step
         at = np.clip(at, 0, len(grid) - 1)
         self.low = np.minimum(at.astype(np.intp), len(grid) - 2)
-        self.share = at - self.low
+        self.fraction = at - self.low
 
     def expectation(self, value: Floats) -> Floats:
         """Compute the expected value (B,G) after the percept."""
         total = np.zeros_like(value)
-        for prob, low, share in zip(self.prob, self.low, self.share, strict=True):
+        for prob, low, fraction in zip(self.prob, self.low, self.fraction, strict=True):
             below = np.take_along_axis(value, low, axis=1)
             above = np.take_along_axis(value, low + 1, axis=1)
-            total += prob * (below + share * (above - below))
+            total += prob * (below + fraction * (above - below))
         return total
 
 

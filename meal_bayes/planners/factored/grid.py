@@ -65,11 +65,11 @@ def make_table(axes: Sequence[Floats], value: Floats) -> Table:
 def refine(table: Table, attribute: int, axis: Floats) -> Table:
     """Interpolate the values of a table on another axis of one attribute."""
     axes = table.axes
-    low, share = between(axes[attribute], axis)
+    low, fraction = between(axes[attribute], axis)
     high = np.minimum(low + 1, len(axes[attribute]) - 1)
     left = len(table.value) * int(table.size[:attribute].prod())
     old = table.value.reshape(left, len(axes[attribute]), -1)
-    new = old[:, low] * (1 - share)[:, None] + old[:, high] * share[:, None]
+    new = old[:, low] * (1 - fraction)[:, None] + old[:, high] * fraction[:, None]
     axes[attribute] = axis
     return make_table(axes, new.reshape(len(table.value), -1))
 
@@ -78,14 +78,14 @@ def between(axis: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the point below each belief, and the weight of the point above it."""
     low = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, max(len(axis) - 2, 0))
     width = axis[np.minimum(low + 1, len(axis) - 1)] - axis[low]
-    share = np.divide(at - axis[low], width, out=np.zeros_like(at), where=width > 0)
-    return low, share.clip(0.0, 1.0)
+    fraction = np.divide(at - axis[low], width, out=np.zeros_like(at), where=width > 0)
+    return low, fraction.clip(0.0, 1.0)
 
 
 def informative_pairs(momdp: MOMDP) -> NDArray[np.bool_]:
     """Return which behaviors' percepts can move the belief in which attributes, (N,E)."""
     differ = (np.abs(momdp.confusion[:, :, 1] - momdp.confusion[:, :, 0]) > _EQUAL).any(axis=-1)
-    comes = (momdp.transition * momdp.informative).any(axis=2).T & momdp.legal  # (X,E)
+    comes = (momdp.transition * momdp.observation_probability).any(axis=2).T & momdp.legal  # (X,E)
     unsure = (momdp.prior > 0) & (momdp.prior < 1)
     return np.asarray(differ & comes.any(axis=0) & (momdp.limit > 0) & unsure[:, None])
 
@@ -185,11 +185,11 @@ def value_after(
                 if p <= 0.0:
                     continue
                 after = joint / p
-            low, share = _locate(table, i, after)
-            scratch[0, axis + beside], scratch[1, axis + beside] = low, p * (1.0 - share)
+            low, fraction = _locate(table, i, after)
+            scratch[0, axis + beside], scratch[1, axis + beside] = low, p * (1.0 - fraction)
             beside += 1
-            if share > 0.0:
-                scratch[0, axis + beside], scratch[1, axis + beside] = low + 1, p * share
+            if fraction > 0.0:
+                scratch[0, axis + beside], scratch[1, axis + beside] = low + 1, p * fraction
                 beside += 1
         for k in range(count - 1, -1, -1):  # from the end, as each makes way for several
             offset, part = scratch[0, k] * table.size[i], scratch[1, k]

@@ -138,8 +138,8 @@ class ValueIteration:
             percepts.append(self._percepts[key])
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
-        work = np.zeros((4, value.shape[1]))
-        sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
+        scratch = np.zeros((4, value.shape[1]))
+        sweep(backups, value, scratch, settled * self.tolerance, sweeps, smooth)
         return table._replace(value=value)
 
     def _lowered(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:

@@ -76,7 +76,7 @@ class Factored:
         SettingsError : finite precision, several latent classes a truth, more attributes than
             `points` allow, or rewards without a bound.
         """
-        if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+        if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
             raise SettingsError(
                 "Factored value iteration needs percepts that are independent given the truth, "
                 "with known rates (Eq. 8: infinite precision, one latent class a truth); plan with "
@@ -141,7 +141,7 @@ class FactoredPolicy:
     def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
         """Return iteration and table without the behaviors whose percepts have run out."""
         momdp = self.iteration.momdp
-        gone = (belief.seen[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
+        gone = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
         gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
         if not gone.any():
             return self.iteration, self.estimate

@@ -15,7 +15,7 @@ from meal_bayes.planners.kernels import records
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
-    RULES,
+    THRESHOLDS,
     make_scratch,
     tabulate_errors,
 )
@@ -44,13 +44,13 @@ class Candidates(NamedTuple):
     ----------
     x : (J,) where they start.
     path : (J,L) behaviors, padded by -1.
-    plan, uses, executions : as in `Plans`.
+    plan, observation_counts, executions : as in `Plans`.
     """
 
     x: Integers
     path: Integers
     plan: NDArray[np.void]
-    uses: Integers
+    observation_counts: Integers
     executions: Floats
 
     def take(self, rows: NDArray[np.intp]) -> "Candidates":
@@ -116,12 +116,12 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         -4.0, 4.0, (_JUDGED * min(n, _MANY), n)
     )
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
-    affinity = _affinity(problem)
-    parts = [_grown(problem, diagram, beliefs[:_GROWN], affinity), diagram.simple]
+    bhattacharyya = _log_bhattacharyya(problem)
+    parts = [_grown(problem, diagram, beliefs[:_GROWN], bhattacharyya), diagram.simple]
     if problem.shaped:
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    candidates = candidates.take(_promising(problem, candidates, beliefs, affinity))
+    candidates = candidates.take(_promising(problem, candidates, beliefs, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
     wins = np.zeros((len(plans.plan), 2), np.int64)
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
@@ -134,7 +134,7 @@ def retabulate(plans: Plans, problem: Compiled) -> Plans:
     """Tabulate the errors of the same plans in another MOMDP of the query."""
     x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
     unread = np.empty((len(x), 0), np.int64)
-    same = Candidates(x, unread, plans.plan, plans.uses, plans.executions)
+    same = Candidates(x, unread, plans.plan, plans.observation_counts, plans.executions)
     return _tabulated(problem, same, OUTCOMES)
 
 
@@ -148,7 +148,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
-        yes, no = ((beliefs * share).sum(axis=-1).clip(1e-300) for share in (true, false))
+        yes, no = ((beliefs * fraction).sum(axis=-1).clip(1e-300) for fraction in (true, false))
         return np.asarray(np.log(yes / no))
 
     wanted, beliefs = log_odds(prior) + spread, prior[None]
@@ -159,7 +159,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     return np.ascontiguousarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
-def _affinity(problem: Compiled) -> Floats:
+def _log_bhattacharyya(problem: Compiled) -> Floats:
     """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U.
 
     It is 0 where percepts tell nothing.
@@ -180,14 +180,16 @@ def _affinity(problem: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grown(problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Floats) -> Candidates:
+def _grown(
+    problem: Compiled, diagram: Diagram, beliefs: Floats, bhattacharyya: Floats
+) -> Candidates:
     """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
     size, n = problem.dynamics.step.shape
     path = np.full((size, len(beliefs), n, _LENGTH), -1)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)
     buffer = np.zeros((2, n), np.int64)
     limit, gap = problem.percepts.limit, problem.gap
-    grow_plans(diagram.ways, affinity, limit, chance, gap, buffer, path)
+    grow_plans(diagram.ways, bhattacharyya, limit, chance, gap, buffer, path)
     start = np.repeat(np.arange(size), len(beliefs) * n)
     row = _distinct(np.column_stack([start, path.reshape(-1, _LENGTH)]) + 1)
     ends = np.arange(_LENGTH)[None]
@@ -195,7 +197,7 @@ def _grown(problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Float
 
 
 def _promising(
-    problem: Compiled, candidates: Candidates, beliefs: Floats, affinity: Floats
+    problem: Compiled, candidates: Candidates, beliefs: Floats, bhattacharyya: Floats
 ) -> NDArray[np.intp]:
     """Screen candidates by an estimate of their values at beliefs (B,N,C).
 
@@ -203,25 +205,25 @@ def _promising(
     few from each x at each belief stay, and the best two of each first behavior.
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
-    uses = np.minimum(candidates.uses, within)
-    every = np.arange(uses.shape[1])
-    affine = np.exp(affinity[:, every, uses].sum(axis=2))  # (N,J)
+    counts = np.minimum(candidates.observation_counts, within)
+    every = np.arange(counts.shape[1])
+    affine = np.exp(bhattacharyya[:, every, counts].sum(axis=2))  # (N,J)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    right = np.ones((len(beliefs), len(uses)))
+    right = np.ones((len(beliefs), len(counts)))
     for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
         right *= 1.0 - unsure[:, None] * each
     cost, discount = candidates.plan["cost"], candidates.plan["discount"]
     value = discount * (problem.incorrect + problem.gap * right) - cost  # (B,J)
     if problem.shaped:
-        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.uses, 1))
+        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.observation_counts, 1))
         pay = problem.bonus.mean(axis=2).sum(axis=0)
-        value += (paid * (candidates.uses > 0) * candidates.executions) @ pay
+        value += (paid * (candidates.observation_counts > 0) * candidates.executions) @ pay
     peak, action = value.max(axis=0), candidates.plan["action"]
     order = np.lexsort((-peak, action, candidates.x))
-    group = candidates.x[order] * uses.shape[1] + action[order]
+    group = candidates.x[order] * counts.shape[1] + action[order]
     kept = np.zeros(len(peak), np.bool_)
     kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
-    screened = _SCREENED * min(len(affinity), _MANY)
+    screened = _SCREENED * min(len(bhattacharyya), _MANY)
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     for start, end in itertools.pairwise(first.tolist()):
         if end - start > screened:
@@ -243,14 +245,14 @@ def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
     plan = records((rows, length), PLAN)
     reached = np.zeros((rows, length), np.int64)
-    uses, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
-    follow(diagram.dynamics.step, diagram.ways, start, path, plan, uses, executions, reached)
+    counts, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
+    follow(diagram.dynamics.step, diagram.ways, start, path, plan, counts, executions, reached)
     r, t = np.nonzero(
         np.take_along_axis(path, np.broadcast_to(ends, (rows, ends.shape[1])), 1) >= 0
     )
     t = np.broadcast_to(ends, (rows, ends.shape[1]))[r, t]
     cut = np.where(np.arange(length) <= t[:, None], path[r], -1)
-    return Candidates(start[r], cut, plan[r, t], uses[r, t], executions[r, t])
+    return Candidates(start[r], cut, plan[r, t], counts[r, t], executions[r, t])
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
@@ -265,7 +267,7 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             path = (*path, *ways.path(here, goal))
             here = int(ways.end[here, goal])
             left[list(path)] = False
-            gain = (ways.uses[here] > 0) @ (pay * left) - ways.cost[here]
+            gain = (ways.observation_counts[here] > 0) @ (pay * left) - ways.cost[here]
             gain = np.where(left & (ways.hop[here] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
         start.append(x)
@@ -277,7 +279,9 @@ def _cheapest(candidates: Candidates) -> Candidates:
     """Of plans with the same x, first behavior and percepts keep the cheapest, in order of x."""
     cost = np.argsort(candidates.plan["cost"], kind="stable")
     x, action = candidates.x[cost], candidates.plan["action"][cost]
-    return candidates.take(cost[_distinct(np.column_stack([x, action, candidates.uses[cost]]))])
+    return candidates.take(
+        cost[_distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))]
+    )
 
 
 def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
@@ -307,24 +311,24 @@ def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
     """Tabulate the errors; plans that tell the same of an attribute share a row."""
     percepts, tables = problem.percepts, 0
-    rows, uses, attribute = [], [], []
+    rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):
-        keys = (candidates.uses * informative).astype(">u2")
+        keys = (candidates.observation_counts * informative).astype(">u2")
         _, first, row = np.unique(
             keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True, return_inverse=True
         )
         rows.append(row + tables)
-        uses.append(candidates.uses[first] * informative)
+        counts.append(candidates.observation_counts[first] * informative)
         attribute += [i] * len(first)
         tables += len(first)
-    table = np.empty((tables, RULES, percepts.rows.shape[2]))
+    table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
     scratch = make_scratch(percepts, 0, held)
-    tabulate_errors(percepts, np.concatenate(uses), np.array(attribute), scratch, table)
+    tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     size = problem.dynamics.step.shape[0]
     return Plans(
         first=np.searchsorted(candidates.x, np.arange(size + 1)),
         plan=candidates.plan,
-        uses=candidates.uses,
+        observation_counts=candidates.observation_counts,
         executions=candidates.executions,
         row=np.column_stack(rows),
         table=table,

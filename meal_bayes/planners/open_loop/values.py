@@ -29,7 +29,7 @@ class Plans(NamedTuple):
     ----------
     first : (X+1,) plans of x are first[x] : first[x+1].
     plan : (J,) records of `PLAN`.
-    uses : (J,E) percepts gathered.
+    observation_counts : (J,E) percepts gathered.
     executions : (J,E) discounted expected executions, for shaping.
     row : (J,N) of the table.
     table : (T,G,C) Pr(error | latent class) of decision rules, see `tabulate_errors`.
@@ -37,7 +37,7 @@ class Plans(NamedTuple):
 
     first: NDArray[np.int64]
     plan: NDArray[np.void]
-    uses: NDArray[np.int64]
+    observation_counts: NDArray[np.int64]
     executions: NDArray[np.float64]
     row: NDArray[np.int64]
     table: NDArray[np.float64]
@@ -66,10 +66,10 @@ def stop_value(model, x, prob):
 def _bonus(model, plans, j, scratch):
     """Sum what shaping pays along a plan, discounted."""
     total = 0.0
-    for e in range(plans.uses.shape[1]):
-        uses = plans.uses[j, e]
-        if uses > 0:
-            paid = min(1.0, max(0.0, model.paid[e] - scratch.total[e]) / uses)
+    for e in range(plans.observation_counts.shape[1]):
+        counts = plans.observation_counts[j, e]
+        if counts > 0:
+            paid = min(1.0, max(0.0, model.paid[e] - scratch.total[e]) / counts)
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
@@ -85,7 +85,7 @@ def _start(model, plans, j, scratch):
 
 
 @kernel
-def _rule_error(table, t, g, prob, i):
+def _threshold_error(table, t, g, prob, i):
     error = 0.0
     for c in range(table.shape[2]):
         error += prob[i, c] * table[t, g, c]
@@ -95,18 +95,18 @@ def _rule_error(table, t, g, prob, i):
 @kernel
 def _table_error(model, table, t, prob, i, scratch):
     """Error of the best rule; where the class is not the truth, of one near the last one found."""
-    g, rules = scratch.rule[i], table.shape[1]
-    here, above = _rule_error(table, t, g, prob, i), _rule_error(table, t, g + 1, prob, i)
+    g, thresholds = scratch.threshold[i], table.shape[1]
+    here, above = _threshold_error(table, t, g, prob, i), _threshold_error(table, t, g + 1, prob, i)
     if not model.percepts.class_is_truth:  # else the best rule is next to the log-odds
         step = 1 if above < here else -1
         if above < here:
             here, g = above, g + 1
-        while 0 <= g + step < rules:
-            above = _rule_error(table, t, g + step, prob, i)
+        while 0 <= g + step < thresholds:
+            above = _threshold_error(table, t, g + step, prob, i)
             if above >= here:
                 break
             here, g = above, g + step
-        scratch.rule[i] = min(g, rules - 2)
+        scratch.threshold[i] = min(g, thresholds - 2)
         above = here
     return min(here, above, scratch.chance[i], 1.0 - scratch.chance[i])
 
@@ -129,18 +129,18 @@ def _exact_value(model, plans, j, prob, scratch, floor):
     for i in range(prob.shape[0]):
         if base + gain <= floor:
             break
-        gain *= 1.0 - plan_error(model.percepts, plans.uses, j, i, prob, scratch)
+        gain *= 1.0 - plan_error(model.percepts, plans.observation_counts, j, i, prob, scratch)
     return base + gain
 
 
 @kernel
 def _is_tabled(percepts, plans, j, scratch):
     """Whether the tables hold a plan: what it perceives is new, or known to come as it does."""
-    for e in range(plans.uses.shape[1]):
-        uses = plans.uses[j, e]
-        if uses > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
+    for e in range(plans.observation_counts.shape[1]):
+        counts = plans.observation_counts[j, e]
+        if counts > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
             return False
-        if uses > percepts.limit[e] - scratch.total[e]:
+        if counts > percepts.limit[e] - scratch.total[e]:
             return False
     return True
 
@@ -148,12 +148,12 @@ def _is_tabled(percepts, plans, j, scratch):
 @kernel
 def _locate(model, plans, prob, scratch):
     """Find each attribute's chance, and the rule next to its log-odds."""
-    rules = plans.table.shape[1]
+    thresholds = plans.table.shape[1]
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
         odds = np.log((b + 1e-300) / (1.0 - b + 1e-300))
-        g = int((odds + SPAN) * ((rules - 1) / (2.0 * SPAN)))
-        scratch.chance[i], scratch.rule[i] = b, min(max(g, 0), rules - 2)
+        g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
+        scratch.chance[i], scratch.threshold[i] = b, min(max(g, 0), thresholds - 2)
 
 
 @kernel

@@ -112,7 +112,7 @@ class AlphaVectorPolicy:
         vectors, actions = self._here[belief.x]
         values = np.full(momdp.n_behaviors + 1, -np.inf)
         np.maximum.at(values, actions, vectors @ belief.joint)
-        used_up = belief.seen[0].sum(axis=1) >= momdp.limit
+        used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
         stays = momdp.transition[:, belief.x, belief.x] == 1
         values[:-1][used_up & stays] = -np.inf
         values[-1] = report_value(momdp, belief)

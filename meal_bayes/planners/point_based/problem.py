@@ -46,10 +46,11 @@ def problem_of(momdp: MOMDP) -> Problem:
     ------
     SettingsError : finite precision, several latent classes a truth, or too many attributes.
     """
-    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
             "Alpha vectors cannot hold rows of finite precision, or several latent classes a "
-            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8), or use POMCP."
+            "truth; build the MOMDP with precision=inf and without "
+            "`latent_classes` (Eq. 8), or use POMCP."
         )
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
     size = int(momdp.legal.sum()) * n_z * n_y**2

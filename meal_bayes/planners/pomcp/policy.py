@@ -6,7 +6,7 @@ departs from textbook POMCP, each because the textbook fails here:
 
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief, no particles.
-- New nodes are not valued by random roll-outs but by open-loop plans and tables (`leaf.py`).
+- New nodes are not valued by random roll-outs but by open-loop plans and tables (`evaluator.py`).
 - `backup="expected"`: sampled MOMDPs decide where the tree grows; values are backed up as exact
   expectations over an edge's outcomes (drawn ones beyond 64), which is what the returns of sampled
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
@@ -32,7 +32,7 @@ from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import plan_values
 from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.pomcp.certain import certain_behavior
-from meal_bayes.planners.pomcp.leaf import Leaf
+from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
 from meal_bayes.planners.pomcp.sampled import KEPT, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
@@ -117,7 +117,7 @@ class POMCPPolicy:
         """The tables of the leaf; None where the marginals are not the state, or too many."""
         momdp, points = self.momdp, self.settings.points
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if not points or not known or not momdp.kind_is_truth:
+        if not points or not known or not momdp.class_is_truth:
             return None
         if not spans_percepts(momdp, points):  # plans know better than so coarse a grid
             return None
@@ -165,14 +165,16 @@ class POMCPPolicy:
         """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
         settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
         table = _EMPTY if self.tables is None else self.tables.estimate
-        leaf = Leaf(self.plans, table, scratch, grid.make_scratch(table, momdp.levels))
+        evaluator = LeafEvaluator(
+            self.plans, table, scratch, grid.make_scratch(table, momdp.levels)
+        )
         tree = self._planted(belief)
         sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
         exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
         def grow(simulations: int) -> int:
-            return int(search(self.problem, leaf, tree, sampled, simulations, options, rng))
+            return int(search(self.problem, evaluator, tree, sampled, simulations, options, rng))
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
         if not done:
@@ -195,9 +197,9 @@ class POMCPPolicy:
             width = branches * int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
         nodes += branches * ENUMERATE + 1  # that an expansion may take
-        tree = make_tree(nodes, momdp.n_behaviors, *belief.weight.shape)
+        tree = make_tree(nodes, momdp.n_behaviors, *belief.log_prob.shape)
         stop = max(report_value(momdp, belief), self._exit_value(belief.x))
-        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.weight), -1
+        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.log_prob), -1
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
         return tree
 

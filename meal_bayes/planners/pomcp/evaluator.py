@@ -16,7 +16,7 @@ from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
 
 
-class Leaf(NamedTuple):
+class LeafEvaluator(NamedTuple):
     """Evaluators of beliefs, and their buffers.
 
     Attributes
@@ -33,26 +33,28 @@ class Leaf(NamedTuple):
 
 
 @kernel
-def add_node(model, leaf, tree, child, x, a):
+def add_node(model, evaluator, tree, child, x, a):
     """Add the next free node, valued by ending now, the best plan, or what the table says."""
     tree.size[0] += 1
-    node, prob, table = tree.node[child], tree.prob[child], leaf.table
+    node, prob, table = tree.node[child], tree.prob[child], evaluator.table
     node.x, node.visits = x, 0
-    count_percept(leaf.scratch, tree.level[child], a, 1.0)
+    count_percept(evaluator.scratch, tree.level[child], a, 1.0)
     node.stop = stop_value(model, x, prob)
-    node.value = evaluate_plans(model, leaf.plans, x, prob, leaf.scratch, node.stop, x < 0)
+    node.value = evaluate_plans(
+        model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
+    )
     if table.value.shape[0] > 0:
-        chance, nothing = leaf.scratch.chance, -table.size[0]
-        estimate = value_after(table, model.percepts.rows, x, nothing, chance, leaf.reading)
+        chance, nothing = evaluator.scratch.chance, -table.size[0]
+        estimate = value_after(table, model.percepts.rows, x, nothing, chance, evaluator.reading)
         node.value = max(node.value, estimate)
-    count_percept(leaf.scratch, tree.level[child], a, -1.0)
+    count_percept(evaluator.scratch, tree.level[child], a, -1.0)
 
 
 @kernel
-def open_node(model, leaf, tree, node):
+def open_node(model, evaluator, tree, node):
     """Make the edges of a node that is visited; their values are -inf where nothing can come."""
-    x, scratch, table = tree.node[node].x, leaf.scratch, leaf.table
-    evaluate_plans(model, leaf.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+    x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
+    evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
     for a in range(tree.edge.shape[1]):
         value = scratch.value[a]
         if value > -np.inf and table.value.shape[0] > 0:
@@ -61,7 +63,12 @@ def open_node(model, leaf, tree, node):
                 branch = model.dynamics.branch[x, a, k]
                 behavior = a if branch.senses else -table.size[0]
                 mean += branch.p * value_after(
-                    table, model.percepts.rows, branch.x, behavior, scratch.chance, leaf.reading
+                    table,
+                    model.percepts.rows,
+                    branch.x,
+                    behavior,
+                    scratch.chance,
+                    evaluator.reading,
                 )
             reward = step_reward(model, x, a, scratch.chance, scratch.total)
             value = max(value, reward + model.dynamics.step[x, a].discount * mean)
