@@ -99,7 +99,7 @@ def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]
             soft = np.array([[1 - epsilon, epsilon], [epsilon, 1 - epsilon]])
             models[graded] = Model(rows, precision, np.eye(2))
             models[f"{graded}, latent class"] = Model(rows, precision, soft)
-            if levels == 2:  # noqa: PLR2004
+            if levels == 2:
                 paper = ConfusionPosterior.from_counts(posterior.counts)
                 exact, known = paper.select(columns, exact=True)
                 models["counts"] = Model(exact, known, np.eye(2))
@@ -213,7 +213,7 @@ def score(
         "brier": float(brier(positive, truth).mean()),
         "ece": calibration_error(positive, truth),
         "ece_calibrated": expected_calibration_error(positive, stream(0, "calibrated belief")),
-        "accuracy": float(((positive > 0.5) == truth).mean()),  # noqa: PLR2004
+        "accuracy": float(((positive > 0.5) == truth).mean()),
     }
 
 

@@ -75,7 +75,7 @@ def simulate(
     believed = momdp if believed is None else believed
     if believed.query != momdp.query or believed.behavior_names != momdp.behavior_names:
         raise SettingsError("`believed` must have the attributes and behaviors of `momdp`.")
-    if episodes < 2:  # noqa: PLR2004
+    if episodes < 2:
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
     rows = []
     for luck in rng.spawn(episodes):

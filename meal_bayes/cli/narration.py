@@ -191,7 +191,7 @@ def verdict_style(trial: "Trial") -> dict[str, str]:
 def bar(p: float, signs: Signs) -> Text:
     """Draw a probability; green where the attribute would be reported."""
     full = round(p * _BAR)
-    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")  # noqa: PLR2004
+    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")
     return line.append(signs.empty * (_BAR - full), "dim")
 
 

@@ -150,7 +150,7 @@ def bars(
             )  # fmt: skip
         if reference is not None:
             to.plot(place, reference, "D", mfc="white", mec="black", ms=5, label=reference_name)
-        crowded = sum(map(len, names)) > 48  # noqa: PLR2004  letters that fit side by side
+        crowded = sum(map(len, names)) > 48  # letters that fit side by side
         turn: dict[str, Any] = (
             {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
         )
@@ -340,7 +340,7 @@ def _legend(ax: Axes, count: int) -> None:
 def _numbers(ax: Axes, table: NDArray[np.float64], image: Any, digits: int, sd: Any = None) -> None:
     """Write the numbers into an image, light on dark and dark on light."""
     low, high = image.get_clim()
-    small = 8 if table.size <= 64 else 6  # noqa: PLR2004  cells
+    small = 8 if table.size <= 64 else 6  # cells
     for (row, column), value in np.ndenumerate(table):
         if not np.isfinite(value):
             continue

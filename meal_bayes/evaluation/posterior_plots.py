@@ -86,7 +86,7 @@ def predictive(
     predicted : (S,2,n+1) replicates.
     """
     seen, drawn = np.asarray(observed, float), np.asarray(predicted, float)
-    if seen.ndim != 2 or len(seen) != 2 or drawn.shape[1:] != seen.shape:  # noqa: PLR2004
+    if seen.ndim != 2 or len(seen) != 2 or drawn.shape[1:] != seen.shape:
         raise SettingsError(
             f"Observed {seen.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
         )

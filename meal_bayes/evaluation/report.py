@@ -96,7 +96,7 @@ def report_page(tally: Tally, outcomes: TrialOutcomes, logs: Logs) -> str:
 
 
 def _more(logs: Logs) -> str:
-    return f" and {len(logs.files) - 3} more logs" if len(logs.files) > 3 else ""  # noqa: PLR2004
+    return f" and {len(logs.files) - 3} more logs" if len(logs.files) > 3 else ""
 
 
 def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
@@ -160,7 +160,7 @@ def _agents(rows: list[SummaryRow], outcomes: TrialOutcomes) -> str:
 
 def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[str]:
     """Compare every agent with the one that has the highest reward, on the tasks they share."""
-    if len(rows) < 2:  # noqa: PLR2004
+    if len(rows) < 2:
         return
     best = max(rows, key=lambda row: row.reward).agent
     cells = []
@@ -185,7 +185,7 @@ def _learning(tally: Tally, outcomes: TrialOutcomes) -> str:
         own = outcomes.agent == name
         judged = own & test & outcomes.judged
         numbers = np.unique(batch[judged])
-        if len(numbers) < 2:  # noqa: PLR2004
+        if len(numbers) < 2:
             continue
         trained = own & ~test & (batch >= 0)
         spent = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]

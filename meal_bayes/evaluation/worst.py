@@ -41,7 +41,7 @@ def _folded(rank: int, bad: Bad) -> str:
     see = escape(f"meal-bayes view {place.file} --trial {place.number}")
     note = f"<p class='note'>{truth}<br>see it: <code>{see}</code></p>"
     body = figures(drawn, f"<div>{note}{_steps(trial)}</div>")
-    return fold(summary, body, opened=rank < 3)  # noqa: PLR2004
+    return fold(summary, body, opened=rank < 3)
 
 
 def _steps(trial: Trial) -> str:

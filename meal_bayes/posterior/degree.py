@@ -71,7 +71,7 @@ class SharedDegree:
     @classmethod
     def of_spread(cls, spread: float, points: int = POINTS) -> "SharedDegree":
         """Lay the grid for a spread sigma > 0."""
-        if not spread > 0 or points < 2:  # noqa: PLR2004
+        if not spread > 0 or points < 2:
             raise SettingsError(
                 f"A degree needs a spread above 0 and 2 points; found {spread} and {points}."
             )

@@ -91,12 +91,12 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
     if prior is None:
         flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
         _, s = _posterior(_approximate(rows, flat), votes)
-        learn = _learn_prior if levels == 2 else _graded_prior  # noqa: PLR2004
+        learn = _learn_prior if levels == 2 else _graded_prior
         alpha = learn(_effective(rows, s).reshape(*shape, levels), votes)
     else:
         alpha = np.asarray(prior, dtype=float)
     alpha = np.broadcast_to(alpha, (*shape, levels)).reshape(-1, levels)
-    profile = _integrate(rows, alpha) if levels == 2 else _approximate(rows, alpha)  # noqa: PLR2004
+    profile = _integrate(rows, alpha) if levels == 2 else _approximate(rows, alpha)
     mean, dispersion = _posterior(profile, votes)
     weight = (alpha + _effective(rows, dispersion)).sum(axis=-1)
     return DispersionFit(

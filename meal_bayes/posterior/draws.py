@@ -192,7 +192,7 @@ def draw_grid(
     posterior = grid.fit_dispersion(kept, prior)
     rows = grid._statistics(np.moveaxis(kept, 0, -2).reshape(-1, len(kept), levels))
     alpha = posterior.prior.reshape(-1, levels)
-    exact = levels == 2  # noqa: PLR2004
+    exact = levels == 2
     profile = (grid._integrate if exact else grid._approximate)(rows, alpha)
     votes = grid.youden(kept.sum(axis=0).astype(float)) > 0
     weight = grid._pool(profile.log_evidence.reshape(*row, -1), votes).reshape(len(alpha), -1)

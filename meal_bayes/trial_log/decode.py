@@ -270,7 +270,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         if (found := len(getattr(message, name))) != e + 1:
             raise LogCorruptError(f"a step has {found} {name}, expected {e + 1}")
     levels = list(message.observation)
-    if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # noqa: PLR2004  int8
+    if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # int8
         raise LogCorruptError(f"percepts {levels}, expected {n} levels below {k}")
     action = message.action
     seen = before.percept_counts

@@ -125,7 +125,7 @@ def _outcome(step: Step, momdp: MOMDP) -> str:
 def _answer(frame: TrialFrame) -> Sequence[str]:
     trial = frame.trial
     if not frame.last:
-        best = report_text(trial, frame.positive > 0.5)  # noqa: PLR2004
+        best = report_text(trial, frame.positive > 0.5)
         probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
         return [f"now it would answer **{best}** ({percent(probability)} sure)"]
     truth = plain_text(truth_words(trial.task.query.attributes, trial.truth))
