@@ -1,4 +1,4 @@
-"""The exact belief filter: N times C weights and percept counts, never 2^N numbers."""
+"""The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -15,24 +15,38 @@ from meal_bayes.momdp.observation import predictive
 
 
 class Transition(NamedTuple):
-    """One (a, x', z) of the history."""
+    """One (a, x', z) of the history.
+
+    Attributes
+    ----------
+    action : index of a behavior, or E + y of a report.
+    next_x : index of the x it led to.
+    observation : (N,) percept levels, None where no percept came.
+    """
 
     action: int
     next_x: int
-    observation: NDArray[np.int8] | None  # (N,) percept levels, None = "none"
+    observation: NDArray[np.int8] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
     """The information state: x, the evidence on each attribute, and the percepts of this trial.
 
-    Percepts tell of the truth through the kind of object alone, so its share of a kind is constant.
+    Percepts and truth are independent given the latent class, so Pr(truth | class) is constant.
+
+    Attributes
+    ----------
+    x : index of the state.
+    log_prob : (N,C) ln Pr(latent class); of false and true in the paper.
+    percept_counts : (N,E,K) percepts of this object so far, by level.
+    log_truth : (N,2,C) ln Pr(truth | latent class), the MOMDP's.
     """
 
     x: int
-    log_prob: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
-    percept_counts: NDArray[np.int64]  # (N,E,K) percepts of this object so far
-    log_truth: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
+    log_prob: NDArray[np.float64]
+    percept_counts: NDArray[np.int64]
+    log_truth: NDArray[np.float64]
     _log_odds: NDArray[np.float64] | None = field(
         default=None, init=False, repr=False, compare=False
     )  # computed when first asked for
@@ -54,7 +68,7 @@ class Belief:
         return belief_html(self)
 
     def at(self, x: int) -> "Belief":
-        """Move to another x, believing the same."""
+        """Return the same belief at another x."""
         return Belief(x, self.log_prob, self.percept_counts, self.log_truth)
 
     @property
@@ -108,7 +122,7 @@ def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
-    """Belief at the start of a trial: x0, the prior, nothing seen."""
+    """Return the belief at the start of a trial: x0, the prior, no percepts."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
@@ -119,8 +133,8 @@ def initial_belief(momdp: MOMDP) -> Belief:
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
-    The factor of each kind of object is its Dirichlet-multinomial predictive given the percepts
-    already seen in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
+    The factor of each latent class is its Dirichlet-multinomial predictive given the percepts
+    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
 
     Parameters
     ----------
@@ -130,7 +144,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
     Raises
     ------
-    ImpossibleObservation : the percept has probability zero under every value still believed in.
+    ImpossibleObservation : the percept has probability 0 under every class that is possible.
     SettingsError : an action, x or levels that the MOMDP does not have.
     """
     _check(momdp, transition)
@@ -144,8 +158,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     counts = percept_counts[attributes, levels][:, None]
     with np.errstate(divide="ignore"):
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
-        total_weight = _log_sum(log_prob)
-    contradicted = np.isneginf(total_weight)
+        log_total = _log_sum(log_prob)
+    contradicted = np.isneginf(log_total)
     if contradicted.any():
         bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
         raise ImpossibleObservation(
@@ -154,7 +168,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, log_prob - total_weight[:, None], counted, belief.log_truth)
+    return Belief(transition.next_x, log_prob - log_total[:, None], counted, belief.log_truth)
 
 
 def _check(momdp: MOMDP, transition: Transition) -> None:
@@ -184,10 +198,10 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:
-    """Give the action index E + y of the most probable report."""
+    """Return the action index E + y of the most probable report."""
     return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
-    """Give the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
+    """Compute the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
     return float(momdp.report_reward(belief.right))

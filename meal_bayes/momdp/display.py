@@ -17,9 +17,9 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
     """Return the title and the facts of a decision problem."""
     rates = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,2)
     best = rates[..., 1] - rates[..., 0]
-    tells = [
-        f"{name} by {momdp.behavior_names[e]} ({gain:.2f})"
-        for name, e, gain in zip(
+    largest = [
+        f"{name} by {momdp.behavior_names[e]} ({difference:.2f})"
+        for name, e, difference in zip(
             momdp.query.attributes, best.argmax(axis=1), best.max(axis=1), strict=True
         )
     ]
@@ -28,7 +28,7 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
         "states": f"{momdp.n_states}: {listed(momdp.x_names)} and 2^{len(momdp.query)} values",
         "actions": f"{momdp.n_actions}: {listed(momdp.behavior_names)} and the reports",
         "percepts": f"{momdp.levels} levels, {momdp.n_classes} latent classes",
-        "largest TPR - FPR": listed(tells, 3),
+        "largest TPR - FPR": listed(largest, 3),
         "rewards": f"{paid}, costs {np.min(momdp.cost):g} to {np.max(momdp.cost):g} s",
     }
 

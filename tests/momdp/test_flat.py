@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_refused():
         flatten(momdp_of("toy", 1, precision=4.0))
     latent_classes = np.full((1, 2, 4), 0.25)
     rows = np.full((1, 3, 4, 2), 0.5)
-    with pytest.raises(SettingsError, match="one kind of object a truth"):
+    with pytest.raises(SettingsError, match="one latent class a truth"):
         flatten(
             build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
         )
