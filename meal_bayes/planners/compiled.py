@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.kernels import records
 
-_INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's class are not planned with
+_INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics are remembered
@@ -35,7 +35,7 @@ BRANCH = np.dtype([
 
 
 class Dynamics(NamedTuple):
-    """Where behaviors lead.
+    """The transition model of the behaviors.
 
     Attributes
     ----------
@@ -54,18 +54,18 @@ class Dynamics(NamedTuple):
 
 
 class Percepts(NamedTuple):
-    """What behaviors show.
+    """The observation model of the behaviors.
 
     Attributes
     ----------
     rows : (N,E,C,K) mean Pr(level | latent class).
-    precision : (N,E,C) Dirichlet weight of a row.
+    precision : (N,E,C) Dirichlet precision of a row.
     classes : (N,2,C) Pr(latent class | truth).
     truth : (N,2,C) Pr(truth | latent class) under the prior.
-    informative : (N,E) does a percept tell of the latent class?
+    informative : (N,E) whether a percept carries information on the latent class.
     limit : (E,) percepts that a trial can have.
-    known : (E,) are all rows of a behavior known exactly?
-    class_is_truth : are classes the two truths (Eq. 8)?
+    known : (E,) whether all rows of a behavior are known exactly.
+    class_is_truth : whether the classes are the two truths (Eq. 8).
     """
 
     rows: Floats
@@ -86,7 +86,7 @@ class Compiled(NamedTuple):
     dynamics, percepts : see there.
     bonus : (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11).
     paid : (E,) percepts of a trial that shaping pays for.
-    shaped : is there any bonus?
+    shaped : whether there is any bonus.
     incorrect, gap : r- and r+ - r-.
     """
 
@@ -190,9 +190,9 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
 
 
 def _information(momdp: MOMDP) -> Floats:
-    """Mutual information of a percept and the latent class at even odds of truth, bits, (N,E).
+    """Compute the mutual information (N,E), bits, of a percept and the class at even odds of truth.
 
-    A percept that tells of the class alone may make the next one worth more.
+    A percept that informs of the class alone may raise the value of the next one.
     """
     rows, p = momdp.confusion, momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)

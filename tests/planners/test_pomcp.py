@@ -194,7 +194,7 @@ class TestWithoutThese:
         momdp = small.noisy_roc36(3)
         policy = POMCP(300, points=0).solve(momdp, np.random.default_rng(0))
         simple = diagram_of(policy.problem.dynamics).simple
-        single = simple.take(np.flatnonzero(simple.path[:, 1] < 0))
+        single = simple.select(np.flatnonzero(simple.path[:, 1] < 0))
         plans = _tabulated(policy.problem, single, OUTCOMES)
         blind = POMCPPolicy(momdp, policy.settings)
         blind.plans = plans

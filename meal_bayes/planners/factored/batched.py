@@ -1,4 +1,4 @@
-"""Optimal values of many problems of one attribute at once: what a better table would be worth.
+"""Optimal values of many problems of one attribute at once: the value of better rates.
 
 Each asks the same question of the same robot with yes/no percepts of known rates (Eq. 8); only the
 rates and the prior differ. Beliefs lie on an even grid of log-odds, so a percept shifts them all by
@@ -24,8 +24,8 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
 
     Parameters
     ----------
-    momdp : of one attribute; its diagram, costs, discount and rewards hold for all, what it says
-        of percepts for none. It must not be shaped.
+    momdp : of one attribute; its diagram, costs, discount and rewards hold for all, its
+        rows for none. It must not be shaped.
     rates : (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : (B,) Pr(the attribute is true).
 
@@ -85,7 +85,7 @@ class _Percept:
 def _back_up(
     dynamics: Dynamics, percepts: list[_Percept], floor: Floats, value: Floats, x: int
 ) -> float:
-    """Back one x up, in place; return the largest change."""
+    """Update the values of one x in place; return the largest change."""
     new = np.broadcast_to(floor[x], value[x].shape).copy()
     for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
         step, ahead = dynamics.step[x, e], np.zeros_like(new)

@@ -97,13 +97,13 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     not pay any more, and half as dense beyond; 0, 1/2 (where the best report changes) and 1 are
     points too.
     """
-    worth = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
-    reach = float(np.clip(np.log(max(worth, 1.0)), _WIDEST / 2, _WIDEST))
+    ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
+    reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
     log_odds = _prior_log_odds(momdp, attribute) + np.concatenate([-half[:0:-1], half])
-    if np.abs(log_odds).min() > 1e-6:  # noqa: PLR2004  no point of the axis yet
+    if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
         log_odds = np.sort(np.append(log_odds, 0.0))
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 

@@ -102,7 +102,7 @@ def _cubic(
     point = np.concatenate([point, point], axis=-1)
     weight = np.concatenate([weight, np.zeros_like(weight)], axis=-1)
     inner = (low > 0) & (low < last - 1)
-    if last < 5 or not inner.any():  # noqa: PLR2004  four points and certainty on both sides
+    if last < 5 or not inner.any():  # four points and certainty on both sides
         return point, weight
     log_odds = np.log(axis[1:-1]) - np.log1p(-axis[1:-1])
     four = np.clip(low[inner] - 1, 1, last - 4)[:, None] + np.arange(4)
@@ -135,7 +135,7 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Pe
 def sweep(
     backups: Backups, value: Floats, scratch: Floats, settled: float, sweeps: int, smooth: bool
 ) -> None:
-    """Back up the values of every x, latest first, until a sweep changes none by `settled`.
+    """Update the values of every x, latest first, until a sweep changes none by `settled`.
 
     Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
     behaviors that keep it lower its values; not if smooth.

@@ -1,7 +1,7 @@
 """Kernels of the exact Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-Percepts are cut to yes/no, and outcomes of like likelihood ratio merged once there is no room for
-more; both can only raise the error, so what a plan is said to be worth stays a lower bound.
+Percepts are cut to yes/no, and outcomes of like likelihood ratio merged at the
+capacity; both can only raise the error, so the value of a plan stays a lower bound.
 """
 
 from typing import NamedTuple
@@ -15,9 +15,9 @@ from meal_bayes.planners.kernels import entry_kernel, kernel
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
-_MERGED = 16  # outcomes are merged to a share of 1/16 of what is held
+_MERGED = 16  # outcomes are merged to 1/16 of the capacity
 _WIDEST = 12.0  # log likelihood ratios beyond are merged
-SPAN = 16.0  # log-odds covered by the tables of decision rules
+SPAN = 16.0  # log-odds covered by the error tables
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
 
 predictive = kernel(observation_predictive)
@@ -35,9 +35,9 @@ class Scratch(NamedTuple):
     truths : (2,M) Pr(what a plan's percepts show, truth).
     chance : (N,) Pr(attribute is true).
     threshold : (N,) the decision threshold that was best last.
-    guess : (J,) what tables say of plans that must be computed.
+    guess : (J,) tabulated values of plans that must be computed.
     tried : (E,) plans computed, by first behavior.
-    value : (E,) what it is worth; -inf where there is none.
+    value : (E,) value of the best plan, by first behavior; -inf where there is none.
     best : (E,) the best plan, by first behavior.
     """
 
@@ -55,7 +55,7 @@ class Scratch(NamedTuple):
 
 
 def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Scratch:
-    """Make the buffers for a MOMDP and so many plans of one x; nothing perceived so far."""
+    """Create the buffers for a MOMDP and so many plans of one x; no percepts so far."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
         counts=np.zeros((n, e, k)),
@@ -74,7 +74,7 @@ def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Sc
 
 @kernel
 def _count_yes(percepts, i, c, e, k, scratch):
-    """Pr(j of the next k percepts say yes | latent class), j = 0..k -> row c of `bins`."""
+    """Compute Pr(j of the next k percepts are yes | class), j = 0..k -> row c of `bins`."""
     levels, out = percepts.rows.shape[3], scratch.bins
     mean, yes = 0.0, 0.0
     for z in range(levels // 2, levels):
@@ -107,7 +107,7 @@ def _sum_classes(weights, i, m, scratch):
 
 @kernel
 def _log_ratio(truths, a):
-    """Log likelihood ratio of an outcome."""
+    """Compute the log likelihood ratio of an outcome."""
     return np.log((truths[1, a] + 1e-300) / (truths[0, a] + 1e-300))
 
 
@@ -140,7 +140,7 @@ def _merge(weights, i, m, scratch):
 def _enumerate(percepts, weights, counts, plan, i, scratch):
     """Multiply column 0 of `outcomes` by all that a plan may perceive; return how many there are.
 
-    `weights` (N,2,C) is what the truths weigh in each latent class, or the classes in each truth.
+    `weights` (N,2,C) is Pr(truth | latent class), or Pr(latent class | truth).
     """
     outcomes, bins = scratch.outcomes, scratch.bins
     classes, held = outcomes.shape
@@ -166,7 +166,7 @@ def _enumerate(percepts, weights, counts, plan, i, scratch):
 
 @kernel
 def plan_error(percepts, counts, plan, i, prob, scratch):
-    """Bayes error of attribute i after a plan, from a belief (N,C) and the percepts so far."""
+    """Compute attribute i's Bayes error after a plan, from a belief (N,C) and percepts so far."""
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]
     m, error = _enumerate(percepts, percepts.truth, counts, plan, i, scratch), 0.0
@@ -178,12 +178,12 @@ def plan_error(percepts, counts, plan, i, prob, scratch):
 
 @entry_kernel
 def tabulate_errors(percepts, counts, attribute, scratch, table):
-    """Tabulate Pr(error | latent class) of decision rules -> table (T,G,C).
+    """Tabulate Pr(error | latent class) at decision thresholds -> table (T,G,C).
 
-    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Rule g says yes where the
-    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's error is never
-    below the Bayes error; where the class is the truth, the rules next to the log-odds of a belief
-    are the best ones.
+    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Threshold g decides yes where the
+    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. No threshold's
+    error is below the Bayes error; where the class is the truth, the best thresholds are those
+    next to the log-odds of a belief.
     """
     thresholds, classes, bins = table.shape[1], table.shape[2], scratch.bins
     for t in range(table.shape[0]):

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from meal_bayes.planners.compiled import Dynamics
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
-_SURE = 0.6  # Pr(right) from which a plan must be worth its cost
-_WORTH = 0.5  # and gain at least this share of what its next step costs
+_SURE = 0.6  # Pr(right) from which a plan must repay its cost
+_RETURN = 0.5  # and gain at least this fraction of the cost of its next step
 
 
 class Ways(NamedTuple):
@@ -37,7 +37,7 @@ class Ways(NamedTuple):
     observation_counts: NDArray[np.int64]
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
-        """Behaviors from x to the percept of one of them, executed; empty where there is no way."""
+        """Return the behaviors from x to a percept of one of them; empty where there is no way."""
         path: tuple[int, ...] = ()
         while self.hop[x, behavior] >= 0:
             a = int(self.hop[x, behavior])
@@ -75,7 +75,7 @@ def find_ways(dynamics: Dynamics) -> Ways:
 
 
 def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...]) -> None:
-    """Write down the way along a path, which ends with a percept."""
+    """Record the way along a path, which ends with a percept."""
     x, scale, goal = start, 1.0, path[-1]
     for a in path:
         ways.observation_counts[start, goal, a] += ways.senses[x, a]
@@ -87,10 +87,10 @@ def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...])
 
 @kernel
 def _probable(bhattacharyya, counts, chance, b):
-    """Estimate Pr(right report) after the percepts of a plan (E,), from their affinity.
+    """Estimate Pr(right report) after a plan's percepts (E,) by their Bhattacharyya coefficient.
 
-    Percepts of affinity r = sum_z sqrt(p1 p0) leave an error of about
-    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; affinities multiply.
+    Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of about
+    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; coefficients multiply.
     """
     right, last = 1.0, bhattacharyya.shape[2] - 1
     for i in range(bhattacharyya.shape[0]):
@@ -135,7 +135,8 @@ def grow_plans(ways, bhattacharyya, limit, chance, gap, counts, out):
 
     Rows hold the behaviors executed. To fix the first percept in turn keeps expensive beginnings in
     play. A plan is grown until it is more right than not and a step costs twice what it gains.
-    `bhattacharyya` (N,E,U) is 0 where percepts tell nothing; `counts` (2,E) is scratch.
+    `bhattacharyya` (N,E,U) is the log coefficient, 0 where percepts carry no information;
+    `counts` (2,E) is scratch.
     """
     size, n_beliefs, n, length = out.shape
     for row in range(size * n_beliefs * n):
@@ -160,7 +161,7 @@ def grow_plans(ways, bhattacharyya, limit, chance, gap, counts, out):
                     here = ways.target[here, a]
             right = _probable(bhattacharyya, counts[0], chance, b)
             goal, k, rate = _next_percept(ways, here, bhattacharyya, chance, b, counts, right)
-            enough = right > _SURE and rate * gap * right < _WORTH
+            enough = right > _SURE and rate * gap * right < _RETURN
             if enough or filled == length or (goal >= 0 and counts[0, goal] + k > limit[goal]):
                 break
 

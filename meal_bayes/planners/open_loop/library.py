@@ -1,4 +1,4 @@
-"""The library of open-loop plans of a MOMDP: grown, screened, judged, and tabulated."""
+"""The library of open-loop plans of a MOMDP: grown, selected, compared, and tabulated."""
 
 import itertools
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _MANY = 5
 _ROUNDS = 6  # of moving them apart
 _LENGTH = 24  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
-_SCREENED = 10  # times N: candidates an x and a belief that are looked at closely
+_CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 _DIAGRAMS = 16  # whose ways are remembered
@@ -53,8 +53,8 @@ class Candidates(NamedTuple):
     observation_counts: Integers
     executions: Floats
 
-    def take(self, rows: NDArray[np.intp]) -> "Candidates":
-        """Take some of them."""
+    def select(self, rows: NDArray[np.intp]) -> "Candidates":
+        """Select some of them."""
         return Candidates._make(part[rows] for part in self)
 
 
@@ -103,7 +103,7 @@ def diagram_of(dynamics: Dynamics) -> Diagram:
 
 
 def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
-    """Make the plan library of a MOMDP.
+    """Build the plan library of a MOMDP.
 
     For a spread of beliefs, plans are grown from every x; they and their beginnings compete at
     further beliefs, and the winners are kept. Every legal behavior keeps its best plan, so that
@@ -121,13 +121,13 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     if problem.shaped:
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    candidates = candidates.take(_promising(problem, candidates, beliefs, bhattacharyya))
+    candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
     wins = np.zeros((len(plans.plan), 2), np.int64)
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
     judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
-    winners = candidates.take(_kept(plans.first, wins))
-    return _tabulated(problem, _cheapest(_with_rests(diagram, winners)), OUTCOMES)
+    winners = candidates.select(_kept(plans.first, wins))
+    return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
 
 
 def retabulate(plans: Plans, problem: Compiled) -> Plans:
@@ -148,7 +148,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
-        yes, no = ((beliefs * fraction).sum(axis=-1).clip(1e-300) for fraction in (true, false))
+        yes, no = ((beliefs * given).sum(axis=-1).clip(1e-300) for given in (true, false))
         return np.asarray(np.log(yes / no))
 
     wanted, beliefs = log_odds(prior) + spread, prior[None]
@@ -162,7 +162,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
 def _log_bhattacharyya(problem: Compiled) -> Floats:
     """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U.
 
-    It is 0 where percepts tell nothing.
+    It is 0 where percepts carry no information.
     """
     percepts = problem.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
@@ -199,9 +199,10 @@ def _grown(
 def _promising(
     problem: Compiled, candidates: Candidates, beliefs: Floats, bhattacharyya: Floats
 ) -> NDArray[np.intp]:
-    """Screen candidates by an estimate of their values at beliefs (B,N,C).
+    """Select candidates by an estimate of their values at beliefs (B,N,C).
 
-    An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best
+    An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
+    [Kailath1967]. The best
     few from each x at each belief stay, and the best two of each first behavior.
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
@@ -223,11 +224,11 @@ def _promising(
     group = candidates.x[order] * counts.shape[1] + action[order]
     kept = np.zeros(len(peak), np.bool_)
     kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
-    screened = _SCREENED * min(len(bhattacharyya), _MANY)
+    most = _CANDIDATES * min(len(bhattacharyya), _MANY)
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     for start, end in itertools.pairwise(first.tolist()):
-        if end - start > screened:
-            best = np.argpartition(-value[:, start:end], screened, axis=1)[:, :screened]
+        if end - start > most:
+            best = np.argpartition(-value[:, start:end], most, axis=1)[:, :most]
             kept[start + best] = True
         else:
             kept[start:end] = True
@@ -256,7 +257,7 @@ def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
-    """From every first behavior on, go to what pays best for a first percept, while it pays."""
+    """Build tours: after every first behavior, to the best-paid first percept while it pays."""
     ways = diagram.ways
     pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0)
     start, paths = [], []
@@ -276,10 +277,10 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
-    """Of plans with the same x, first behavior and percepts keep the cheapest, in order of x."""
+    """Keep the cheapest plan of equal x, first behavior and percepts, in order of x."""
     cost = np.argsort(candidates.plan["cost"], kind="stable")
     x, action = candidates.x[cost], candidates.plan["action"][cost]
-    return candidates.take(
+    return candidates.select(
         cost[_distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))]
     )
 
@@ -293,7 +294,7 @@ def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
     return np.flatnonzero(kept)
 
 
-def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
+def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
     """Add what is left of plans after each of their steps."""
     start, paths, ways = [], [], diagram.ways
     for x, path in zip(plans.x.tolist(), plans.path.tolist(), strict=True):
@@ -309,7 +310,7 @@ def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
-    """Tabulate the errors; plans that tell the same of an attribute share a row."""
+    """Tabulate the errors; plans with equal percepts of an attribute share a row."""
     percepts, tables = problem.percepts, 0
     rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):

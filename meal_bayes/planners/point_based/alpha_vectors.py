@@ -15,8 +15,7 @@ from meal_bayes.planners.solver import Decision, History
 class AlphaVectors:
     """V(x, b) = max over the vectors of x of their product with b; each stands for a plan.
 
-    Plans have a value by truth (V,Y), an x where they begin (V,), and a first action (V,). A POMDP
-    without observed part has x = 0 throughout.
+    Plans have a value by truth (V,Y), an x where they begin (V,), and a first action (V,).
 
     Raises
     ------
@@ -31,7 +30,7 @@ class AlphaVectors:
         x, action = freeze(self.x, np.int64), freeze(self.action, np.int64)
         set_frozen(self, vectors=freeze(self.vectors), x=x, action=action)
         shape = self.vectors.shape
-        if self.vectors.ndim != 2 or not len(x) or not x.shape == action.shape == shape[:1]:  # noqa: PLR2004
+        if self.vectors.ndim != 2 or not len(x) or not x.shape == action.shape == shape[:1]:
             raise SettingsError(
                 f"Alpha vectors of shape {shape} with {x.shape} x and {action.shape} actions; "
                 "expected (V,Y), (V,) and (V,), with V at least 1."

@@ -1,4 +1,4 @@
-"""What values nodes of the tree: the one place where the leaf evaluators meet.
+"""The leaf evaluators of the tree search, in one place.
 
 Open-loop plans give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few
 enough, a table of factored value iteration estimates the optimum; on a grid that is too coarse for
@@ -34,7 +34,7 @@ class LeafEvaluator(NamedTuple):
 
 @kernel
 def add_node(model, evaluator, tree, child, x, a):
-    """Add the next free node, valued by ending now, the best plan, or what the table says."""
+    """Add the next free node, valued by ending now, the best plan, or the table."""
     tree.size[0] += 1
     node, prob, table = tree.node[child], tree.prob[child], evaluator.table
     node.x, node.visits = x, 0
@@ -52,7 +52,7 @@ def add_node(model, evaluator, tree, child, x, a):
 
 @kernel
 def open_node(model, evaluator, tree, node):
-    """Make the edges of a node that is visited; their values are -inf where nothing can come."""
+    """Create the edges of a visited node; values are -inf where a behavior cannot help."""
     x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
     evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
     for a in range(tree.edge.shape[1]):
@@ -80,7 +80,7 @@ def open_node(model, evaluator, tree, node):
 
 @kernel
 def step_reward(model, x, a, chance, total):
-    """Cost of a behavior, and its bonus where the attributes have chances (N,) to be true."""
+    """Compute minus the cost of a behavior, plus its bonus at Pr(attribute is true) (N,)."""
     reward = -model.dynamics.step[x, a].cost
     if model.shaped and total[a] < model.paid[a]:
         for i in range(chance.shape[0]):
@@ -92,7 +92,7 @@ def step_reward(model, x, a, chance, total):
 
 @kernel
 def count_percept(scratch, level, a, sign):
-    """Count a percept (N,) of a behavior, or take it back; -1 is none."""
+    """Count a percept (N,) of a behavior (sign 1), or remove it (-1); level -1 is none."""
     if level[0] >= 0:
         scratch.total[a] += sign
         for i in range(level.shape[0]):

@@ -1,6 +1,7 @@
 """POMCP's tree search, read from the top: simulate, select, expand, execute, back up.
 
-Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf (`evaluator.py`).
+Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf evaluators
+(`evaluator.py`).
 """
 
 import numpy as np
@@ -16,10 +17,10 @@ DRAWN = 24  # children of an edge with more
 
 @entry_kernel
 def search(model, evaluator, tree, sampled, simulations, options, rng):
-    """Grow a tree by simulations, from its root; return how many there was room for.
+    """Grow a tree by simulations, from its root; return how many fit the capacity.
 
-    A simulation walks down the tree in a MOMDP sampled from the posterior, until it ends or leaves
-    the tree, and backs up what that came to. `options` (2,): the exploration constant, and whether
+    A simulation descends the tree in a MOMDP sampled from the posterior, until it ends or leaves
+    the tree, and backs up its return. `options` (2,): the exploration constant, and whether
     edges average returns (1) or take the expectation over their outcomes (0).
     """
     width = model.dynamics.branch.shape[2] * ENUMERATE
@@ -60,7 +61,7 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
 
 @kernel
 def _restart(scratch, counts):
-    """Go back to the percepts (N,E,K) of the trial."""
+    """Restore the percept counts (N,E,K) of the trial."""
     for e in range(counts.shape[1]):
         scratch.total[e] = 0.0
         for z in range(counts.shape[2]):
@@ -71,12 +72,12 @@ def _restart(scratch, counts):
 
 @kernel
 def _select(model, tree, node, exploration):
-    """UCB1 over the behaviors; ending has no variance and so gets no bonus. -1 = end."""
+    """Choose by UCB1 among the behaviors; ending has no variance and so no bonus. -1 = end."""
     best, best_score = -1, tree.node[node].stop
     spread = np.log(tree.node[node].visits + 1.0)
     for a in range(tree.edge.shape[1]):
         edge = tree.edge[node, a]
-        if edge.value > -np.inf:  # else it is illegal, or can bring nothing
+        if edge.value > -np.inf:  # else it is illegal, or cannot help
             score = edge.value + exploration * np.sqrt(spread / (edge.visits + 1.0))
             if score > best_score:
                 best, best_score = a, score
@@ -85,9 +86,9 @@ def _select(model, tree, node, exploration):
 
 @kernel
 def _expand(model, evaluator, tree, node, a, rng):
-    """Make the children of an edge: every outcome, or a sample where there are too many.
+    """Create the children of an edge: every outcome, or a sample where there are too many.
 
-    Percepts that tell nothing of an attribute are not told apart.
+    Percepts without information on an attribute are one outcome.
     """
     scratch, x = evaluator.scratch, tree.node[node].x
     outcomes = 1.0
@@ -122,7 +123,7 @@ def _expand(model, evaluator, tree, node, a, rng):
 
 @kernel
 def _perceive(model, evaluator, tree, node, a, outcome, rng):
-    """Make the belief of the next free node: by percept `outcome` of all, or by one drawn (-1)."""
+    """Compute the belief of the next free node, by percept `outcome`, or by a drawn one (-1)."""
     child, scratch, percepts = tree.size[0], evaluator.scratch, model.percepts
     levels, rest = scratch.counts.shape[2], outcome
     for i in range(tree.level.shape[1]):
