@@ -40,7 +40,7 @@ from meal_bayes.experiments import askable
 from meal_bayes.perception.confusion import by_truth
 from meal_bayes.posterior import (
     ConfusionPosterior,
-    learn_degree,
+    learn_trait,
     truth_evidence,
 )
 from meal_bayes.posterior.dispersion import youden
@@ -49,7 +49,7 @@ from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
 
-DEFAULT = "shared degree"
+DEFAULT = "shared trait"
 LEVELS = {
     "counts": 2,
     "object level": 2,
@@ -67,7 +67,7 @@ class Model(NamedTuple):
 
     confusion: Array  # (P,E,C,K)
     precision: Array  # (P,E,C)
-    kinds: Array  # (2,C) Pr(kind | truth)
+    latent_classes: Array  # (2,C) Pr(class | truth)
 
 
 class Fold(NamedTuple):
@@ -104,8 +104,8 @@ def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]
                 exact, known = paper.select(columns, exact=True)
                 models["counts"] = Model(exact, known, np.eye(2))
             else:
-                degree = learn_degree(posterior, shown, labels, rates)
-                models[DEFAULT] = Model(*degree.select(rows, precision), degree.kinds)
+                trait = learn_trait(posterior, shown, labels, rates)
+                models[DEFAULT] = Model(*trait.select(rows, precision), trait.latent_classes)
         useful = youden(decisions(table, o, prior, pairs))[columns] > USEFUL
         if pairs == "all":
             useful = posteriors[2][o].informative[columns]
@@ -131,14 +131,14 @@ def log_odds(model: Model, shown: NDArray[np.int64], prior: Array, used: Array |
     seen = np.stack(
         [
             log_likelihood(counts, model.confusion[:, :, c], model.precision[:, :, c])
-            for c in range(model.kinds.shape[1])
+            for c in range(model.latent_classes.shape[1])
         ],
         axis=-1,
     )  # (S,P,E,C)
-    log_kinds = np.log(np.maximum(model.kinds, 1e-300))
+    log_classes = np.log(np.maximum(model.latent_classes, 1e-300))
     if used is None:
-        return np.asarray(prior[:, None] + truth_evidence(seen, log_kinds))
-    return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_kinds))
+        return np.asarray(prior[:, None] + truth_evidence(seen, log_classes))
+    return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_classes))
 
 
 def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:

@@ -59,7 +59,7 @@ def measure(name: str) -> dict[str, object]:
     sequence = domain.default_sequence
     agent = Agent(
         "all behaviors", lambda domain, query: Predefined(sequence),
-        object_level=True, shared_degree=True, base_rates=True, levels=4,
+        object_level=True, shared_trait=True, base_rates=True, levels=4,
     )  # fmt: skip
     learner = Learner(domain, agent=agent, logs=None)
     fit = milliseconds(lambda: learner.fit(dataset))

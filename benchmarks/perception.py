@@ -1,10 +1,10 @@
 """Perception on the real recordings: held-out log-loss, Cohen's kappa, permuted labels, CPU time.
 
 python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
-                                [--without joint|balanced|nonnegative|nested|believable_only]
+                                [--without joint|balanced|nonnegative|nested|positive_youden_only]
                                 [--width MEDIANS] [--paper] [--classifier MODULE:NAME ...]
 
-Ours comes first; the paper's recipe and classifiers of one's own stand beside it, such as
+Ours comes first; the paper's method and classifiers of one's own stand beside it, such as
 sklearn.ensemble:RandomForestClassifier.
 """
 
@@ -30,7 +30,7 @@ from meal_bayes.perception.quality import (
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
-CURES = ("joint", "balanced", "nonnegative", "nested", "believable_only")
+CURES = ("joint", "balanced", "nonnegative", "nested", "positive_youden_only")
 
 
 def asked(dataset: Dataset) -> np.ndarray:
@@ -47,13 +47,13 @@ def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
 
 
 def measure(
-    name: str, root: str | None, permutations: int, recipe: str, settings: PerceptionSettings
+    name: str, root: str | None, permutations: int, method: str, settings: PerceptionSettings
 ) -> dict[str, Any]:
-    """Measure one data set under one recipe."""
+    """Measure one data set under one method."""
     dataset = load_dataset(name, root=root)
     columns = asked(dataset)
     start = time.process_time()
-    log_odds, balanced = held_out_log_odds(dataset, settings=settings), recipe != "paper"
+    log_odds, balanced = held_out_log_odds(dataset, settings=settings), method != "paper"
     decisions = time.process_time() - start
     start = time.process_time()
     build_percept_table(dataset, perception=settings)
@@ -68,7 +68,7 @@ def measure(
         )
     return {
         "dataset": name,
-        "recipe": recipe,
+        "method": method,
         "attributes": len(columns),
         "log_loss": float(np.nanmean(loss[:, columns])),
         "base_rate_log_loss": float(base_rate_log_loss(dataset.labels)[columns].mean()),
@@ -87,25 +87,25 @@ def main() -> None:
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
     parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
     parser.add_argument("--permutations", type=int, default=5)
-    parser.add_argument("--without", choices=CURES, help="take one of the recipe's cures out")
+    parser.add_argument("--without", choices=CURES, help="take one of the settings out")
     parser.add_argument("--width", type=float, help="of kernels, in medians; learned by default")
-    parser.add_argument("--paper", action="store_true", help="measure the paper's recipe as well")
+    parser.add_argument("--paper", action="store_true", help="measure the paper's method as well")
     parser.add_argument("--classifier", nargs="+", default=[], metavar="MODULE:NAME")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = dataclasses.replace(DEFAULT, width=options.width)
     if options.without:
         settings = dataclasses.replace(settings, **{options.without: False})
-    recipes = {"ours": settings, **({"paper": PAPER} if options.paper else {})}
+    methods = {"ours": settings, **({"paper": PAPER} if options.paper else {})}
     for text in options.classifier:
         classifier = pydoc.locate(text.replace(":", "."))
-        recipes[text] = with_classifier(
+        methods[text] = with_classifier(
             classifier() if isinstance(classifier, type) else classifier
         )
     rows = [
-        measure(name, options.root, options.permutations, recipe, chosen)
+        measure(name, options.root, options.permutations, method, chosen)
         for name in options.dataset
-        for recipe, chosen in recipes.items()
+        for method, chosen in methods.items()
     ]
     if options.json:
         print(json.dumps(rows, indent=2))

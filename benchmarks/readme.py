@@ -68,7 +68,7 @@ EVIDENCE = {
     "all_once": "one recording of each behavior",
     "all": "all recordings of all behaviors",
 }
-BELIEVED = {"counts": "Eq. 8", "shared degree": "`bayes`"}  # observation models
+BELIEVED = {"counts": "Eq. 8", "shared trait": "`bayes`"}  # observation models
 PAGES = {  # where each block stands
     "demo": README,
     "summary": README,

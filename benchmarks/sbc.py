@@ -147,15 +147,15 @@ def dirichlet(rng: np.random.Generator, alpha: np.ndarray) -> np.ndarray:
 
 def same(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the grid's hierarchy: behaviors and truths are independent, so one fit is all."""
-    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
 
     behaviors = SIMULATIONS // 2
     for levels in (2, 4):
         rng, start = stream(settings.seed, "sbc", "same", levels), time.perf_counter()
         prior = leaning(levels, 4.0, 3, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5)
-        found = fit_hierarchical(made.counts, **names(3, behaviors), prior=prior, chains=2,
-                                 draws=500, tune=500, seed=settings.seed)  # fmt: skip
+        found = fit_hierarchical(made.counts, **names(3, behaviors), prior=prior,
+                                 sampling=Sampling(500, 500, 2, seed=settings.seed))  # fmt: skip
         mean, s = found.rows()
         extra = {"divergences": found.divergences, "seconds": round(time.perf_counter() - start)}
         kind = f"NUTS same, {levels} levels"
@@ -169,11 +169,11 @@ Fit = tuple[int, int, tuple[np.ndarray, ...]]
 
 def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
     """Fit one simulation's counts; (number, divergences, draws of m, s and epsilon)."""
-    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
 
     number, counts = work
-    found = fit_hierarchical(counts, **PAIRS, model="crossed", chains=2, cores=1, draws=250,
-                             tune=400, seed=number)  # fmt: skip
+    found = fit_hierarchical(counts, **PAIRS, model="crossed",
+                             sampling=Sampling(250, 400, 2, cores=1, seed=number))  # fmt: skip
     mean, s = found.rows()
     return number, found.divergences, (yes(mean), s, found.misperception.ravel())
 
@@ -237,7 +237,7 @@ def width_error(values: np.ndarray) -> np.ndarray:
 
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
-    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
     from meal_bayes.posterior.idata import convergence, to_idata  # noqa: PLC0415
 
     for dataset in ("roc36", "ispy32", "cy101"):
@@ -247,7 +247,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "attributes": table.domain.attributes[:4],
             "behaviors": [behavior.name for behavior in table.domain.behaviors[:4]],
         }
-        nuts = fit_hierarchical(counts, **named, draws=3000, seed=settings.seed)
+        nuts = fit_hierarchical(counts, **named, sampling=Sampling(3000, seed=settings.seed))
         exact = draw_grid(counts, stream(settings.seed, "agree"), **named, draws=20_000)
         votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
         first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))

@@ -1,15 +1,17 @@
-"""The arm in physics: what is told by what, accuracy and calibration on new objects, learning live.
+"""The arm in physics: accuracy and calibration on new objects, learning live, a population.
 
-python benchmarks/simulated.py [--part answers|labels|content|live ...] [--objects N] [--asked N]
-                               [--trials N] [--jobs N] [--seed S] [--json]
+python benchmarks/simulated.py [--part answers|labels|content|live|population ...] [--objects N]
+                               [--asked N] [--trials N] [--crowd N] [--jobs N] [--seed S] [--json]
 """
 
 import argparse
 import json
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,13 +20,17 @@ from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
+from meal_bayes.evaluation.learning import LearningRow, learning_rows
 from meal_bayes.evaluation.statistics import clustered_se, paired_difference
+from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.simulated import (
     DOMAIN,
     ask_new,
     learn_live,
+    outcomes_of,
     record_objects,
+    save_recordings,
     training_recordings,
 )
 from meal_bayes.learner import Learner
@@ -33,6 +39,8 @@ from meal_bayes.robots.simulated_arm import ObjectParameters, to_dataset
 from meal_bayes.seeds import stream
 
 AGENTS = ("bayes", "morc")
+CURVES = ("iterative_random_legal", "morc_itrs", "bayes")
+RECORDINGS = 2  # of each object of the population
 ORDER = ("look", "press", "push", "grasp", "lift", "hold", "shake", "lower", "drop")
 
 
@@ -216,7 +224,54 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-PARTS = {"answers": answers, "labels": labels, "content": content, "live": live}
+def population(options: argparse.Namespace) -> dict[str, Any]:
+    """Execute all behaviors on many objects; compare learning curves on their recordings."""
+    begun = time.process_time()
+    made = record_objects(
+        options.crowd, RECORDINGS, options.seed, population="population", jobs=options.jobs
+    )
+    cpu = time.process_time() - begun  # of this process
+    happened = outcomes_of(made)
+    with tempfile.TemporaryDirectory() as folder:
+        path = save_recordings(made, Path(folder) / "recordings")
+        config = OnlineConfig(
+            str(path), root=str(path.parent), agents=CURVES, batches=5, trials=40, repeats=2,
+            seed=options.seed,
+        )  # fmt: skip
+        done = run_online(config, logs=Path(folder) / "logs", jobs=options.jobs)
+        rows = learning_rows(done.results())
+    curves = {
+        agent: [
+            {
+                "trials": 40 * batch,
+                "hours": mean_of(rows, agent, batch, "hours"),
+                "accuracy": mean_of(rows, agent, batch, "accuracy"),
+                "reward": mean_of(rows, agent, batch, "reward"),
+                "ece": mean_of(rows, agent, batch, "ece"),
+            }
+            for batch in range(6)
+        ]
+        for agent in CURVES
+    }
+    return {
+        "objects": len(made),
+        "executions": sum(happened.values()),
+        "objects_with_fewer_recordings": sum(len(one.recordings) < RECORDINGS for one in made),
+        "cpu_s_an_object": cpu / len(made),
+        "curves": curves,
+    }
+
+
+def mean_of(rows: Sequence[LearningRow], agent: str, batch: int, measure: str) -> float:
+    """Return the mean of a measure over repeats."""
+    chosen = [getattr(row, measure) for row in rows if (row.agent, row.batch) == (agent, batch)]
+    return float(np.mean(chosen))
+
+
+PARTS = {
+    "answers": answers, "labels": labels, "content": content, "live": live,
+    "population": population,
+}  # fmt: skip
 
 
 def main() -> None:
@@ -226,6 +281,7 @@ def main() -> None:
     parser.add_argument("--objects", type=int, default=100)
     parser.add_argument("--asked", type=int, default=9)
     parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--crowd", type=int, default=300, help="objects of the population")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")

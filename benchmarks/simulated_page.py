@@ -17,7 +17,8 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
-from meal_bayes.evaluation.plots import Series, lines, save
+from meal_bayes.evaluation.canvas import save
+from meal_bayes.evaluation.plots import Series, lines
 from meal_bayes.robots.simulated_arm import SimulatedArm, draw_object
 from meal_bayes.robots.simulated_arm.camera import take_picture
 
@@ -106,7 +107,7 @@ def draw_curve(curve: list[dict[str, Any]], path: Path) -> None:
         axes, ("accuracy", "cost_s"), ("accuracy", "simulated s a trial"), strict=True
     ):
         series = Series("20 trials", ends, np.array([point[key] for point in curve], float))
-        lines([series], x_label="trials", y_label=label, share=key == "accuracy", ax=ax)
+        lines([series], x_label="trials", y_label=label, fraction=key == "accuracy", ax=ax)
         explored = sum(point["agent"] == "random_legal" for point in curve)
         if explored:
             ax.axvspan(0, ends[explored - 1], color="0.9", lw=0, label="exploring")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation import canvas
 from meal_bayes.files import write_whole
 from paper_repro.statements import Evidence, Statement, verdict
 
@@ -104,7 +104,7 @@ class Result:
     statements: tuple[Statement, ...]
     published: str = ""
     notes: tuple[str, ...] = ()
-    figures: Mapping[str, plots.Axes] = dataclasses.field(default_factory=dict)
+    figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     shows: str = ""
     seconds: float = 0.0
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -183,7 +183,7 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     found = facts(item, result, setting)
     write_whole(folder / f"{item}.json", json.dumps(found, indent=1, allow_nan=False) + "\n")
     for end, figure in result.figures.items():
-        plots.save(figure, folder / f"{item}{end}.png")
+        canvas.save(figure, folder / f"{item}{end}.png")
     timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[item] = round(seconds, 1)

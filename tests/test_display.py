@@ -69,7 +69,7 @@ def things(trial):
         trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
         trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,
         dataset.instance(0, "look", 0), everything, perception, counts, draws, morc.agent, morc,
-        morc.knowledge(0), morc.knowledge(0).posterior, morc.knowledge(0).degree,
+        morc.knowledge(0), morc.knowledge(0).posterior, morc.knowledge(0).trait,
         OfflineConfig("roc36"), summarize([trial]), summarize([trial])[0], load_domain("ispy32"),
     ]  # fmt: skip
 

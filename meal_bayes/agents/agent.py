@@ -30,7 +30,7 @@ class Agent:
     name: str
     solver: Callable[[Domain, Query], Solver]
     object_level: bool = False  # objects differ (finite precision), or Eq. 8
-    shared_degree: bool = False  # all percepts of an object may err together, or never do
+    shared_trait: bool = False  # all percepts of an object may err together, or never do
     base_rates: bool = False  # prior belief from the training objects, or uniform
     levels: int = 2  # K of its percepts
     abstain: bool = False  # may its planner end a trial by an illegal behavior?
@@ -107,7 +107,8 @@ class Agent:
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
         """Return the rows of the confusion posterior, of latent classes where they are shared."""
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
-        if not self.shared_degree or knowledge.degree is None:
+        if not self.shared_trait or knowledge.trait is None:
             return confusion, precision, None
-        rows, weight = knowledge.degree.select(confusion, precision)
-        return rows, weight, np.tile(knowledge.degree.kinds, (len(columns), 1, 1))  # (N,2,M)
+        rows, weight = knowledge.trait.select(confusion, precision)
+        classes = knowledge.trait.latent_classes
+        return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)

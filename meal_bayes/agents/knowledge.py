@@ -10,7 +10,7 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.posterior import ConfusionPosterior, SharedDegree, learn_degree
+from meal_bayes.posterior import ConfusionPosterior, SharedTrait, learn_trait
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Knowledge:
     domain: Domain
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]  # (P,) (n+ + 1) / (n + 2) of the training objects
-    degree: SharedDegree | None = None  # what all percepts of an object share; None: only the truth
+    trait: SharedTrait | None = None  # what all percepts of an object share; None: only the truth
 
     __repr__ = short_repr
 
@@ -81,7 +81,7 @@ def knowledge_of(
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
     shown = counts.counts.sum(axis=3)  # (O,P,E,K)
-    return Knowledge(domain, posterior, rates, learn_degree(posterior, shown, labels, rates))
+    return Knowledge(domain, posterior, rates, learn_trait(posterior, shown, labels, rates))
 
 
 def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:

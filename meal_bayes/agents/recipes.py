@@ -71,7 +71,7 @@ _BAYES = Agent(
     "bayes",
     _pomcp,
     object_level=True,
-    shared_degree=True,
+    shared_trait=True,
     base_rates=True,
     levels=4,
     abstain=True,

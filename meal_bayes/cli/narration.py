@@ -122,7 +122,7 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
 
     With more attributes than the console is wide for, print it as `print_trial` does.
     """
-    from meal_bayes.trial_log.words import percept_words
+    from meal_bayes.trial_log.formatting import percept_labels
 
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
@@ -141,7 +141,7 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
             continue
         percepts = ["-" if momdp.observation_probability[action].max() > 0 else ""] * len(names)
         if step.observation is not None:
-            percepts = percept_words(momdp, action, step.observation, _SILENT)
+            percepts = percept_labels(momdp, action, step.observation, _SILENT)
         silent |= _SILENT in percepts
         pairs = zip(percepts, step.belief.positive, strict=True)
         cells = [_cell(name, p, width) for name, p in pairs]
@@ -166,18 +166,18 @@ def _cell(percept: str, p: float, width: int) -> str:
 
 def final_facts(trial: "Trial") -> dict[str, str]:
     """Return texts of the report, its truth, the verdict and the cost."""
-    from meal_bayes.trial_log.words import truth_words, verdict_word
+    from meal_bayes.trial_log.formatting import truth_text, verdict_text
 
     facts = {
         "answer": "abstained; every report was too risky",
-        "truth": truth_words(trial.task.query.attributes, trial.truth),
+        "truth": truth_text(trial.task.query.attributes, trial.truth),
     }
     if trial.ended:
         facts["answer"] = f"none; {trial.ended}"
     if trial.report is not None:
         facts["answer"] = trial.task.query.report_name(trial.report)
         if trial.success is not None:
-            facts["verdict"] = verdict_word(trial)
+            facts["verdict"] = verdict_text(trial)
     reward = "" if math.isnan(trial.reward) else f", reward {trial.reward:.1f}"
     facts["cost"] = f"{trial.cost:.1f} s{reward}"
     return facts
@@ -214,7 +214,7 @@ def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
 
 def percept_text(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]") -> str:
     """Return the percept of each attribute, as text."""
-    from meal_bayes.trial_log.words import percept_words
+    from meal_bayes.trial_log.formatting import percept_labels
 
-    pairs = zip(momdp.query.attributes, percept_words(momdp, behavior, observation), strict=True)
+    pairs = zip(momdp.query.attributes, percept_labels(momdp, behavior, observation), strict=True)
     return ", ".join(f"{name}: {percept}" for name, percept in pairs)

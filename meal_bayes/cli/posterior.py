@@ -123,12 +123,12 @@ def _fit(
                 draws=draws, chains=chains,
             )  # fmt: skip
     note("the model is compiled first, which takes half a minute or two")
-    from meal_bayes.posterior import fit_hierarchical
+    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 
     with progress("NUTS", "steps") as advance:
         return fit_hierarchical(
             counts, attributes=attributes, behaviors=behaviors, model=config["model"],
-            draws=draws, tune=config["tune"], chains=chains, seed=seed, progress=advance,
+            sampling=Sampling(draws, config["tune"], chains, seed=seed), progress=advance,
         )  # fmt: skip
 
 
@@ -138,7 +138,8 @@ def _write(
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
 
-    from meal_bayes.evaluation.plots import reliability_diagram, save
+    from meal_bayes.evaluation.canvas import save
+    from meal_bayes.evaluation.plots import reliability_diagram
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata

@@ -23,4 +23,6 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
         written = write_report(found, out, on_progress=advance)
     for problem in found.problems:
         note(f"warning: {problem}; the report counts the whole trials")
-    say(f"{out}: {written.trials} trials of {len(written.agents)} agents, {written.size:,} bytes")
+    trials, agents = written.trials, len(written.agents)
+    counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
+    say(f"{out}: {counted}, {written.size:,} bytes")

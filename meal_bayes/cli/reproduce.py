@@ -5,6 +5,7 @@ import sys
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -46,19 +47,7 @@ _PACKAGE = "paper_repro"
     help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
 @json_option
-def reproduce(
-    items: tuple[str, ...],
-    quick: bool,
-    as_published: bool,
-    seed: int,
-    jobs: int,
-    cluster: str | None,
-    logs: Path,
-    scripts: Path | None,
-    trials: int | None,
-    repeats: int | None,
-    as_json: bool,
-) -> None:
+def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
@@ -75,10 +64,8 @@ def reproduce(
         note(f"{item} ...")
         try:
             with progress(item, "trials") as advance:
-                setting = frame.Setting(
-                    quick, seed, jobs, logs, as_published, cluster, trials, repeats, advance
-                )
-                results.append(frame.reproduce(item, setting))
+                one = frame.Setting(**setting, on_progress=advance)
+                results.append(frame.reproduce(item, one))
         except DownloadError as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
             note(f"{item} is skipped: {fault}")

@@ -142,7 +142,7 @@ def ask(
 
 @sim.command(short_help="Begin with one object, and learn while answering.")
 @click.option("--trials", type=click.IntRange(min=1), default=200, show_default=True)
-@click.option("--explore", type=click.IntRange(min=0), default=20, show_default=True,
+@click.option("--explore", type=click.IntRange(min=0), default=40, show_default=True,
               help="Trials in which random legal behaviors are tried.")  # fmt: skip
 @click.option("--refit-every", type=click.IntRange(min=1), default=20, show_default=True,
               help="Trials until all classifiers are fitted anew.")  # fmt: skip

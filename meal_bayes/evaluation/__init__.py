@@ -1,7 +1,7 @@
 """Numbers of many trials.
 
-In: trials. Out: rows of measures (accuracy, cost, reward, calibration), with errors that know that
-trials of one object are not independent, and paired comparisons.
+In: trials. Out: rows of measures (accuracy, cost, reward, calibration) with standard errors
+clustered by object, and paired comparisons.
 """
 
 from meal_bayes.evaluation.calibration import (

@@ -1,7 +1,4 @@
-"""The figure of a transition diagram: states, and the behaviors that lead from one to another.
-
-In the hand of `plots`, which holds the style and `save`.
-"""
+"""The figure of a transition diagram: states, and the behaviors that lead from one to another."""
 
 from collections import defaultdict
 
@@ -9,12 +6,12 @@ import numpy as np
 
 from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.canvas import COLORS, Axes, axes_to_draw
 
 
 def transition_diagram(
-    diagram: TransitionDiagram, *, title: str = "", ax: plots.Axes | None = None
-) -> plots.Axes:
+    diagram: TransitionDiagram, *, title: str = "", ax: Axes | None = None
+) -> Axes:
     """Draw a diagram (as Fig. 5): a column for each number of behaviors that it takes to get there.
 
     Arrows are named by their behaviors, with a probability where it is below 1; loops stand under
@@ -27,9 +24,9 @@ def transition_diagram(
         source, target = effect.source, effect.target
         chance = "" if effect.probability == 1 else f" {effect.probability:.2g}"
         arrows[source, source if target == ANY_STATE else target].append(effect.behavior + chance)
-    with plots._axes(ax, width=7.2, height=3.4) as to:
+    with axes_to_draw(ax, width=7.2, height=3.4) as to:
         for name, (x, y) in place.items():
-            color = plots.COLORS[0] if name == diagram.start else "#4A4A4A"
+            color = COLORS[0] if name == diagram.start else "#4A4A4A"
             to.plot(x, y, "o", ms=24, mfc="white", mec=color, mew=1.6, zorder=3)
             to.text(x, y, name, ha="center", va="center", zorder=4)
         for (source, target), names in arrows.items():
@@ -50,7 +47,7 @@ def transition_diagram(
 
 
 def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
-    """Place states to the right by the behaviors that lead there, those of one column apart."""
+    """Compute the position of each state: its depth to the right, states of one depth apart."""
     depth, frontier = {diagram.start: 0}, [diagram.start]
     while frontier:
         here = frontier.pop(0)
@@ -71,7 +68,7 @@ def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
     }
 
 
-def _arrow(ax: plots.Axes, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
+def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
     """Draw an arrow; one that goes back bends below all states."""
     (x, y), (to_x, to_y) = start, end
     back = to_x < x

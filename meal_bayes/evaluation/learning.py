@@ -19,7 +19,8 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, clustered_se, paired_difference, plain
+from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
+from meal_bayes.evaluation.summary import mean
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
 
@@ -31,7 +32,7 @@ _LAST = 3  # batches whose beliefs are pooled
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class LearningRow:
+class LearningRow(Measures):
     """Test trials of one agent after one batch of one repeat; nan where undefined.
 
     Attributes
@@ -57,13 +58,9 @@ class LearningRow:
     nll: float
     claimed_accuracy: float
 
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Return the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
-
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class LearningSummary:
+class LearningSummary(Measures):
     """An agent beside the reference, over the repeats that they share; nan where undefined.
 
     Attributes
@@ -86,10 +83,6 @@ class LearningSummary:
     reward_after_difference: float
     accuracy_after: float
     ece_after: float
-
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Return the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
 
     @property
     def decided(self) -> bool:
@@ -228,18 +221,16 @@ def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[
 def _row(result: BatchOutcomes) -> LearningRow:
     outcomes = result.outcomes
     positive, truth = outcomes.beliefs()
-    judged = outcomes.judged
+    accuracy = mean(outcomes, "success")
     return LearningRow(
         agent=result.agent,
         repeat=result.repeat,
         batch=result.batch,
         hours=result.hours,
-        accuracy=_accuracy(outcomes),
+        accuracy=accuracy.estimate,
         reward=float(outcomes.reward.mean()),
         ece=calibration_error(positive, truth),
-        accuracy_se=clustered_se(
-            outcomes.success[judged].astype(float), outcomes.object_name[judged]
-        ),
+        accuracy_se=accuracy.se,
         test_cost_s=float(outcomes.cost.mean()),
         nll=float(negative_log_likelihood(positive, truth).mean()),
         claimed_accuracy=float(outcomes.certainty.mean()),

@@ -1,7 +1,4 @@
-"""Figures of a posterior: intervals of its rows, and whether it predicts what was seen.
-
-In the hand of `plots`, which holds the style, `save`, and the reliability diagram.
-"""
+"""Figures of a posterior: intervals of its rows, and whether it predicts the data."""
 
 from collections.abc import Sequence
 
@@ -9,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
 _MOST = 40  # rows that fit a page
@@ -24,12 +21,12 @@ def forest(
     behaviors: Sequence[str],
     *,
     most: int = _MOST,
-    ax: plots.Axes | None = None,
-) -> plots.Axes:
-    """Draw how likely "yes" is of true and of false objects, each with its interval.
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw Pr(yes) of true and of false objects, each with its interval.
 
-    One row a pair; attributes stay together, their most telling behavior first. Where there are
-    too many pairs, those that tell most are drawn.
+    One row a pair; attributes stay together, the behavior with the largest difference first.
+    Where there are too many pairs, those with the largest differences are drawn.
 
     Parameters
     ----------
@@ -48,13 +45,13 @@ def forest(
     pairs.sort(key=lambda pair: (pair[0], -gap[pair]))
     heads = [n for n, pair in enumerate(pairs) if n == 0 or pairs[n - 1][0] != pair[0]]
     place = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
-    with plots._axes(ax, height=1.1 + _ROW * (place[-1] + 1)) as to:
+    with axes_to_draw(ax, height=1.1 + _ROW * (place[-1] + 1)) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             x = np.array([center[pair][truth] for pair in pairs])
             reach = np.array([np.abs(ends[pair][truth] - center[pair][truth]) for pair in pairs])
             shift = 0.14 if truth else -0.14
             to.errorbar(
-                x, place - shift, xerr=reach.T, fmt=marker, ms=3.5, color=plots.COLORS[1 - truth],
+                x, place - shift, xerr=reach.T, fmt=marker, ms=3.5, color=COLORS[1 - truth],
                 elinewidth=1.3, label=f"of {name} objects",
             )  # fmt: skip
         to.set_yticks(place, [behaviors[e] for _, e in pairs])
@@ -65,37 +62,37 @@ def forest(
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
         rest = gap.size - len(pairs)
         more = (
-            f"\n(the {len(pairs)} pairs that tell most; {rest} more are not shown)" if rest else ""
+            f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
+            if rest
+            else ""
         )
-        plots._finish(to, f'probability of "yes", with 95 % interval{more}', "", grid="x")
+        name_axes(to, f'probability of "yes", with 95 % interval{more}', "", grid="x")
         to.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         return to
 
 
-def predictive(
-    observed: ArrayLike, predicted: ArrayLike, *, ax: plots.Axes | None = None
-) -> plots.Axes:
+def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = None) -> Axes:
     """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
 
-    Columns are observed shares; points the predicted ones with 95 % intervals. Objects that differ
-    heap up at both ends; a model that takes percepts as independent would not.
+    Columns are observed fractions; points the predicted ones with 95 % intervals. Objects that
+    differ gather at both ends, which a model of independent percepts does not predict.
 
     Parameters
     ----------
     observed : (2,n+1) cases by truth (false, true) and number of "yes" of n.
     predicted : (S,2,n+1) replicates.
     """
-    seen, drawn = np.asarray(observed, float), np.asarray(predicted, float)
-    if seen.ndim != 2 or len(seen) != 2 or drawn.shape[1:] != seen.shape:
+    counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
+    if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:
         raise SettingsError(
-            f"Observed {seen.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
+            f"Observed {counts.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
         )
-    x = np.arange(seen.shape[1])
-    with plots._axes(ax) as to:
+    x = np.arange(counts.shape[1])
+    with axes_to_draw(ax) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
-            color, shift = plots.COLORS[1 - truth], 0.2 if truth else -0.2
-            total = max(seen[truth].sum(), 1.0)
-            to.bar(x + shift, seen[truth] / total, 0.36, color=color, alpha=0.35,
+            color, shift = COLORS[1 - truth], 0.2 if truth else -0.2
+            total = max(counts[truth].sum(), 1.0)
+            to.bar(x + shift, counts[truth] / total, 0.36, color=color, alpha=0.35,
                    label=f"{name}, observed")  # fmt: skip
             low, middle, high = np.quantile(drawn[:, truth] / total, [0.025, 0.5, 0.975], axis=0)
             to.errorbar(
@@ -103,6 +100,6 @@ def predictive(
                 color=color, capsize=2.5, elinewidth=1.1, label=f"{name}, predicted",
             )  # fmt: skip
         to.set_xticks(x)
-        plots._finish(to, f'percepts of {x[-1]} that say "yes"', "share of cases", grid="y")
-        plots._legend(to, 4)
+        name_axes(to, f'percepts of {x[-1]} that say "yes"', "fraction of cases", grid="y")
+        legend(to, 4)
         return to

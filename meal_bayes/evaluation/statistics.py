@@ -1,12 +1,14 @@
-"""Errors and intervals that respect clusters: trials of one object share what is odd about it."""
+"""Errors and intervals of clustered values: trials of one object are not independent."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
+from scipy.stats import binomtest
 
 from meal_bayes.errors import SettingsError
 
@@ -14,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Interval(NamedTuple):
-    """An estimate with its standard error and interval; nan where the data cannot say."""
+    """An estimate with its standard error and interval; NaN where the data do not determine it."""
 
     estimate: float
     se: float
@@ -23,7 +25,7 @@ class Interval(NamedTuple):
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Give named values as JSON wants them, None for what is nan or infinite.
+    """Convert named values for JSON: None for what is NaN or infinite.
 
     >>> plain({"agent": "morc", "se": float("nan")})
     {'agent': 'morc', 'se': None}
@@ -34,8 +36,18 @@ def plain(values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+class Measures:
+    """Base of rows of measures, which are dataclasses."""
+
+    __slots__ = ()
+
+    def as_dict(self) -> dict[str, str | int | float | None]:
+        """Return the measures by name, for JSON: None for NaN."""
+        return plain(dataclasses.asdict(self))  # type: ignore[call-overload]
+
+
 def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:
-    """Give the standard error of the mean, whole clusters drawn; nan for a single cluster.
+    """Compute the standard error of the mean over clusters; NaN for a single one.
 
     With every value its own cluster it is the usual one.
 
@@ -68,7 +80,7 @@ def bootstrap_interval(
     draws: int = 2000,
     mass: float = 0.95,
 ) -> Interval:
-    """Give the percentile interval of any statistic of (n, ...) values, whole clusters redrawn."""
+    """Compute the percentile interval of a statistic of (n, ...) values, drawing clusters again."""
     x = np.asarray(values, float)
     _, index = np.unique(np.asarray(clusters), return_inverse=True)
     if len(index) != len(x) or len(x) == 0:
@@ -83,19 +95,16 @@ def bootstrap_interval(
 
 
 def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
-    """Give Wilson's interval of a share of independent cases.
+    """Compute Wilson's interval of a fraction of independent cases.
 
     >>> [round(v, 3) for v in wilson_interval(0, 10)[2:]]
     [0.0, 0.278]
     """
     if not 0 <= hits <= n or n == 0:
         raise SettingsError(f"{hits} hits of {n}; expected 0 <= hits <= n and n > 0.")
-    z, share = float(ndtri(0.5 + mass / 2)), hits / n
-    center = (share + z**2 / (2 * n)) / (1 + z**2 / n)
-    reach = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
-    low = min(max(center - reach, 0.0), share)  # rounding must not pass 0, 1, or the share
-    high = max(min(center + reach, 1.0), share)
-    return Interval(share, float(np.sqrt(share * (1 - share) / n)), float(low), float(high))
+    low, high = binomtest(hits, n).proportion_ci(mass, method="wilson")
+    fraction = hits / n
+    return Interval(fraction, math.sqrt(fraction * (1 - fraction) / n), float(low), float(high))
 
 
 def _clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp]]:

@@ -18,23 +18,23 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, paired_difference, plain
+from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialOutcomes
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class SummaryRow:
-    """Measures of one agent; nan where undefined. Standard errors are clustered by object.
+class SummaryRow(Measures):
+    """Measures of one agent; NaN where undefined. Standard errors are clustered by object.
 
     NLL, Brier and ECE are of the final belief, over trials x queried attributes whose truth is
-    known. What is not known, or was broken off, counts neither as right nor as wrong.
+    known. Trials of unknown truth, or broken off, count neither as right nor as wrong.
     """
 
     agent: str
     trials: int
     judged: int  # of these, how many ended with a truth that is known
-    accuracy: float  # share of the judged whose report was right in every attribute (Eq. 5)
+    accuracy: float  # fraction of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
     cost_s: float  # mean of Eq. 6
     cost_sd: float  # standard deviation over trials
@@ -44,13 +44,9 @@ class SummaryRow:
     brier: float
     ece: float
     ece_calibrated: float  # what a calibrated belief of the same values would show
-    abstained: float  # share of trials that ended without a report; they count as not right
+    abstained: float  # fraction of trials that ended without a report; they count as not right
     answered_accuracy: float  # accuracy among the judged ones with a report
     seconds: float  # of computing
-
-    def as_dict(self) -> dict[str, str | int | float | None]:
-        """Give the measures by name, None for nan, as JSON wants it."""
-        return plain(dataclasses.asdict(self))
 
 
 class Summary(list[SummaryRow]):
@@ -148,34 +144,33 @@ def compare(
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
-    judged, answered = own.judged, own.answered
+    both = own.judged & own.answered
     reward, accuracy = mean(own, "reward"), mean(own, "success")
     positive, truth = own.beliefs()
-    none = not len(truth)
+    nll = squared = ece = calibrated = math.nan
+    if len(truth):
+        nll = float(negative_log_likelihood(positive, truth).mean())
+        squared = float(brier(positive, truth).mean())
+        ece = calibration_error(positive, truth)
+        calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
         agent=agent,
         trials=len(own),
-        judged=int(judged.sum()),
+        judged=int(own.judged.sum()),
         accuracy=accuracy.estimate,
         accuracy_se=accuracy.se,
         cost_s=float(own.cost.mean()),
         cost_sd=float(own.cost.std(ddof=1)) if len(own) > 1 else math.nan,
         reward=reward.estimate,
         reward_se=reward.se,
-        nll=math.nan if none else float(negative_log_likelihood(positive, truth).mean()),
-        brier=math.nan if none else float(brier(positive, truth).mean()),
-        ece=math.nan if none else calibration_error(positive, truth),
-        ece_calibrated=math.nan
-        if none
-        else expected_calibration_error(positive, stream(0, "calibrated belief")),
+        nll=nll,
+        brier=squared,
+        ece=ece,
+        ece_calibrated=calibrated,
         abstained=mean(own, "abstained").estimate,
-        answered_accuracy=_mean(own.success[judged & answered]),
+        answered_accuracy=float(own.success[both].mean()) if both.any() else math.nan,
         seconds=seconds,
     )
-
-
-def _mean(values: NDArray[Any]) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
 
 
 def _measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:

@@ -60,6 +60,8 @@ class OfflineConfig:
     perception: str = "default"  # or "paper"
     reward: float | None = None  # r+ = -r-, the domain's by default
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)
         object.__setattr__(self, "agents", found)

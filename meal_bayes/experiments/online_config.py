@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from meal_bayes.agents import Feedback, PublishedVariants, as_agent, distinct
+from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.untrusted import LARGEST
@@ -43,6 +44,8 @@ class OnlineConfig:
     normalizer: str = "paper"  # of Eq. 10: experience in training; "all": in pretraining too
     horizon: int = 1000  # queries to be answered, for which exploring is valued
     log: str = "compact"  # form of the logs of test trials: outcomes only, or "full"
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)

@@ -1,4 +1,4 @@
-"""Which percept table a run works on: the embedded one, or the paper's recipe, computed once."""
+"""Which percept table a run works on: the embedded one, or the paper's method, computed once."""
 
 import hashlib
 import logging
@@ -38,7 +38,7 @@ def percepts_for(
     Parameters
     ----------
     dataset : a shipped domain, the path of a domain of one's own (TOML), or of a table (.npz).
-    perception : "default", or "paper" for the recipe of Sect. 4.2 on the recordings.
+    perception : "default", or "paper" for the method of Sect. 4.2 on the recordings.
     root : the folder of the recordings of a domain of one's own.
     on_progress : called with (behaviors done, behaviors in all) while a table is computed.
     on_note : called with a line of text before a table is computed; logged otherwise.
@@ -46,7 +46,7 @@ def percepts_for(
     Raises
     ------
     SettingsError : an unknown data set or perception; recordings where none are needed, or none
-        where they are; a table that another recipe made.
+        where they are; a table of another method.
     DataError : recordings that do not hold what their layout promises.
     DownloadError : recordings that cannot be had.
     """
@@ -101,10 +101,10 @@ def _check_table(dataset: str, perception: str, root: str | Path | None) -> None
     if root is not None:
         raise SettingsError(f"{dataset} is a percept table already; leave root out.")
     if perception != "default":
-        recipe = load_percepts(dataset).provenance.get("perception", "")
-        if not recipe.startswith(f"recipe={perception}"):
+        settings = load_percepts(dataset).provenance.get("perception", "")
+        if f"={perception}," not in settings.split(" ")[0]:  # the method comes first
             raise SettingsError(
-                f"{dataset} is a percept table of another recipe; leave perception out, or make "
+                f"{dataset} is a percept table of another method; leave perception out, or make "
                 "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "
                 f"--perception {perception}`."
             )
@@ -122,7 +122,7 @@ def _readable(path: Path, domain: Domain) -> bool:
 
 
 def _code_digest() -> str:
-    """Digest of the room that computes tables, so that another recipe never reads an old one."""
+    """Digest of the room that computes tables, so that other code never reads an old one."""
     room = Path(__file__).resolve().parents[1] / "perception"
     digest = hashlib.sha256()
     for path in sorted(room.glob("*.py")):

@@ -177,7 +177,7 @@ def learn_live(
     seed: int,
     *,
     agent: object = "bayes",
-    explore: int = 20,
+    explore: int = 40,
     refit_every: int = 20,
     learn_success: bool = False,
     logs: Path | None = None,

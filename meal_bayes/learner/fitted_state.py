@@ -17,13 +17,13 @@ from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
 from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.stacked import Stacker
-from meal_bayes.posterior import ConfusionPosterior, SharedDegree
+from meal_bayes.posterior import ConfusionPosterior, SharedTrait
 
 _CLASSES: dict[str, Callable[..., Any]] = {
     known.__name__: known
     for known in (
         Perception, BehaviorClassifier, KernelFit, FeatureSpace, Stacker, Knowledge,
-        ConfusionPosterior, SharedDegree,
+        ConfusionPosterior, SharedTrait,
     )
 }  # fmt: skip
 _DTYPES = ("<f8", "<f4", "<i8", "|i1", "|b1")

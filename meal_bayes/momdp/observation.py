@@ -10,7 +10,7 @@ belief, search tree, error tables and everything else that asks what comes next 
 `sample_rows` draws what `predictive` averages over.
 
 Another observation model is a function that makes latent classes, mean rows and precisions from a
-confusion posterior (`posterior.degree` is one), named in an agent.
+confusion posterior (`posterior.trait` is one), named in an agent.
 """
 
 from typing import Any

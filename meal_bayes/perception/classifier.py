@@ -1,9 +1,8 @@
 """A classifier of one's own: any scikit-learn estimator, left out by folds of objects.
 
-One clone an attribute learns from the features of all modalities side by side. What it decides is
-ours from there on: a class-balanced stacker with a slope that is not negative makes log-odds of
-decisions on objects that its clones never saw. So a classifier that has learned its objects by
-heart, or that leans to the larger class, gains nothing by it.
+One clone an attribute learns from the features of all modalities side by side. A class-balanced
+stacker with a nonnegative slope calibrates its decisions, on objects that the clones never saw. So
+a classifier gains nothing by overfitting its objects or by preferring the larger class.
 """
 
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
 from sklearn.base import clone
 
 from meal_bayes.display import short_repr
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 _SURE = 1e-3  # probabilities are kept this far from 0 and 1: 50 trees that agree are not certain
-_SEED = 0  # of estimators that draw and were given none, so that results repeat
+_SEED = 0  # of estimators with random states that are not set
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Clones:
     estimators: tuple[Any, ...]
 
     def decide(self, features: Floats) -> Floats:
-        """Decisions (B,1,P) on features (B,d); 0 where a class was missing, NaN where they are."""
+        """Return decisions (B,1,P) on features (B,d): 0 where a class was missing, NaN of NaN."""
         decisions = np.zeros((len(features), 1, len(self.estimators)))
         finite = np.isfinite(features).all(axis=1)
         decisions[~finite] = np.nan
@@ -54,8 +54,8 @@ class ClassifierFit:
 
     Attributes
     ----------
-    clones : of a robot that has seen everything, (P,).
-    pool : makes log-odds of their decisions.
+    clones : (P,) trained on all recordings.
+    pool : log-odds of their decisions.
     nested : (n,P), see `BehaviorFit`.
     """
 
@@ -66,7 +66,7 @@ class ClassifierFit:
     __repr__ = short_repr
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Log-odds of "true", (B,P), for each modality's standardized rows (B,d)."""
+        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
         return self.pool.log_odds(self.clones.decide(np.hstack(rows)))
 
 
@@ -133,13 +133,12 @@ def _fit(estimator: Any, features: Floats, truth: Rows) -> Any:
 
 
 def _decisions(estimator: Any, features: Floats) -> Floats:
-    """Return one number a row, the larger the more it speaks for "true"."""
+    """Return one number a row, which rises with the probability of "true"."""
     if hasattr(estimator, "decision_function"):
         decisions = np.asarray(estimator.decision_function(features), np.float64)
     else:
-        chance = np.asarray(estimator.predict_proba(features), np.float64)
-        chance = np.clip(chance[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE)
-        decisions = np.log(chance / (1 - chance))
+        prob = np.asarray(estimator.predict_proba(features), np.float64)
+        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
     if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
         raise DataError(
             f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "
@@ -151,7 +150,7 @@ def _decisions(estimator: Any, features: Floats) -> Floats:
 def _fit_pool(
     decisions: Floats, truth: Rows, objects: NDArray[np.int64], settings: PerceptionSettings
 ) -> Stacker:
-    """Calibrate decisions (r,1,P), each in units of its own spread, so that one ridge fits all."""
+    """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
     n_attributes = truth.shape[1]
     weights = np.zeros((n_attributes, 2))
     if not len(truth):

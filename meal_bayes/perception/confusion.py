@@ -1,4 +1,4 @@
-"""Confusion counts per object: what each behavior said of objects whose truth is known."""
+"""Confusion counts per object: percepts of objects whose truth is known."""
 
 from dataclasses import dataclass
 
@@ -17,9 +17,13 @@ class ConfusionCounts:
 
     Kept object by object, as percepts of one object are not independent (see the posterior's
     dispersion). One labelled instance is one count.
+
+    Attributes
+    ----------
+    counts : (O,P,E,2,K) [truth, level].
     """
 
-    counts: NDArray[np.int64]  # (O,P,E,2,K) [truth, level]
+    counts: NDArray[np.int64]
 
     __repr__ = short_repr
 
@@ -40,7 +44,7 @@ class ConfusionCounts:
         return freeze(self.counts.sum(axis=0), np.int64)
 
     def rates(self) -> NDArray[np.float64]:
-        """Share of "yes" percepts where the truth is false and where it is true, (P,E,2).
+        """Return the fraction of "yes" percepts given false and given true, (P,E,2).
 
         NaN where a truth never occurs.
         """
@@ -48,41 +52,41 @@ class ConfusionCounts:
         return np.asarray(np.where(number > 0, yes / np.maximum(number, 1), np.nan))
 
     def kappa(self) -> NDArray[np.float64]:
-        """Cohen's kappa of the yes/no percept against the truth, (P,E); 0 where nothing is said."""
+        """Return Cohen's kappa of yes/no percepts and truth, (P,E); 0 where it is undefined."""
         yes, number = _yes(self.total())
         everything = np.maximum(number.sum(axis=-1), 1)
         agree = (yes[..., 1] + number[..., 0] - yes[..., 0]) / everything
-        says_yes, is_true = yes.sum(axis=-1) / everything, number[..., 1] / everything
-        chance = says_yes * is_true + (1 - says_yes) * (1 - is_true)
-        informative = (number.min(axis=-1) > 0) & (chance < 1)
-        return np.where(informative, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
+        p_yes, p_true = yes.sum(axis=-1) / everything, number[..., 1] / everything
+        chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
+        defined = (number.min(axis=-1) > 0) & (chance < 1)
+        return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
 
 
 def _yes(total: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Percepts in the upper half of the levels, and all percepts, (P,E,2) each."""
+    """Count percepts in the upper half of the levels, and all percepts, (P,E,2) each."""
     return total[..., total.shape[-1] // 2 :].sum(axis=-1), total.sum(axis=-1)
 
 
 def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> ConfusionCounts:
-    """Put level counts (O,P,E,K) of objects in the row of their label (O,P); unknown ones drop."""
+    """Assign level counts (O,P,E,K) to the rows of the objects' known labels (O,P)."""
     rows = np.stack([labels == 0, labels == 1], axis=-1)  # (O,P,2)
     return ConfusionCounts(levels[:, :, :, None, :] * rows[:, :, None, :, None])
 
 
 def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> ConfusionCounts:
-    """Training-side counts for a held-out object, by classifiers that never saw it.
+    """Return training-side counts for a held-out object, by classifiers that never saw it.
 
     The row of object o' comes from classifiers that saw neither `held_out` nor o'; the held-out
-    row is zero, and labels that are unknown count nowhere.
+    row is zero, and unknown labels do not count.
     """
     return by_truth(table.training_levels(held_out, levels), table.labels)
 
 
-def believable(counts: ConfusionCounts) -> NDArray[np.bool_]:
-    """Where "yes" is likelier of true objects than of false ones, (P,E).
+def positive_youden(counts: ConfusionCounts) -> NDArray[np.bool_]:
+    """Return whether Youden's J = TPR - FPR is above 0, (P,E).
 
     Leaving a positive object out lowers the base rate, so an uninformative classifier votes
-    against the held-out label: such a table reads as a perfect, inverted sensor.
+    against the held-out label: such a table looks like a perfect, inverted sensor.
     """
     rates = counts.rates()
     return freeze(rates[..., 1] > rates[..., 0], np.bool_)  # NaN compares as False

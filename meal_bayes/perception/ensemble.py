@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
@@ -20,10 +21,10 @@ Floats = NDArray[np.float64]
 
 
 class Pool(Protocol):
-    """Pools the modalities' decisions (B,M,P) into log-odds (B,P)."""
+    """Combination of the modalities' decisions."""
 
     def log_odds(self, decisions: Floats) -> Floats:
-        """Log-odds of "true", (B,P)."""
+        """Return log-odds of "true", (B,P), from decisions (B,M,P)."""
         ...
 
 
@@ -39,20 +40,18 @@ class BehaviorFit(Protocol):
         ...
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Log-odds of "true", (B,P), for each modality's space and standardized rows (B,d)."""
+        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
         ...
 
 
 class KernelFit(NamedTuple):
-    """A classifier for each of M kernels, and their pool.
-
-    Kernels are those of its modalities, and the joint one where it was learned with.
+    """A classifier for each of M kernels (of the modalities, perhaps a joint one), and their pool.
 
     Attributes
     ----------
     dual : (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
     bias : (M,P).
-    pool : makes log-odds of the decisions.
+    pool : log-odds of the decisions.
     nested : (n,P), see `BehaviorFit`.
     """
 
@@ -62,12 +61,12 @@ class KernelFit(NamedTuple):
     nested: Floats
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Log-odds of "true", (B,P), for each modality's space and standardized rows (B,d)."""
+        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
         kernels = [space.similarity(own) for space, own in zip(spaces, rows, strict=True)]
         return self.log_odds(np.stack(kernels))
 
     def log_odds(self, kernels: Floats) -> Floats:
-        """Log-odds of "true", (B,P), from the modalities' kernels with these, (.,B,m)."""
+        """Return log-odds of "true", (B,P), from the modalities' kernels (.,B,m)."""
         across = with_joint(kernels) if len(self.dual) > len(kernels) else kernels
         decisions = across @ self.dual.transpose(0, 2, 1) + self.bias[:, None]
         return self.pool.log_odds(decisions.transpose(1, 0, 2))
@@ -81,36 +80,36 @@ class BehaviorClassifier:
     ----------
     spaces : by modality.
     fit : of all the behavior's attributes.
-    believed : (P,) elsewhere the percept says nothing.
+    used : (P,) elsewhere the log-odds are 0.
     """
 
     spaces: Mapping[str, FeatureSpace]
     fit: BehaviorFit
-    believed: NDArray[np.bool_]
+    used: NDArray[np.bool_]
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        set_frozen(self, believed=freeze(self.believed, np.bool_))
+        set_frozen(self, used=freeze(self.used, np.bool_))
 
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
-        """Log-odds of all attributes for raw features {modality: (B,D)}, (B,P)."""
+        """Return log-odds of all attributes, (B,P), of raw features {modality: (B,D)}."""
         spaces = list(self.spaces.values())
         rows = [space.standardize(features[modality]) for modality, space in self.spaces.items()]
-        return np.where(self.believed, self.fit.scored(spaces, rows), 0.0)
+        return np.where(self.used, self.fit.scored(spaces, rows), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Perception:
     """The fitted Psi of all behaviors; a `Perceiver`.
 
-    A behavior of which the training set has no instance gives percepts that say nothing.
+    Percepts of a behavior without an instance in the training set are at even odds.
 
     Attributes
     ----------
     domain : behaviors and attributes.
     classifiers : by behavior.
-    labels : (O,P) what a person who is asked knows; nothing else uses them.
+    labels : (O,P) from which a person answers; nothing else uses them.
     levels : K of its percepts.
     """
 
@@ -125,7 +124,7 @@ class Perception:
         set_frozen(self, labels=freeze(self.labels, np.int8))
 
     def log_odds(self, instance: Instance, query: Query) -> Floats:
-        """Log-odds of "true", (N,); NaN where a person answers.
+        """Return log-odds of "true", (N,); NaN where a person answers.
 
         Raises
         ------
@@ -149,13 +148,13 @@ class Perception:
         return round_log_odds(classifier.log_odds(single)[0, columns]).astype(np.float64)
 
     def probabilities(self, instance: Instance, query: Query) -> Floats:
-        """Probability of "true" under even prior odds, (N,); NaN where a person answers."""
-        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds(instance, query))))
+        """Return Pr(true) under even prior odds, (N,); NaN where a person answers."""
+        return np.asarray(expit(self.log_odds(instance, query)))
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Percept levels of the queried attributes, (N,), or a person's answer."""
+        """Return percept levels of the queried attributes, (N,), or a person's answer."""
         said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
         if said is not None:
             return said

@@ -35,11 +35,11 @@ class FoldProblem:
     folds : (n,) of each recording's object.
     units : (n,) what a percept table holds out: objects, or folds where there are many.
     machines : M, the classifiers an attribute.
-    train : from rows to what decides (B,M,P) of any rows; it must look at no other rows' labels.
+    train : from rows to a function that decides (B,M,P) on any rows, by those rows' labels alone.
     fit_pool : from decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those
-        who never saw them, to what makes log-odds of decisions; r may be 0.
-    threads : that train at a time. More than one only for what is known to bear it: scikit-learn's
-        forests set the process's warning filters while they train.
+        who never saw them, to an object with `log_odds`; r may be 0.
+    threads : that train at a time. More than one only where training is thread-safe:
+        scikit-learn's forests set the process's warning filters.
     """
 
     truth: Rows
@@ -62,7 +62,7 @@ class FoldProblem:
         return np.asarray(self.folds != UNKNOWN)
 
     def without(self, left_out: Iterable[int]) -> Floats:
-        """Decisions on the rows of these folds by classifiers that never saw them, (n,M,P)."""
+        """Decide on the rows of these folds by classifiers that never saw them, (n,M,P)."""
         out = np.isin(self.folds, list(left_out))
         decisions = np.full((len(self.folds), self.machines, self.truth.shape[1]), np.nan)
         rest = self.known & ~out
@@ -71,9 +71,9 @@ class FoldProblem:
 
 
 def folds_of(recordings: BehaviorRecordings, folds: int) -> tuple[Folds, Folds]:
-    """Deal the objects whose labels are known to folds; return the folds (n,) and units (n,).
+    """Assign objects with known labels to folds; return the folds (n,) and units (n,).
 
-    Few are dealt one by one, as neighbors are alike; many the same for every behavior.
+    Neighbors are in different folds. Many objects have the same folds for every behavior.
     """
     objects, known = recordings.objects, recordings.labels[:, 0] >= 0
     if recordings.large:
@@ -90,7 +90,7 @@ def nested_outputs(problem: FoldProblem) -> tuple[Floats, Any, Any]:
     Returns
     -------
     Log-odds of each row by classifiers and pools that never saw its fold, (n,P), NaN where its
-    label is unknown; and the pool and the classifiers of a robot that has seen everything.
+    label is unknown; and the pool and the classifiers of all rows.
     """
     decisions = _all_decisions(problem, _sets_of(problem.names, 2))
     pool = _pool(problem, decisions, frozenset())
@@ -179,7 +179,7 @@ def _nested(
 
 
 def _sets_of(folds: Iterable[int], size: int) -> set[frozenset[int]]:
-    """All sets of at most `size` folds, but the empty one."""
+    """Return all sets of at most `size` folds, but the empty one."""
     sets = {frozenset([fold]) for fold in folds}
     single = set(sets)
     for _ in range(size - 1):

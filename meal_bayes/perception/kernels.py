@@ -1,7 +1,7 @@
 """Kernels between recordings of a data set, in spaces that many refits share.
 
-A robot at work refits its classifiers after every batch. Its feature spaces (means, spreads, kernel
-widths, whitening) need no labels: they may be laid out once, or anew as recordings come in.
+A robot refits its classifiers after every batch. Its feature spaces (means, standard deviations,
+kernel widths, whitening) need no labels: they can be fitted once, or again as recordings come in.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,12 +24,17 @@ from meal_bayes.perception.width import learned_widths
 
 @dataclass(frozen=True, slots=True)
 class Kernels:
-    """All n = O R recordings in the spaces of every behavior's modalities."""
+    """All n = O R recordings in the spaces of every behavior's modalities.
 
-    __repr__ = short_repr
+    Attributes
+    ----------
+    spaces : (behavior, modality) -> space with rows (n,d).
+    """
 
     dataset: Dataset
-    spaces: Mapping[tuple[str, str], FeatureSpace]  # rows (n,d), of (behavior, modality)
+    spaces: Mapping[tuple[str, str], FeatureSpace]
+
+    __repr__ = short_repr
 
     @classmethod
     def of(
@@ -40,14 +45,14 @@ class Kernels:
         kernel: str = "rbf",
         whiten: bool = False,
     ) -> "Kernels":
-        """Lay the spaces out by the recordings that a robot has; labels play no part.
+        """Fit the spaces to the recordings that a robot has, without labels.
 
-        A behavior of which it has no recording has no kernels: percepts of it say nothing.
+        A behavior without recordings has no kernels: percepts of it are at even odds.
 
         Parameters
         ----------
         gathered : the recordings.
-        whiten : let directions in which repeats of one object differ count for less.
+        whiten : shrink directions in which repeats of one object differ.
         """
         spaces = {}
         n = len(dataset.objects) * dataset.recordings
@@ -77,7 +82,7 @@ def fit_and_score(
     Returns
     -------
     log_odds : (O,R,E,P) of the objects' recordings; NaN of everything else.
-    counts : what such percepts said of training objects they never saw (see `cross_validate`).
+    counts : such percepts of training objects that they never saw (see `cross_validate`).
     """
     dataset, domain = kernels.dataset, kernels.dataset.domain
     shape = (len(dataset.objects), len(domain.attributes), len(domain.behaviors))
@@ -100,10 +105,10 @@ def fit_and_score(
     gathered = with_landmarks(gathered, settings)
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
-        fit, believed, nested = fit_behavior(recordings.widened(width), settings, shape[0])
+        fit, used, nested = fit_behavior(recordings.widened(width), settings, shape[0])
         counts[:, :, e] = nested.counts[:, :, 0]
         others = kernels.spaces_of(domain.behaviors[e].name, scored)
-        outputs = round_log_odds(np.where(believed, _scored(fit, recordings, others, width), 0.0))
+        outputs = round_log_odds(np.where(used, _scored(fit, recordings, others, width), 0.0))
         log_odds[objects, :, e] = outputs.reshape(len(objects), dataset.recordings, -1)
     log_odds[np.arange(dataset.recordings)[:, None] >= dataset.recording_counts[:, None]] = np.nan
     return log_odds, ConfusionCounts(counts)

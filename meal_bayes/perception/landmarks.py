@@ -7,7 +7,6 @@ the recordings, and as no more than three folds are ever left out together, thos
 on their number alone.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,45 +18,14 @@ from meal_bayes.perception.leave_out import Floats, Ints, Problem
 _JITTER = 1e-9  # on the landmarks' kernel, where two of them are alike
 
 
-@dataclass(frozen=True, slots=True)
-class LandmarkProblem(Problem):
-    """The recordings are compared with landmarks; groups are folds.
-
-    Attributes
-    ----------
-    features : (M,n,m).
-    grams : (M,1+k,m,m) C = products of all features + noise, and the products of each fold.
-    moments : (M,1+k,m,P) products with the targets, of all and of each fold.
-    """
-
-    features: Floats
-    grams: Floats
-    moments: Floats
-
-    def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
-        """See `Problem`."""
-        decisions = np.zeros((len(self.features), *self.targets.shape))
-        for k in range(len(self.groups)):
-            if k not in left_out:
-                rows = slice(self.starts[k], self.starts[k + 1])
-                out = np.append(left_out if nested else [], k).astype(np.int64)
-                decisions[:, :, rows] = self._decide(out, rows)
-        return self._decide(left_out, self.rows(left_out)), decisions
-
-    def _decide(self, left_out: Ints, rows: Ints | slice) -> Floats:
-        """Decide on rows (q,) by classifiers without some folds, (M,P,q)."""
-        weights = _ridge_weights(self.grams, self.moments, left_out)
-        return np.asarray((self.features[:, rows] @ weights).transpose(0, 2, 1))
-
-
 def landmark_problem(
     kernels: Floats,
     landmarks: Floats,
     truth: NDArray[np.bool_],
     groups: tuple[Ints, Ints],
     noise: float,
-) -> LandmarkProblem:
-    """Set up the normal equations.
+) -> Problem:
+    """Build the normal equations; groups are folds.
 
     Parameters
     ----------
@@ -73,33 +41,43 @@ def landmark_problem(
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
     (n_modalities, _, m), k = kernels.shape, len(names)
     features = np.empty(kernels.shape)
-    grams = np.zeros((n_modalities, 1 + k, m, m))
-    moments = np.zeros((n_modalities, 1 + k, m, len(targets)))
+    grams = np.zeros((n_modalities, 1 + k, m, m))  # of all features + noise, and of each fold
+    products = np.zeros((n_modalities, 1 + k, m, len(targets)))  # with the targets, the same
     duals = np.empty((n_modalities, len(targets), m))
     for i in range(n_modalities):
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
-        for fold, (start, end) in enumerate(pairwise(starts)):
+        for fold, (start, end) in enumerate(pairwise(starts), start=1):
             own = features[i, start:end]
-            grams[i, 1 + fold], moments[i, 1 + fold] = own.T @ own, own.T @ targets[:, start:end].T
-        grams[i, 0], moments[i, 0] = (
-            grams[i].sum(axis=0) + noise * np.eye(m),
-            moments[i].sum(axis=0),
-        )
-        (weights,) = _ridge_weights(grams[i : i + 1], moments[i : i + 1], names[:0])
+            grams[i, fold], products[i, fold] = own.T @ own, own.T @ targets[:, start:end].T
+        grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
+        products[i, 0] = products[i].sum(axis=0)
+        (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
         duals[i] = solve_triangular(factor.T, weights, check_finite=False).T
-    weights = 2.0 / sizes[place.ravel()]
-    return LandmarkProblem(names, starts, weights, targets, duals, features, grams, moments)
+
+    def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
+        decisions = np.zeros((n_modalities, *targets.shape))
+        for fold in np.setdiff1d(np.arange(k), left_out):
+            rows = slice(starts[fold], starts[fold + 1])
+            out = np.append(left_out if nested else [], fold).astype(np.int64)
+            decisions[:, :, rows] = decide(out, features[:, rows])
+        return decide(left_out, features[:, problem.rows(left_out)]), decisions
+
+    def decide(left_out: Ints, some: Floats) -> Floats:
+        return np.asarray((some @ _ridge_weights(grams, products, left_out)).transpose(0, 2, 1))
+
+    problem = Problem(names, starts, 2.0 / sizes[place.ravel()], targets, duals, score)
+    return problem
 
 
-def _ridge_weights(grams: Floats, moments: Floats, left_out: Ints) -> Floats:
+def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
     """Solve the normal equations of each modality without some folds, (M,m,P)."""
-    weights = np.empty((len(grams), *moments.shape[2:]))
-    for i, (gram, moment) in enumerate(zip(grams, moments, strict=True)):
+    weights = np.empty((len(grams), *products.shape[2:]))
+    for i, (gram, product) in enumerate(zip(grams, products, strict=True)):
         matrix = gram[0].copy()
         for fold in left_out:
             matrix -= gram[1 + fold]
         factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
-        rest = moment[0] - moment[1 + left_out].sum(axis=0)
+        rest = product[0] - product[1 + left_out].sum(axis=0)
         weights[i] = cho_solve(factor, rest, check_finite=False)
     return weights

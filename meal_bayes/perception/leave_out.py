@@ -6,8 +6,7 @@ y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]: one inverse a modality ser
 object and pair of objects. Where recordings are compared with landmarks, see `landmarks`.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
 
 
 @dataclass(frozen=True, slots=True)
-class Problem(ABC):
+class Problem:
     """Recordings of one behavior whose labels are known, group by group.
 
     Attributes
@@ -33,7 +32,10 @@ class Problem(ABC):
     starts : (k+1,) where each group's recordings start.
     weights : (n,) of each recording in a stacker's loss, 2 an object.
     targets : (P,n) +-1.
-    duals : (M,P,m) weights of what recordings are compared with, of a robot that has seen all.
+    duals : (M,P,m) weights of what recordings are compared with, trained on all groups.
+    score : from groups left out (s,), and whether those who decide on the others did not see them
+        either, to decisions on the recordings left out, (M,P,q), in the order of `rows`, and on
+        every other group by itself left out too, (M,P,n), 0 where they are left out.
     """
 
     groups: Ints
@@ -41,20 +43,7 @@ class Problem(ABC):
     weights: Floats
     targets: Floats
     duals: Floats
-
-    @abstractmethod
-    def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
-        """Decide on groups that are left out (s,), and on every other one by itself left out too.
-
-        Parameters
-        ----------
-        nested : whether those who decide on the others did not see `left_out` either.
-
-        Returns
-        -------
-        Decisions on the recordings left out, (M,P,q), in the order of `rows`; those on the others,
-        (M,P,n), 0 where they are left out.
-        """
+    score: Callable[[Ints, bool], tuple[Floats, Floats]]
 
     def rows(self, groups: Ints) -> Ints:
         """Return the rows of some groups (s,), one group after the other."""
@@ -62,54 +51,26 @@ class Problem(ABC):
         return np.concatenate([NOBODY[0], *ranges])
 
 
-@dataclass(frozen=True, slots=True)
-class KernelProblem(Problem):
-    """The recordings are compared with each other: duals are C^-1 y.
-
-    Attributes
-    ----------
-    inverses : (M,n,n) C^-1.
-    """
-
-    inverses: Floats
-
-    def score_without(self, left_out: Ints, *, nested: bool) -> tuple[Floats, Floats]:
-        """See `Problem`."""
-        own = np.empty((*self.duals.shape[:2], np.diff(self.starts)[left_out].sum()))
-        decisions = np.empty(self.duals.shape)
-        score_without(
-            left_out,
-            self.inverses,
-            self.duals,
-            self.targets,
-            self.starts,
-            nested,
-            own,
-            decisions,
-        )
-        return own, decisions
-
-
-def kernel_problem(
-    grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise: float
-) -> KernelProblem:
+def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise: float) -> Problem:
     """Invert C of each modality: grams (M,n,n), truth (n,P), groups (n,) rising."""
     names, starts, sizes = np.unique(groups, return_index=True, return_counts=True)
+    starts = np.append(starts, len(groups))
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
     inverses = np.linalg.inv(grams + noise * np.eye(len(groups)))
     inverses = (inverses + inverses.transpose(0, 2, 1)) / 2
-    return KernelProblem(
-        names,
-        np.append(starts, len(groups)),
-        np.repeat(2.0 / sizes, sizes),
-        targets,
-        targets @ inverses,
-        inverses,
-    )
+    duals = targets @ inverses
+
+    def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
+        own = np.empty((*duals.shape[:2], sizes[left_out].sum()))
+        decisions = np.empty(duals.shape)
+        score_without(left_out, inverses, duals, targets, starts, nested, own, decisions)
+        return own, decisions
+
+    return Problem(names, starts, np.repeat(2.0 / sizes, sizes), targets, duals, score)
 
 
 class LeftOut(NamedTuple):
-    """Stackers that never saw some sets S of groups, and what they say of these groups.
+    """Stackers that never saw some sets S of groups, and their log-odds on these groups.
 
     Attributes
     ----------
@@ -126,10 +87,9 @@ class LeftOut(NamedTuple):
 def leave_out(
     problem: Problem, sets: Ints, settings: PerceptionSettings, warm: Floats | None = None
 ) -> LeftOut:
-    """Leave out each of the sets (S,s) of groups, numbered as in the problem.
+    """Fit stackers without each of the sets (S,s) of groups, numbered as in the problem.
 
-    `warm` (P,1+M) is where the search for the stackers starts; the same ones are found from
-    anywhere.
+    `warm` (P,1+M) is where the search starts; the optimum is unique.
     """
     n_modalities, n_targets, _ = problem.duals.shape
     sizes = np.diff(problem.starts)
@@ -137,7 +97,7 @@ def leave_out(
     losses = np.zeros((len(sets), n_targets))
     log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
-        own, decisions = problem.score_without(left_out, nested=settings.nested)
+        own, decisions = problem.score(left_out, settings.nested)
         remaining = problem.weights.copy()
         remaining[problem.rows(left_out)] = 0.0
         if warm is not None:
@@ -159,7 +119,7 @@ def leave_out(
 
 
 def full_stackers(problem: Problem, settings: PerceptionSettings) -> Floats:
-    """Fit the stackers of a robot that has seen every group, (P,1+M)."""
+    """Fit the stackers of all groups, (P,1+M)."""
     return np.asarray(leave_out(problem, NOBODY, settings).weights[0])
 
 

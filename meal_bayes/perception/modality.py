@@ -7,28 +7,37 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 
-_FAR = 5.0  # standard deviations; features beyond are drawn in
+_FAR = 5.0  # standard deviations at which features are clipped
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
-_CONSTANT = 1e-9  # relative spread below which a feature says nothing
+_CONSTANT = 1e-9  # relative standard deviation below which a feature is dropped
 _COMPARED = 2048  # recordings whose distances are compared for a median
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureSpace:
-    """Standardized recordings and the kernel between them; labels play no part.
+    """Standardized recordings and the kernel between them, without labels.
 
     Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
     standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
-    objects are known, directions in which they differ count for less (within-object whitening).
+    objects are known, directions in which they differ are shrunk (within-object whitening).
+
+    Attributes
+    ----------
+    kept : (d,) features that vary.
+    center, scale : (d,).
+    rows : (n,d) the recordings, standardized.
+    kernel : "rbf" or "polynomial".
+    width : of the RBF, the median distance between two recordings times a learned factor.
+    mix : (d,d) whitening, applied last.
     """
 
-    kept: NDArray[np.int64]  # (d,) features that vary
-    center: NDArray[np.float64]  # (d,)
-    scale: NDArray[np.float64]  # (d,)
-    rows: NDArray[np.float64]  # (n,d) the recordings, standardized
-    kernel: str  # "rbf" or "polynomial"
-    width: float  # of the RBF: the median distance between two recordings, times what is learned
-    mix: NDArray[np.float64] | None = None  # (d,d) whitening, applied last
+    kept: NDArray[np.int64]
+    center: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    kernel: str
+    width: float
+    mix: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -41,47 +50,43 @@ class FeatureSpace:
         )
 
     def standardize(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Bring raw features (B,D) into this space, (B,d)."""
+        """Transform raw features (B,D) to this space, (B,d)."""
         squashed = _squash(features)[:, self.kept]
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
         return np.asarray(rows if self.mix is None else rows @ self.mix)
 
     def over(self, features: NDArray[np.floating]) -> "FeatureSpace":
-        """Keep means, spreads and width, for other recordings (n,D)."""
+        """Return the space with other recordings (n,D)."""
         return replace(self, rows=self.standardize(features))
 
     def widened(self, factor: float) -> "FeatureSpace":
-        """Make the kernel wider."""
+        """Return the space with a wider kernel."""
         return replace(self, width=factor * self.width)
 
     def similarity(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Kernel between standardized rows (B,d) and this space's recordings, (B,n)."""
+        """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
         product = rows @ self.rows.T
         if self.kernel == "polynomial":
             return (1.0 + product / max(len(self.kept), 1)) ** 2
         return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
 
     def at(self, rows: NDArray[np.integer]) -> "FeatureSpace":
-        """Keep some of the recordings (r,)."""
+        """Return the space with some of its recordings (r,)."""
         return replace(self, rows=self.rows[rows])
 
     def gram(self) -> NDArray[np.float64]:
-        """Kernel between the recordings themselves, (n,n)."""
+        """Compute the kernel between the recordings themselves, (n,n)."""
         return self.similarity(self.rows)
 
 
 def fit_space(
     features: NDArray[np.floating], kernel: str, objects: NDArray[np.integer] | None = None
 ) -> FeatureSpace:
-    """Make the space of raw recordings (n,D), from their means, spreads and distances.
-
-    With their objects (n,) given, the space is whitened by how repeats of one object differ; no
-    label is needed for that.
-    """
+    """Fit the space of raw recordings (n,D); whitened where their objects (n,) are given."""
     squashed = _squash(features)
-    spread = squashed.std(axis=0)
-    kept = np.flatnonzero(spread > _CONSTANT * np.maximum(1.0, np.abs(squashed).max(axis=0)))
-    center, scale = squashed[:, kept].mean(axis=0), spread[kept]
+    sd = squashed.std(axis=0)
+    kept = np.flatnonzero(sd > _CONSTANT * np.maximum(1.0, np.abs(squashed).max(axis=0)))
+    center, scale = squashed[:, kept].mean(axis=0), sd[kept]
     rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
     mix = None if objects is None else _whitening(rows, objects)
     rows = rows if mix is None else rows @ mix
@@ -89,7 +94,7 @@ def fit_space(
 
 
 def widened(kernels: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """Kernels of spaces whose RBF is wider by a factor: exp(-d^2 / (f w)^2) = k^(1 / f^2)."""
+    """Convert kernels to those of an RBF wider by f: exp(-d^2 / (f w)^2) = k^(1 / f^2)."""
     return kernels if factor == 1.0 else kernels ** (factor**-2.0)
 
 
@@ -97,8 +102,8 @@ def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Append the kernel of all modalities at once, (M,r,c) -> (M+1,r,c); one modality is its own.
 
     It is the RBF kernel of their features side by side: distances in units of each one's width,
-    squared and averaged. Attributes that show a little in every modality are learned by it from
-    fewer objects than a stacker needs to weigh them [Gonen2011].
+    squared and averaged. Attributes with a weak signal in every modality are learned by it from
+    fewer objects than a stacker needs [Gonen2011].
     """
     if len(kernels) == 1:
         return kernels
@@ -109,7 +114,7 @@ def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
 def _whitening(
     rows: NDArray[np.float64], objects: NDArray[np.integer]
 ) -> NDArray[np.float64] | None:
-    """Matrix (d,d) that shrinks directions of within-object variance v by sqrt(e / (v + e)).
+    """Return (d,d), which scales directions of within-object variance v by sqrt(e / (v + e)).
 
     None where no object is repeated. With few repeats most directions stay as they are.
     """
@@ -121,8 +126,8 @@ def _whitening(
     if not repeated.any():
         return None
     freedom = repeated.sum() - (count > 1).sum()
-    _, spread, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
-    gain = np.sqrt(_WITHIN / (spread**2 / freedom + _WITHIN)) - 1.0
+    _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
+    gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0
     return np.asarray(np.eye(rows.shape[1]) + basis.T @ (gain[:, None] * basis))
 
 
@@ -137,9 +142,9 @@ def _squared_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray
 
 
 def _median_distance(rows: NDArray[np.float64]) -> float:
-    """Return the median distance of two recordings, of an even choice where there are many.
+    """Return the median distance of two recordings; their mean where it is 0; 1 where all coincide.
 
-    It is their mean where most recordings coincide, and 1 where all do.
+    Many recordings are thinned out evenly.
     """
     rows = rows[:: -(-len(rows) // _COMPARED) or 1]
     upper = np.triu_indices(len(rows), 1)

@@ -1,10 +1,9 @@
-"""The paper's recipe: a support vector machine a modality, calibrated, pooled by Cohen's kappa.
+"""The paper's method: a support vector machine a modality, calibrated, pooled by Cohen's kappa.
 
 Each modality's decision becomes a probability by a sigmoid fitted on out-of-fold decisions; its
-weight is the Cohen's kappa of these probabilities, negative ones 0; the behavior says the
-weighted mean, or 1/2 where all weights are 0. Folds are groups of objects, an object is never
-split, and what is said of a fold (decision, sigmoid, weights) is learned from other folds only.
-Its percepts keep the base rate inside; they are no likelihood ratios.
+weight is the Cohen's kappa of these probabilities, negative ones 0; the output is the weighted
+mean, or 1/2 where all weights are 0. Decisions, sigmoids and weights are out of fold (see `folds`).
+Percepts include the base rate; they are no likelihood ratios.
 """
 
 import os
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 from sklearn.svm import SVC
 
 from meal_bayes.arrays import freeze, set_frozen
@@ -49,25 +49,31 @@ class KappaPool:
         set_frozen(self, sigmoid=freeze(self.sigmoid), weights=freeze(self.weights))
 
     def log_odds(self, decisions: Floats) -> Floats:
-        """Log-odds of the pooled probability, (B,P), from decisions (B,M,P)."""
-        probability = _expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decisions)
+        """Return log-odds of the pooled probability, (B,P), from decisions (B,M,P)."""
+        probability = expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decisions)
         total = self.weights.sum(axis=0)
         pooled = np.einsum("bmp,mp->bp", probability, self.weights)
         pooled = np.where(total > 0, pooled / np.where(total > 0, total, 1.0), 0.5)
-        pooled = np.clip(pooled, 1e-9, 1 - 1e-9)
-        return np.asarray(np.log(pooled / (1 - pooled)))
+        return np.asarray(logit(np.clip(pooled, 1e-9, 1 - 1e-9)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Machines:
-    """Support vector machines of some rows, M modalities and P attributes."""
+    """Support vector machines of some rows, M modalities and P attributes.
 
-    grams: Floats  # (M,n,n)
-    dual: Floats  # (M,P,n)
-    bias: Floats  # (M,P)
+    Attributes
+    ----------
+    grams : (M,n,n).
+    dual : (M,P,n).
+    bias : (M,P).
+    """
+
+    grams: Floats
+    dual: Floats
+    bias: Floats
 
     def __call__(self, rows: NDArray[np.bool_]) -> Floats:
-        """Decisions on these rows, (B,M,P)."""
+        """Decide on these rows, (B,M,P)."""
         return np.asarray(np.einsum("mbn,mpn->bmp", self.grams[:, rows], self.dual) + self.bias)
 
 
@@ -91,7 +97,7 @@ def _train(
 
 
 def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    """Set the fold problem of recordings of which all labels are known, or none, up."""
+    """Build the fold problem of recordings of which all labels are known, or none."""
     grams, truth = recordings.kernels(), recordings.labels == 1
     folds, units = folds_of(recordings, settings.folds)
     return FoldProblem(
@@ -107,7 +113,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
 
 
 def _fit_pool(decisions: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64]) -> KappaPool:
-    """Fit sigmoids and weights to decisions (r,M,P) on rows that those who decided never saw."""
+    """Fit sigmoids and weights to out-of-fold decisions (r,M,P)."""
     _, n_modalities, n_attributes = decisions.shape
     sigmoid = np.zeros((n_modalities, n_attributes, 2))
     weights = np.zeros((n_modalities, n_attributes))
@@ -122,7 +128,7 @@ def _fit_pool(decisions: Floats, truth: NDArray[np.bool_], objects: NDArray[np.i
 
 
 def fit_sigmoid(decisions: Floats, truth: NDArray[np.bool_]) -> Floats:
-    """Offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
+    """Fit offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
     positive, number = int(truth.sum()), len(truth)
     soft = np.where(truth, (positive + 1) / (positive + 2), 1 / (number - positive + 2))
     theta = np.zeros(2)
@@ -138,12 +144,8 @@ def _kappa(yes: NDArray[np.bool_], truth: NDArray[np.bool_]) -> float:
     return (agree - chance) / (1 - chance) if chance < 1 else 0.0
 
 
-def _expit(log_odds: Floats) -> Floats:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -50, 50))))
-
-
 def fit_paper(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
-    """Fit one behavior by the paper's recipe; as `fit_stacked`, nested outputs by folds."""
+    """Fit one behavior; as `fit_stacked`, nested outputs by folds."""
     n_modalities, (n, n_attributes) = len(recordings.spaces), recordings.labels.shape
     dual, bias = np.zeros((n_modalities, n_attributes, n)), np.zeros((n_modalities, n_attributes))
     sigmoid, weights = np.zeros((n_modalities, n_attributes, 2)), np.zeros_like(bias)

@@ -14,12 +14,12 @@ from meal_bayes.errors import DataError, SettingsError
 
 
 class Perceiver(Protocol):
-    """Says what an executed behavior tells of the queried attributes."""
+    """Source of the percepts of an executed behavior."""
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Percept levels of the queried attributes, (N,): 0 the surest no, K-1 the surest yes."""
+        """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes)."""
         ...
 
 
@@ -28,8 +28,8 @@ def answer(
 ) -> NDArray[np.int8]:
     """Draw a person's answer on N attributes, the whole right with `accuracy`.
 
-    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. What
-    nobody knows (label -1) is answered by a coin.
+    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. Unknown
+    attributes (label -1) are answered by a fair coin.
     """
     right = rng.random(len(labels)) < accuracy ** (1.0 / len(labels))
     coin = rng.random(len(labels)) < 0.5
@@ -45,7 +45,7 @@ def person_says(
     levels: int,
     rng: np.random.Generator,
 ) -> NDArray[np.int8] | None:
-    """Draw the answer of a person who knows labels (O,P); None where the behavior asks nobody."""
+    """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
@@ -130,13 +130,17 @@ class ScoredPercepts:
 class ConfusionSampler:
     """Percepts drawn from the confusion matrices themselves.
 
-    This is what the authors' published simulator does: accuracies obtained so are the model's
-    opinion of itself.
+    The authors' published simulator does so; accuracies obtained from it do not test the model.
+
+    Attributes
+    ----------
+    labels : (O,P) 1 true, 0 false, -1 unknown.
+    confusion : (P,E,2,K) rows = truth, sum to 1.
     """
 
     domain: Domain
-    labels: NDArray[np.int8]  # (O,P) 1 true, 0 false, -1 unknown
-    confusion: NDArray[np.float64]  # (P,E,2,K) rows = truth, sum to 1
+    labels: NDArray[np.int8]
+    confusion: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
@@ -149,7 +153,7 @@ class ConfusionSampler:
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Draw each attribute's level from its row of the true value (a coin's, if unknown)."""
+        """Draw each attribute's level from the row of its true value, or of a coin if unknown."""
         behavior = self.domain.behavior_index(instance.behavior)
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]

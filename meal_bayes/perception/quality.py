@@ -1,4 +1,4 @@
-"""How good held-out log-odds are, on the scale of a posterior with the base rate put back."""
+"""Quality of held-out log-odds, with the base rate restored."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception.confusion import ConfusionCounts, by_truth
-from meal_bayes.perception.recipes import recipe_of
+from meal_bayes.perception.methods import method_of
 from meal_bayes.perception.recordings import all_recordings_of, groups_of, number_in_object
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.width import learned_widths
@@ -28,7 +28,7 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     for width in np.unique(widths):
         held = (widths == width)[groups]
         for name, recordings in gathered.items():
-            nested = recipe_of(settings).fit(recordings.widened(width), settings).nested
+            nested = method_of(settings).fit(recordings.widened(width), settings).nested
             rows = held[recordings.objects]
             place = recordings.objects[rows], number_in_object(recordings.objects)[rows]
             outputs[:, :, domain.behavior_index(name)][place] = nested[rows]
@@ -36,7 +36,7 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
 
 
 def with_base_rate(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> Floats:
-    """Put the base rate of the other objects back into balanced log-odds (O,R,E,P)."""
+    """Add the base rate of the other objects to balanced log-odds (O,R,E,P)."""
     positive = (labels == 1).sum(axis=0) - (labels == 1)
     negative = (labels == 0).sum(axis=0) - (labels == 0)
     prior = np.log((positive + 1) / (negative + 1))
@@ -46,10 +46,10 @@ def with_base_rate(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> 
 def held_out_log_loss(
     log_odds: NDArray[np.floating], labels: NDArray[np.int8], *, balanced: bool = True
 ) -> Floats:
-    """Mean negative log-likelihood of the truth a recording, nats, (E,P).
+    """Return the mean negative log-likelihood of the truth, nats a recording, (E,P).
 
-    Of class-balanced log-odds (O,R,E,P): the base rate of the other objects, (n+ + 1)/(n + 2), is
-    put back in. NaN where nothing was computed.
+    The base rate of the other objects, (n+ + 1)/(n + 2), is added to class-balanced log-odds
+    (O,R,E,P). NaN where nothing was computed.
     """
     values = with_base_rate(log_odds, labels) if balanced else np.asarray(log_odds, np.float64)
     truth = labels[:, None, None, :]
@@ -60,19 +60,19 @@ def held_out_log_loss(
 
 
 def base_rate_log_loss(labels: NDArray[np.int8]) -> Floats:
-    """Log-loss of the base rate of the other objects alone, nats, (P,)."""
+    """Return the log-loss of the base rate of the other objects alone, nats, (P,)."""
     nothing = np.zeros((len(labels), 1, 1, labels.shape[1]))
     return np.asarray(held_out_log_loss(nothing, labels)[0])
 
 
 def held_out_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> ConfusionCounts:
-    """Count yes and no of held-out log-odds (O,R,E,P); what was not computed does not count."""
+    """Count yes and no of held-out log-odds (O,R,E,P); NaN does not count."""
     levels = levels_of(round_log_odds(log_odds), BIN_EDGES, 2)
     shown = np.stack([(levels == level) & np.isfinite(log_odds) for level in (0, 1)], axis=-1)
     return by_truth(shown.sum(axis=1).transpose(0, 2, 1, 3), labels)
 
 
 def permuted(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """Shuffle each attribute's labels over the objects: nothing remains to be learned."""
+    """Shuffle each attribute's labels over the objects, so that nothing can be learned."""
     labels = rng.permuted(dataset.labels, axis=0)
     return Dataset(dataset.domain, dataset.objects, dataset.features, labels)

@@ -1,4 +1,4 @@
-"""What a training set holds of one behavior."""
+"""The recordings of one behavior in a training set."""
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
@@ -120,8 +120,8 @@ def with_landmarks(
 ) -> dict[Name, BehaviorRecordings]:
     """Choose landmarks for all behaviors if one of them is above the settings' exact sizes.
 
-    They are spread evenly over the recordings. Only the stacked recipe makes do with them: the
-    paper's compares all recordings with each other at any size.
+    They are spaced evenly over the recordings. Other methods than "stacked" compare all recordings
+    with each other at any size.
     """
     sizes = [(len(np.unique(one.objects)), len(one.objects)) for one in behaviors.values()]
     if all(o <= settings.exact_objects and n <= settings.exact_recordings for o, n in sizes):
@@ -129,7 +129,7 @@ def with_landmarks(
     found = {}
     for name, recordings in behaviors.items():
         n = len(recordings.objects)
-        number = min(settings.landmarks, n) if settings.recipe == "stacked" else n
+        number = min(settings.landmarks, n) if settings.method == "stacked" else n
         landmarks = np.linspace(0, n - 1, number).round().astype(np.int64)
         found[name] = replace(recordings, landmarks=landmarks)
     return found

@@ -1,4 +1,4 @@
-"""What can be set in perception, and the two named recipes."""
+"""Settings of perception, and the two named ones."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,27 +7,26 @@ from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 
-RECIPES = ("stacked", "paper", "classifier")
+METHODS = ("stacked", "paper", "classifier")
 
 
 @dataclass(frozen=True, slots=True)
 class PerceptionSettings:
     """How a behavior's percept is made from its modalities.
 
-    `joint` and the last five are cures: each can be taken out to see what it is good for (tests,
-    benchmarks).
+    `joint` and the last five of the numbers and flags can be switched off for ablations.
 
     Attributes
     ----------
-    recipe : "stacked"; "paper": support vector machines, Cohen's kappa weights; "classifier".
+    method : "stacked"; "paper": support vector machines, Cohen's kappa weights; "classifier".
     kernel : "rbf", exp(-d^2 / w^2), or "polynomial", degree 2.
     width : w in median distances; None: learned (1, 1.5 or 2).
     joint : "stacked", RBF only: one more kernel, of all modalities at once.
     noise : lambda of C = K + lambda I.
     ridge : on the stacker's slopes.
-    levels : K, what an observed percept tells: 2 yes or no; 4 and how surely.
+    levels : K of an observed percept: 2 yes or no, 4 graded.
     exact_objects, exact_recordings : up to so many objects, and recordings of a behavior, the
-        stacked recipe leaves every object out alone, and compares all recordings with each other.
+        "stacked" leaves every object out alone, and compares all recordings with each other.
     landmarks : above these, recordings are compared with so many of them.
     folds : "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that
         are left out together, an object never split.
@@ -35,12 +34,12 @@ class PerceptionSettings:
     by_object : cross-validate over objects; False: over samples, as published.
     nested : stackers learn from decisions that saw none of the objects left out.
     balanced : both classes weigh the same, so a percept is a likelihood ratio.
-    nonnegative : a modality may be ignored, never turned around.
-    believable_only : where TPR - FPR <= 0 in training, percepts say nothing.
-    classifier : of the recipe "classifier" only: a scikit-learn classifier, see `with_classifier`.
+    nonnegative : a modality may be ignored, never inverted.
+    positive_youden_only : percepts are at even odds where Youden's J <= 0 in training.
+    classifier : of the method "classifier" only: a scikit-learn classifier, see `with_classifier`.
     """
 
-    recipe: str = "stacked"
+    method: str = "stacked"
     kernel: str = "rbf"
     width: float | None = None
     joint: bool = True
@@ -56,16 +55,16 @@ class PerceptionSettings:
     nested: bool = True
     balanced: bool = True
     nonnegative: bool = True
-    believable_only: bool = True
+    positive_youden_only: bool = True
     classifier: Any = None
 
     def __post_init__(self) -> None:
         kernels = ("rbf", "polynomial")
-        for name, known in (("recipe", RECIPES), ("kernel", kernels)):
+        for name, known in (("method", METHODS), ("kernel", kernels)):
             if getattr(self, name) not in known:
                 raise SettingsError(unknown(name, getattr(self, name), known))
-        if (self.recipe == "classifier") != (self.classifier is not None):
-            raise SettingsError("A classifier and the recipe 'classifier' go together; give both.")
+        if (self.method == "classifier") != (self.classifier is not None):
+            raise SettingsError("A classifier and the method 'classifier' go together; give both.")
         if self.classifier is not None:
             _check_classifier(self.classifier)
         for name in ("noise", "ridge", "box"):
@@ -74,9 +73,9 @@ class PerceptionSettings:
         if self.width is not None:
             if not self.width > 0:
                 raise SettingsError(f"width is {self.width}; give a number above 0.")
-            if (self.recipe, self.kernel) != ("stacked", "rbf"):
-                raise SettingsError("Only the stacked recipe's RBF has a width; give width=None.")
-        if self.joint and (self.recipe, self.kernel) == ("stacked", "polynomial"):
+            if (self.method, self.kernel) != ("stacked", "rbf"):
+                raise SettingsError("Only the RBF of 'stacked' has a width; give width=None.")
+        if self.joint and (self.method, self.kernel) == ("stacked", "polynomial"):
             raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
         level_edges(BIN_EDGES, self.levels)
         least = {"folds": 2, "landmarks": 1, "exact_objects": 0, "exact_recordings": 0}
@@ -86,11 +85,11 @@ class PerceptionSettings:
 
 
 DEFAULT = PerceptionSettings()
-PAPER = PerceptionSettings(recipe="paper", kernel="polynomial", joint=False, folds=5)
+PAPER = PerceptionSettings(method="paper", kernel="polynomial", joint=False, folds=5)
 
 
 def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
-    """Return settings under which a classifier of one's own perceives.
+    """Return settings for a classifier of one's own.
 
     Parameters
     ----------
@@ -104,7 +103,7 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
     SettingsError : what cannot be cloned, fitted, or asked for a decision.
     """
     given = {"folds": 5, **others}
-    return PerceptionSettings(recipe="classifier", joint=False, classifier=classifier, **given)
+    return PerceptionSettings(method="classifier", joint=False, classifier=classifier, **given)
 
 
 def _check_classifier(classifier: Any) -> None:
@@ -120,7 +119,7 @@ def _check_classifier(classifier: Any) -> None:
 
 
 def named_settings(name: str) -> PerceptionSettings:
-    """Return the settings of a recipe: "default" or "paper"."""
+    """Return the settings of this name: "default" or "paper"."""
     known = {"default": DEFAULT, "paper": PAPER}
     if name not in known:
         raise SettingsError(unknown("perception", name, known))

@@ -1,4 +1,4 @@
-"""The default recipe: closed-form kernel classifiers, pooled by a stacker [Wolpert1992].
+"""The default method: closed-form kernel classifiers, pooled by a stacker [Wolpert1992].
 
 A classifier for each modality, and one for all of them at once.
 """
@@ -31,15 +31,20 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Stacker:
-    """A class-balanced logistic regression on M classifiers' decisions."""
+    """A class-balanced logistic regression on M classifiers' decisions.
 
-    weights: Floats  # (P,1+M) intercept and slopes
+    Attributes
+    ----------
+    weights : (P,1+M) intercept and slopes.
+    """
+
+    weights: Floats
 
     def __post_init__(self) -> None:
         set_frozen(self, weights=freeze(self.weights))
 
     def log_odds(self, decisions: Floats) -> Floats:
-        """Log-odds with prior 1/2, (B,P), from decisions (B,M,P)."""
+        """Return log-odds with prior 1/2, (B,P), from decisions (B,M,P)."""
         slopes: Floats = np.einsum("bmp,pm->bp", decisions, self.weights[:, 1:])
         return slopes + self.weights[:, 0]
 
@@ -156,7 +161,7 @@ def stacked_outputs(
 
 
 def _pairs(problem: Problem, held: Ints) -> Ints:
-    """Unordered pairs of the problem's groups of which at least one is held out, (S,2)."""
+    """Return the unordered pairs of groups of which at least one is held out, (S,2)."""
     first, second = np.triu_indices(len(problem.groups), 1)
     wanted = np.isin(problem.groups, held)
     chosen = wanted[first] | wanted[second]

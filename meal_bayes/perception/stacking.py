@@ -3,7 +3,7 @@
 For a set S of left-out groups, every other group k is scored by kernel classifiers trained without
 S and without k; a logistic regression (the stacker) learns from those decisions how to pool the
 modalities, and is applied to the groups of S, scored by classifiers trained without S. S empty
-gives the stacker of a robot that has seen all groups, S = {o} the held-out outputs on o,
+gives the stacker of all groups, S = {o} the held-out outputs on o,
 S = {o, o'} the training-side outputs of the tables for o and for o'.
 """
 
@@ -58,7 +58,7 @@ def _solve_upper(factor: Floats, vector: Floats) -> None:
 def _objective(
     theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats
 ) -> float:
-    """Weighted logistic loss and ridge; writes P(true) of each sample into `rate`."""
+    """Return weighted logistic loss and ridge; write P(true) of each sample into `rate`."""
     total = 0.0
     for i in range(len(rate)):
         rate[i] = theta[0]
@@ -85,10 +85,10 @@ def _derivatives(
     rate: Floats,
     gradient: Floats,
     hessian: Floats,
-    scratch: Floats,
 ) -> None:
-    """Gradient and Hessian (lower triangle); `scratch` (2,n) holds residuals and curvatures."""
+    """Compute gradient and Hessian (lower triangle) of the objective, in place."""
     n_features, n = features.shape
+    scratch = np.empty((2, n))  # residuals and curvatures
     first, second = 0.0, 0.0
     for i in range(n):
         scratch[0, i] = weight[i] * (rate[i] - (1.0 if target[i] > 0 else 0.0))
@@ -115,7 +115,7 @@ def _derivatives(
 def _newton_step(
     theta: Floats, gradient: Floats, hessian: Floats, nonnegative: bool, step: Floats
 ) -> float:
-    """Newton step of the free coordinates; the largest free gradient is returned.
+    """Compute the Newton step of the free coordinates; return the largest free gradient.
 
     A slope at zero whose gradient would push it below stays there (Bertsekas' active set).
     """
@@ -150,18 +150,18 @@ def fit_stacker(
     nonnegative: bool,
     theta: Floats,
 ) -> float:
-    """Logistic regression with ridge on the slopes, by projected Newton from `theta`, in place.
+    """Fit a logistic regression with ridge on the slopes, by projected Newton from `theta`.
 
-    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first; with
-    `nonnegative` no slope falls below 0. Returns the loss, ridge included.
+    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first, written;
+    with `nonnegative` no slope falls below 0. Returns the loss, ridge included.
     """
     size, n = len(theta), features.shape[1]
-    rate, scratch = np.empty(n), np.empty((2, n))
+    rate = np.empty(n)
     gradient, hessian = np.empty(size), np.empty((size, size))
     step, trial = np.empty(size), np.empty(size)
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
-        _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian, scratch)
+        _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian)
         if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
             break
         length = 1.0
@@ -291,7 +291,7 @@ def score_without(
     own: Floats,
     decisions: Floats,
 ) -> None:
-    """Decisions of classifiers that never saw S: on S itself, and on each other object k.
+    """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def score_without(
     inverses, duals : (M,n,n), (M,P,n) C^-1 and C^-1 y of each modality, C = gram + noise.
     targets : (P,n) +-1.
     starts : (O+1,) where each object's rows start.
-    nested : are the others scored without S as well, not only without themselves?
+    nested : whether the others are scored without S as well, not only without themselves.
     own : (M,P,q), written: decisions on the rows of S.
     decisions : (M,P,n), written: decisions on the others' rows, 0 on S.
     """

@@ -1,10 +1,9 @@
-"""How wide the kernels are: learned from the labels, one factor for all behaviors of a robot.
+"""The width of the kernels: one factor for all behaviors, learned from the labels.
 
-A narrow kernel tells objects apart where recordings say much; a wide one knows a few smooth
-functions, which is all that a few objects of weak recordings can teach. Which of them a data set
-wants is told by the stackers' own loss: how well the modalities, pooled, fit decisions of
-classifiers on objects that these never saw. All attributes and behaviors vote, so the label of no
-single object matters; nevertheless a held-out object's own labels have no vote on its width.
+A narrow kernel separates objects where recordings are informative; a wide one has few smooth
+functions, as many as a few objects of noisy recordings determine. The factor minimizes the loss of
+the stackers on decisions of classifiers on objects that these never saw, summed over attributes and
+behaviors. A held-out object's own labels have no part in it.
 """
 
 from collections.abc import Callable, Iterable
@@ -33,21 +32,20 @@ def learned_widths(
     held: Iterable[int] = (),
     each: Map = map,
 ) -> tuple[float, Floats]:
-    """Learn by which factor kernels of the behaviors' recordings are to be widened.
+    """Learn the factor of the kernels' widths.
 
     Parameters
     ----------
     held : objects, or folds of them where there are many, each left out in turn.
-    each : calls a function on every piece of work, a behavior each; results come in any order.
+    each : calls a function on every behavior, perhaps at once; results may come in any order.
 
     Returns
     -------
-    The factor of a robot that knows all labels, and those (H,) of robots that know all but the
-    held one's. It is what the settings say where they say something, and 1 where there is no RBF or
-    no stacker.
+    The factor by all labels, and those (H,) by all labels but the held one's. It is the settings'
+    width where one is set, and 1 where there is no RBF or no stacker.
     """
     groups = np.fromiter(held, np.int64)
-    fixed = settings.width if (settings.recipe, settings.kernel) == ("stacked", "rbf") else 1.0
+    fixed = settings.width if (settings.method, settings.kernel) == ("stacked", "rbf") else 1.0
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
     pieces = list(enumerate(behaviors))
@@ -86,12 +84,12 @@ def _losses(recordings: BehaviorRecordings, held: Ints, settings: PerceptionSett
 
 
 def _votes(problem: Problem, sets: Ints) -> Floats:
-    """Weigh each attribute by its labels' variance without the sets, (S,P).
+    """Weight each attribute by its labels' variance without the sets, (S,P).
 
-    A balanced loss is as noisy as the rarer class is small.
+    A balanced loss is the noisier the smaller the rarer class.
     """
     true = np.add.reduceat((problem.targets > 0).astype(float), problem.starts[:-1], axis=1)
     sizes = np.diff(problem.starts)
     number = sizes.sum() - sizes[sets].sum(axis=1)
-    share = (true.sum(axis=1) - true.T[sets].sum(axis=1)) / np.maximum(number, 1)[:, None]
-    return np.asarray(share * (1.0 - share))
+    fraction = (true.sum(axis=1) - true.T[sets].sum(axis=1)) / np.maximum(number, 1)[:, None]
+    return np.asarray(fraction * (1.0 - fraction))

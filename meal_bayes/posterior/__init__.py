@@ -1,18 +1,18 @@
 """Belief about the confusion matrices Theta.
 
 In: confusion counts, of all objects together or object by object. Out: `ConfusionPosterior`, whose
-`select` hands the two arrays (mean rows and their precision) of a query to the planning half, and
-`SharedDegree`, how all percepts of one object err together.
+`select` returns the two arrays (mean rows and their precision) that planning needs, and
+`SharedTrait`, on which all percepts of one object depend.
 
-What draws, checks and saves has modules of its own, loaded when they are used: `draws`, `checks`,
+Modules that draw, check and save are loaded when they are used: `draws`, `checks`,
 `hierarchical` (PyMC), `idata` (ArviZ).
 """
 
 from typing import TYPE_CHECKING
 
-from meal_bayes.posterior.degree import SharedDegree, learn_degree, truth_evidence
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
 from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
+from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 if TYPE_CHECKING:
     from meal_bayes.posterior.draws import Draws, draw_grid
@@ -22,11 +22,11 @@ __all__ = [
     "ConfusionPosterior",
     "DispersionFit",
     "Draws",
-    "SharedDegree",
+    "SharedTrait",
     "draw_grid",
     "fit_dispersion",
     "fit_hierarchical",
-    "learn_degree",
+    "learn_trait",
     "row_precision",
     "truth_evidence",
 ]

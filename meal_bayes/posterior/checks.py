@@ -1,4 +1,4 @@
-"""Whether a posterior means what it says: simulation-based calibration, coverage, prediction.
+"""Checks of a posterior: simulation-based calibration, coverage, prediction.
 
 Simulation-based calibration [Talts2018]: where parameters are drawn from the prior and data from
 the parameters, the rank of the true value among L posterior draws is uniform on 0 .. L.
@@ -12,36 +12,57 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, expit, logsumexp
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import dispersion as grid
-from meal_bayes.posterior.draws import Draws, replicate, sensing
+from meal_bayes.posterior.dispersion import youden
+from meal_bayes.posterior.draws import Draws, draw_dirichlet, replicate, sensing
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.posterior.pointwise import log_likelihood
 
 Array = NDArray[np.float64]
 
 
 class Simulation(NamedTuple):
-    """Parameters drawn from the prior, and percepts drawn from them."""
+    """Parameters drawn from the prior, and percepts drawn from them.
 
-    mean: Array  # (P,E,2,K)
-    dispersion: Array  # (P,E,2)
-    counts: NDArray[np.int64]  # (O,P,E,2,K)
+    Attributes
+    ----------
+    mean : (P,E,2,K).
+    dispersion : (P,E,2).
+    counts : (O,P,E,2,K).
+    """
+
+    mean: Array
+    dispersion: Array
+    counts: NDArray[np.int64]
 
 
 class Prediction(NamedTuple):
-    """How many percepts of an object say yes, of the n that most objects gave, and by the model."""
+    """Numbers of "yes" among the n percepts that most objects have, observed and predicted.
 
-    observed: NDArray[np.int64]  # (2,n+1) (object, attribute, behavior) by truth and number of yes
-    predicted: NDArray[np.int64]  # (S,2,n+1) replicates
-    p_values: Array  # (2,) share of replicates whose numbers of yes vary at least as much
+    Attributes
+    ----------
+    observed : (2,n+1) cases (object, attribute, behavior) by truth and number of yes.
+    predicted : (S,2,n+1) replicates.
+    p_values : (2,) fraction of replicates whose numbers of yes vary at least as much.
+    """
+
+    observed: NDArray[np.int64]
+    predicted: NDArray[np.int64]
+    p_values: Array
 
 
 class Beliefs(NamedTuple):
-    """Pr(true) of each object's attributes, learned without the object, beside their truth."""
+    """Pr(true) of each object's attributes, learned without the object, beside their truth.
 
-    each: Array  # (n,) after all recordings of one behavior, of each
-    each_truth: NDArray[np.bool_]  # (n,)
-    together: Array  # (m,) after all recordings of all behaviors
-    together_truth: NDArray[np.bool_]  # (m,)
+    Attributes
+    ----------
+    each, each_truth : (n,) after all recordings of one behavior, for every behavior.
+    together, together_truth : (m,) after all recordings of all behaviors.
+    """
+
+    each: Array
+    each_truth: NDArray[np.bool_]
+    together: Array
+    together_truth: NDArray[np.bool_]
 
 
 def simulate(
@@ -62,23 +83,23 @@ def simulate(
     independent : all objects alike (s = inf), as `ConfusionPosterior.from_counts` takes them.
     """
     alpha = np.asarray(prior, dtype=float)
-    mean = _dirichlet(rng, alpha)
-    log_s, shape = np.log(grid._GRID), alpha.shape[1:3]
-    tau_weight = np.exp(-0.5 * grid._TAU**2)
+    mean = draw_dirichlet(rng, alpha)
+    log_s, shape = np.log(DISPERSIONS), alpha.shape[1:3]
+    tau_weight = np.exp(-0.5 * TAUS**2)
     mu = rng.choice(log_s, size=shape)[..., None]
-    tau = rng.choice(grid._TAU, size=shape, p=tau_weight / tau_weight.sum())[..., None]
-    share = np.exp(-0.5 * ((log_s - mu) / tau) ** 2).cumsum(axis=-1)  # (E,2,G)
-    share /= share[..., -1:]
-    step = (rng.random(alpha.shape[:3])[..., None] > share).sum(axis=-1)
-    s = grid._GRID[step]
+    tau = rng.choice(TAUS, size=shape, p=tau_weight / tau_weight.sum())[..., None]
+    cdf = np.exp(-0.5 * ((log_s - mu) / tau) ** 2).cumsum(axis=-1)  # (E,2,G)
+    cdf /= cdf[..., -1:]
+    step = (rng.random(alpha.shape[:3])[..., None] > cdf).sum(axis=-1)
+    s = DISPERSIONS[step]
     rows = np.broadcast_to(mean, (objects, *mean.shape))
     if not independent:
-        rows = _dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
+        rows = draw_dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
     counts = np.zeros((2, *rows.shape), dtype=np.int64)  # half of the objects have each truth
     for truth in (0, 1):
         counts[truth, ..., truth, :] = rng.multinomial(recordings, rows[..., truth, :])
     if not independent:  # another row for the objects of the other truth
-        other = _dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
+        other = draw_dirichlet(rng, np.broadcast_to(s[..., None] * mean, rows.shape))
         counts[1, ..., 1, :] = rng.multinomial(recordings, other[..., 1, :])
     return Simulation(mean, s, counts.reshape(-1, *mean.shape))
 
@@ -95,7 +116,7 @@ def rank_statistics(
 
 
 def uniformity(ranks: ArrayLike, draws: int, *, bins: int = 20) -> float:
-    """Give the p-value of the chi-squared test that ranks among L draws are uniform.
+    """Return the p-value of the chi-squared test that ranks among L draws are uniform.
 
     >>> uniformity(range(100), 99) > 0.999, uniformity([50] * 100, 99) < 1e-6
     (True, True)
@@ -111,7 +132,7 @@ def uniformity(ranks: ArrayLike, draws: int, *, bins: int = 20) -> float:
 def coverage(
     truth: ArrayLike, draws: ArrayLike, masses: Sequence[float] = (0.5, 0.8, 0.95)
 ) -> Array:
-    """Give the share of true values (...) within the equal-tailed intervals of draws (L,...)."""
+    """Return the fraction of true values (...) in the equal-tailed intervals of draws (L,...)."""
     true, drawn = np.asarray(truth, float), np.asarray(draws, float)
     tails = [(0.5 - mass / 2, 0.5 + mass / 2) for mass in masses]
     ends = [np.quantile(drawn, tail, axis=0) for tail in tails]
@@ -121,9 +142,9 @@ def coverage(
 def predictive_check(
     draws: Draws, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
 ) -> Prediction:
-    """Compare the numbers of yes percepts an object with what new objects would show.
+    """Compare the numbers of "yes" of each object with those predicted of new objects.
 
-    Of the pairs that say "yes" likelier of true objects than of false ones.
+    Pairs with Youden's J <= 0 are left out.
 
     Parameters
     ----------
@@ -134,13 +155,13 @@ def predictive_check(
     kept = array[:, :, sensing(array)]
     number = kept.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())
-    speaks = grid.youden(kept.sum(axis=0).astype(float)) > 0  # (P,E)
-    full = (number == n) & speaks[..., None]  # (O,P,E,2)
+    positive = youden(kept.sum(axis=0).astype(float)) > 0  # (P,E)
+    full = (number == n) & positive[..., None]  # (O,P,E,2)
     replicated = replicate(draws, array, rng, size=size)
-    observed, seen = _yes(kept, full, n)
-    pairs = [_yes(one, full, n) for one in replicated]
-    spread = np.array([values for _, values in pairs])  # (S,2)
-    return Prediction(observed, np.stack([one for one, _ in pairs]), (spread >= seen).mean(axis=0))
+    observed, variance = _yes(kept, full, n)
+    predicted, variances = zip(*(_yes(one, full, n) for one in replicated), strict=True)
+    p_values = (np.array(variances) >= variance).mean(axis=0)
+    return Prediction(observed, np.stack(predicted), p_values)
 
 
 def _yes(
@@ -151,17 +172,17 @@ def _yes(
     table = np.stack([np.bincount(yes[..., t][full[..., t]], minlength=n + 1) for t in (0, 1)])
     size = np.maximum(full.sum(axis=0), 1)
     center = (yes * full).sum(axis=0) / size
-    spread = (full * (yes - center) ** 2).sum(axis=(0, 1, 2)) / np.maximum(full.sum((0, 1, 2)), 1)
-    return table, spread
+    squares = (full * (yes - center) ** 2).sum(axis=(0, 1, 2))
+    return table, squares / np.maximum(full.sum(axis=(0, 1, 2)), 1)
 
 
 def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) -> Beliefs:
-    """Believe in each object's attributes as if it had not been learned from.
+    """Compute beliefs in each object's attributes as if it had not been learned from.
 
-    Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which takes the object out
-    of the posterior, but for what few draws cannot show: an object that surprises a small data
-    set remains a little known. The prior is the base rate of the others. Pairs that say "yes" no
-    likelier of true objects than of false ones are left out.
+    Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
+    the posterior, up to the error of importance sampling: it is largest for objects that surprise a
+    small data set. The prior is the base rate of the others. Pairs with Youden's J <= 0 are left
+    out.
 
     Parameters
     ----------
@@ -173,7 +194,7 @@ def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) 
     by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
     shown = kept.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s = draws.rows()
-    shown[:, grid.youden(mean.mean(axis=0)) <= 0] = 0
+    shown[:, youden(mean.mean(axis=0)) <= 0] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
     each = np.array(
         [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
@@ -188,7 +209,7 @@ def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) 
 
 
 def _log_ratio(scores: Array, truth: NDArray[np.bool_], epsilon: Array) -> Array:
-    """Log of Pr(percepts | true) / Pr(percepts | false) without the object; scores (S,2,...)."""
+    """Compute the log likelihood ratio of the truths without the object; scores (S,2,...)."""
     mixed = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))
     with np.errstate(divide="ignore"):
         scores = np.logaddexp(scores + np.log1p(-mixed), scores[:, ::-1] + np.log(mixed))
@@ -198,11 +219,6 @@ def _log_ratio(scores: Array, truth: NDArray[np.bool_], epsilon: Array) -> Array
 
 
 def _base_log_odds(by_truth: NDArray[np.bool_]) -> Array:
-    """Log-odds (O,P) of the other objects' base rate, (n+ + 1) / (n + 2)."""
+    """Return the log-odds (O,P) of the other objects' base rate, (n+ + 1) / (n + 2)."""
     others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
     return np.asarray(np.log(others[..., 1] / others[..., 0]))
-
-
-def _dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
-    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
-    return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))

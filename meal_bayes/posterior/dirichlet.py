@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,23 +14,17 @@ from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion, youden
 
+if TYPE_CHECKING:
+    from meal_bayes.perception.confusion import ConfusionCounts
+
 _DIMENSIONS = 4  # (P,E,2,K)
 
 
-class _HoldsCounts(Protocol):
-    """What carries counts object by object, as perception's `ConfusionCounts`."""
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """(O,P,E,2,K)."""
-        ...
-
-
 def row_precision(dispersion: ArrayLike, weight: ArrayLike) -> NDArray[np.float64]:
-    """Precision s A / (s + A + 1) of a new object's row: the Dirichlet weight of equal variance.
+    """Return the precision s A / (s + A + 1) of a new object's row, the weight of equal variance.
 
-    Two doubts in one number: objects differ (dispersion s), and the mean is known from A percepts
-    only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
+    It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
+    percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
 
     >>> float(row_precision(2.0, 20.0).round(3)), float(row_precision(np.inf, 20.0))
     (1.739, 20.0)
@@ -88,9 +82,9 @@ class ConfusionPosterior:
 
     @classmethod
     def from_counts(
-        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike = PRIOR_WEIGHT
+        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike = PRIOR_WEIGHT
     ) -> Self:
-        """Make the paper's posterior: percepts are independent given the truth.
+        """Build the paper's posterior: percepts are independent given the truth.
 
         Parameters
         ----------
@@ -104,9 +98,9 @@ class ConfusionPosterior:
 
     @classmethod
     def from_objects(
-        cls, counts: ArrayLike | _HoldsCounts, *, prior: ArrayLike | None = None
+        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike | None = None
     ) -> Self:
-        """Make the object-level posterior.
+        """Build the object-level posterior.
 
         Parameters
         ----------
@@ -118,7 +112,7 @@ class ConfusionPosterior:
 
     @classmethod
     def from_folds(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> tuple[Self, ...]:
-        """Make the object-level posterior of every held-out fold, (F,O,P,E,2,K), in one go."""
+        """Build the object-level posterior of every held-out fold, (F,O,P,E,2,K), in one go."""
         array = np.asarray(counts)
         if array.ndim != _DIMENSIONS + 2:
             raise SettingsError(
@@ -133,7 +127,7 @@ class ConfusionPosterior:
 
     @classmethod
     def from_idata(cls, idata: Any, domain: Domain) -> "ConfusionPosterior":
-        """Sum a posterior of NUTS or of the grid up for agents, laid out for a domain.
+        """Summarize a posterior of NUTS or of the grid for agents, in the order of a domain.
 
         Parameters
         ----------
@@ -146,7 +140,7 @@ class ConfusionPosterior:
         ------
         DataError : draws or counts that are not there, or not of this domain.
         """
-        from meal_bayes.posterior.from_idata import posterior_from  # noqa: PLC0415  it needs us
+        from meal_bayes.posterior.draws import posterior_from  # noqa: PLC0415  it needs us
 
         return posterior_from(idata, domain)
 
@@ -169,8 +163,8 @@ class ConfusionPosterior:
     def informative(self) -> NDArray[np.bool_]:
         """Whether TPR - FPR > 0, (P,E), in the percepts counted and in the mean.
 
-        Leaving an object out lowers its class's share, so a worthless classifier votes against
-        the held-out label: the negative difference is an artifact, not an inverted sensor.
+        Leaving an object out lowers the base rate of its class, so an uninformative classifier
+        votes against the held-out label: a negative difference is an artifact.
         """
         return freeze((youden(self.counts) > 0) & (youden(self.mean) > 0), np.bool_)
 
@@ -203,24 +197,24 @@ class ConfusionPosterior:
                     f"An update needs counts >= 0 of shape {self.counts.shape}, found "
                     f"{found.shape}."
                 )
-        concentration = self.concentration + (self._worth(new) - self._worth(old))
+        concentration = self.concentration + (self._effective(new) - self._effective(old))
         return type(self)(self.prior, self.counts + (new - old), concentration, self.dispersion)
 
-    def _worth(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the percepts of one object are worth in independent ones."""
+    def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the independent percepts that those of one object are worth."""
         per_percept = 1 / self.dispersion[..., None]
-        worth = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
-        return np.asarray(worth * counts)
+        weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
+        return np.asarray(weight * counts)
 
     def forget(self, factor: float) -> Self:
-        """Keep this share of the evidence, as percepts age when their classifier changes."""
+        """Keep this fraction of the evidence, as percepts age when their classifier changes."""
         if not 0 <= factor <= 1:
-            raise SettingsError(f"forget({factor}): give the share to keep, from 0 to 1.")
+            raise SettingsError(f"forget({factor}): give the fraction to keep, from 0 to 1.")
         aged = self.prior + factor * (self.concentration - self.prior)
         return type(self)(self.prior, factor * self.counts, aged, self.dispersion)
 
     def interval(self, mass: float = 0.95) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Equal-tailed credible interval of each entry's mean: lower and upper, (P,E,2,K) each."""
+        """Return the equal-tailed credible interval of each entry's mean, (P,E,2,K) each end."""
         if not 0 < mass < 1:
             raise SettingsError(f"interval({mass}): give a probability mass between 0 and 1.")
         rest = self.concentration.sum(axis=-1, keepdims=True) - self.concentration
@@ -231,12 +225,12 @@ class ConfusionPosterior:
     def select(
         self, columns: Sequence[int], *, exact: bool = False, believe_inverted: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Hand the queried attributes over to planning: confusion (N,E,2,K), precision (N,E,2).
+        """Return what planning needs of a query: confusion (N,E,2,K), precision (N,E,2).
 
         Parameters
         ----------
         columns : the queried attributes' positions among the P.
-        exact : take the mean as known exactly (precision inf): the paper's Eq. 8.
+        exact : treat the mean as known exactly (precision inf): the paper's Eq. 8.
         believe_inverted : pass pairs that are not `informative` on as they are. By default both
             of their rows become the pooled row, so that no percept of theirs moves a belief.
         """
@@ -246,14 +240,14 @@ class ConfusionPosterior:
             informative = self.informative[picked]
             pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
             alpha = np.where(informative[..., None, None], alpha, pooled)
-            shared = precision.min(axis=2, keepdims=True)  # unequal ones would tell on repeats
+            shared = precision.min(axis=2, keepdims=True)  # unequal ones would inform on repeats
             precision = np.where(informative[..., None], precision, shared)
         if exact:
             precision = np.full_like(precision, np.inf)
         return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)
 
 
-def _array(counts: ArrayLike | _HoldsCounts) -> NDArray[np.int64]:
+def _array(counts: "ArrayLike | ConfusionCounts") -> NDArray[np.int64]:
     return np.asarray(getattr(counts, "counts", counts))
 
 

@@ -1,11 +1,11 @@
-"""Draws of the rows of Theta and of how far objects differ, whatever made them.
+"""Draws of the rows of Theta and of their dispersions, from the grid or from NUTS.
 
-The grid's posterior is drawn from here; NUTS brings its own. Both are summed up as a
-`ConfusionPosterior`, and both predict new percepts, by the same functions.
+Both are summarized as a `ConfusionPosterior`, and predict new percepts, by the same functions.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,11 @@ from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names, short_repr
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
+from meal_bayes.posterior.dispersion import grid_posterior
+from meal_bayes.posterior.grid import DISPERSIONS, RowStatistics, quadrature
 
 Array = NDArray[np.float64]
 
@@ -42,7 +44,7 @@ class Draws:
     dispersion : (C,S,P,E,2) s of each row.
     misperception : (C,S) epsilon, where the model has one.
     others : what else was drawn: (dims after chain and draw, values).
-    statistics : (C,S) each, what the sampler says of itself.
+    statistics : (C,S) each, of the sampler.
     """
 
     attributes: tuple[str, ...]
@@ -78,7 +80,7 @@ class Draws:
 
     @property
     def divergences(self) -> int:
-        """Draws after which the sampler lost its way; 0 for draws that no chain made."""
+        """Number of divergent transitions; 0 for draws that no chain made."""
         return int(np.sum(self.statistics.get("diverging", 0)))
 
     @property
@@ -88,8 +90,11 @@ class Draws:
         return np.zeros(size) if self.misperception is None else self.misperception.ravel()
 
     def rows(self) -> tuple[Array, Array]:
-        """Means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), the chains one after the other."""
-        return _flat(self.mean), _flat(self.dispersion)
+        """Return means (C*S,P,E,2,K) and dispersions (C*S,P,E,2), chain after chain."""
+        shape = self.dispersion.shape[2:]
+        return self.mean.reshape(-1, *shape, self.mean.shape[-1]), self.dispersion.reshape(
+            -1, *shape
+        )
 
     @classmethod
     def from_idata(cls, idata: Any) -> "Draws":
@@ -121,11 +126,11 @@ class Draws:
         return Draws(tuple(attributes), tuple(behaviors), mean, dispersion, self.misperception)
 
     def posterior(self, counts: ArrayLike) -> ConfusionPosterior:
-        """Sum the draws up for agents, given the counts (O,P,E',2,K) that they were drawn from.
+        """Summarize the draws for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
-        A row keeps its mean; its weight A the mean's variance, sum_k m_k (1 - m_k) / (A + 1); its
-        s what a second percept says when it equals the first, as on the grid. Where a share epsilon
-        of objects shows the other truth's row, that is within the row here.
+        A row keeps its mean, the mean's variance (A, by sum_k m_k (1 - m_k) / (A + 1)), and the
+        predictive of a second percept equal to the first (s, as on the grid). Where a fraction
+        epsilon of objects shows the other truth's row, it is mixed into the row.
         """
         array = np.asarray(counts)
         whole = ConfusionPosterior.from_objects(array)
@@ -136,16 +141,41 @@ class Draws:
         unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
         center, variance = mean.mean(axis=0), mean.var(axis=0).sum(axis=-1)
         weight = (1 - (center**2).sum(axis=-1)) / variance - 1
-        share = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
+        ratio = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
         columns = sensing(array)
         concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
         concentration[:, columns] = weight[..., None] * center
-        dispersion[:, columns] = share / (1 - share)
+        dispersion[:, columns] = ratio / (1 - ratio)
         return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
 
 
+def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
+    """Summarize a posterior in the order of a domain; see `ConfusionPosterior.from_idata`."""
+    draws = Draws.from_idata(idata)
+    try:
+        observed = idata["observed_data"]["counts"].transpose("object", *_ROW, "level")
+    except (KeyError, ValueError, AttributeError) as fault:
+        raise DataError(
+            f"The posterior comes without the percepts it was drawn from ({fault}); give "
+            "to_idata the counts (object, attribute, behavior, truth, level) as observed."
+        ) from None
+    for name in domain.attributes:
+        if name not in draws.attributes:
+            raise DataError(f"The posterior: {unknown('attribute', name, draws.attributes)}")
+    for name in draws.behaviors:
+        if name not in domain.behavior_names:
+            raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
+    behaviors = [name for name in domain.behavior_names if name in draws.behaviors]
+    found = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+    shape = (len(found), len(domain.attributes), len(domain.behaviors), *found.shape[3:])
+    counts = np.zeros(shape, np.int64)
+    counts[:, :, [domain.behavior_index(name) for name in behaviors]] = found
+    shown = list(compress(behaviors, sensing(found)))
+    return draws.select(domain.attributes, shown).posterior(counts)
+
+
 def sensing(counts: ArrayLike) -> NDArray[np.bool_]:
-    """Tell which behaviors (E',) of counts (O,P,E',2,K) ever gave a percept."""
+    """Return which behaviors (E',) of counts (O,P,E',2,K) have a percept."""
     return np.asarray(np.asarray(counts).any(axis=(0, 1, 3, 4)))
 
 
@@ -162,8 +192,7 @@ def sensed(
     keep = sensing(array)
     if not keep.any():
         raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
-    kept = tuple(name for name, wanted in zip(behaviors, keep, strict=True) if wanted)
-    return array[:, :, keep], tuple(attributes), kept
+    return array[:, :, keep], tuple(attributes), tuple(compress(behaviors, keep))
 
 
 def draw_grid(
@@ -176,7 +205,7 @@ def draw_grid(
     draws: int = 1000,
     chains: int = 4,
 ) -> Draws:
-    """Draw from the posterior that `fit_dispersion` sums up; the draws are independent.
+    """Draw independently from the posterior that `fit_dispersion` summarizes.
 
     Exact for two levels, up to the grid's steps; with more, m given s is Dirichlet about the
     effective counts.
@@ -189,24 +218,16 @@ def draw_grid(
     kept, names, sensors = sensed(counts, attributes, behaviors)
     *row, levels = kept.shape[1:]
     size = draws * chains
-    posterior = grid.fit_dispersion(kept, prior)
-    rows = grid._statistics(np.moveaxis(kept, 0, -2).reshape(-1, len(kept), levels))
-    alpha = posterior.prior.reshape(-1, levels)
-    exact = levels == 2
-    profile = (grid._integrate if exact else grid._approximate)(rows, alpha)
-    votes = grid.youden(kept.sum(axis=0).astype(float)) > 0
-    weight = grid._pool(profile.log_evidence.reshape(*row, -1), votes).reshape(len(alpha), -1)
-    mean, dispersion = np.empty((size, len(alpha), levels)), np.empty((size, len(alpha)))
-    for r, share in enumerate(weight):
-        steps = rng.choice(len(grid._GRID), size=size, p=share)
-        dispersion[:, r] = grid._GRID[steps]
-        if exact:
+    rows, alpha, prob, *_ = grid_posterior(kept, prior)
+    mean, dispersion = np.empty((size, *alpha.shape)), np.empty((size, len(alpha)))
+    for r, each in enumerate(prob):
+        steps = rng.choice(len(DISPERSIONS), size=size, p=each)
+        dispersion[:, r] = DISPERSIONS[steps]
+        if levels == 2:
             mean[:, r] = _two_levels(rows, alpha, r, steps, rng)
         else:
-            effective = grid._effective(rows._replace(totals=rows.totals[r : r + 1]),
-                                        dispersion[None, :, r])[0]  # fmt: skip
-            gamma = np.maximum(rng.standard_gamma(alpha[r] + effective), np.finfo(float).tiny)
-            mean[:, r] = gamma / gamma.sum(axis=-1, keepdims=True)
+            own = rows._replace(totals=rows.totals[r : r + 1])
+            mean[:, r] = draw_dirichlet(rng, alpha[r] + own.effective(dispersion[None, :, r])[0])
     return Draws(
         names,
         sensors,
@@ -216,16 +237,16 @@ def draw_grid(
 
 
 def _two_levels(
-    rows: grid._Rows, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
+    rows: RowStatistics, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
 ) -> Array:
     """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
-    nodes, log_width = grid._nodes(float(rows.totals.sum(axis=(1, 2)).max()))
+    nodes, log_width = quadrature(rows.largest)
     i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
     fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
     log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)
     mean = np.empty((len(steps), 2))
     for g in np.unique(steps):
-        rising = np.log(grid._GRID[g] * nodes[:, None] + i[:, None])  # (2,I,M)
+        rising = np.log(DISPERSIONS[g] * nodes[:, None] + i[:, None])  # (2,I,M)
         score = log_width + alpha[r] @ np.log(nodes)
         score += np.einsum("ki,kim->m", rows.tails[r], rising)
         score = CubicSpline(t, score)(fine)
@@ -261,10 +282,11 @@ def replicate(
         alpha = np.broadcast_to(s[index, ..., None] * mean[index], kept.shape)
         swap = rng.random(kept.shape[:2]) < draws.epsilon[index]
         alpha = np.where(swap[:, :, None, None, None], alpha[..., ::-1, :], alpha)
-        gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
-        found[n] = rng.multinomial(number, gamma / gamma.sum(axis=-1, keepdims=True))
+        found[n] = rng.multinomial(number, draw_dirichlet(rng, alpha))
     return found
 
 
-def _flat(values: Array) -> Array:
-    return values.reshape(-1, *values.shape[2:])
+def draw_dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
+    """Draw one point from each Dirichlet distribution of parameters (...,K)."""
+    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
+    return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))

@@ -1,13 +1,12 @@
 """Hierarchical Bayes by NUTS (PyMC): the grid's hierarchy, and a richer one that no grid can hold.
 
-Both let each object have its own row theta ~ Dirichlet(s m) and integrate theta out: percepts are
-beta-binomial (two levels) or Dirichlet-multinomial. Both are written as rising factorials (see
-`dispersion`): a few logarithms a row serve all objects, where PyMC's BetaBinomial takes six gamma
-functions and their derivatives for each.
+Both integrate each object's row theta ~ Dirichlet(s m) out, as rising factorials (see `grid`): a
+few logarithms a row serve all objects, where PyMC's BetaBinomial takes six gamma functions and
+their derivatives for each.
 
 `same` is the model of `dispersion`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
 each truth alone, and m has the prior that the grid learned. `crossed` pools the log-odds of m and
-ln s over attributes and over behaviors, with what is left to the pair, and lets each object *seem*
+ln s over attributes and over behaviors, with a residual for each pair, and lets each object *seem*
 to be what it is not with probability epsilon, to all behaviors alike.
 
 Effects are written as spread x standard (non-centered), and sum to zero over what they cross, so
@@ -17,7 +16,9 @@ that the sampler meets neither funnels nor ridges.
 import os
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,9 @@ from scipy.special import gammaln
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import dispersion as grid
+from meal_bayes.posterior.dispersion import fit_dispersion, youden
 from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
 
@@ -50,7 +52,7 @@ pt: Any = pytensor.tensor  # not typed
 
 MODELS = ("same", "crossed")
 ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
-_LOG_S = np.log(grid._GRID)
+_LOG_S = np.log(DISPERSIONS)
 _STEP = float(_LOG_S[1] - _LOG_S[0])
 _LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a point is a cell
 _ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
@@ -58,9 +60,28 @@ _ROW = ("attribute", "behavior", "truth")
 _LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
 _MISPERCEIVED = 0.05  # prior scale of epsilon
 _SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
-_INNER = "_standard"  # what is sampled, and told by what it makes
+_INNER = "_standard"  # ends the names of variables from which others are computed
 
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How NUTS samples.
+
+    Attributes
+    ----------
+    draws, tune : of each chain, kept and before them.
+    chains : independent ones.
+    cores : chains sampled at a time; None: as many as there are processors.
+    seed : under which the draws repeat.
+    """
+
+    draws: int = 1000
+    tune: int = 1000
+    chains: int = 4
+    cores: int | None = None
+    seed: int = 0
 
 
 def fit_hierarchical(
@@ -70,11 +91,7 @@ def fit_hierarchical(
     behaviors: Sequence[str],
     model: str = "same",
     prior: ArrayLike | None = None,
-    draws: int = 1000,
-    tune: int = 1000,
-    chains: int = 4,
-    cores: int | None = None,
-    seed: int = 0,
+    sampling: Sampling | None = None,
     progress: Progress | None = None,
 ) -> Draws:
     """Draw from the posterior of a hierarchical model.
@@ -88,7 +105,6 @@ def fit_hierarchical(
     model : "same" as the grid's, or "crossed".
     prior : of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what
         the grid learned by default.
-    cores : chains sampled at a time; as many as there are processors by default.
     progress : called with (steps done, steps in all); nutpie shows its own bar instead.
 
     Raises
@@ -98,34 +114,20 @@ def fit_hierarchical(
     """
     kept, names, sensors = sensed(counts, attributes, behaviors)
     built = build_model(kept, names, sensors, model=model, prior=prior)
-    try:
-        trace = _sample(built, draws, tune, chains, cores, seed, progress)
-    except ValueError as fault:
-        if "Not enough samples" in str(fault):  # so PyMC says that it was interrupted early
-            raise KeyboardInterrupt from None
-        raise
-    posterior = trace["posterior"]
-    if posterior.sizes["draw"] < draws:
-        raise KeyboardInterrupt
+    trace = _sample(built, sampling or Sampling(), progress)
     found = {
-        str(name): posterior[name] for name in posterior.data_vars if not str(name).endswith(_INNER)
+        str(name): (tuple(values.dims[2:]), values.values)
+        for name, values in trace["posterior"].data_vars.items()
+        if not str(name).endswith(_INNER)
     }
-    mean, s = found.pop("mean"), found.pop("dispersion")
-    epsilon = found.pop("misperception", None)
+    (_, mean), (_, s) = found.pop("mean"), found.pop("dispersion")
+    _, epsilon = found.pop("misperception", ((), None))
     statistics = {
         str(name): values.values
         for name, values in trace["sample_stats"].data_vars.items()
         if values.dims == ("chain", "draw") and values.dtype.kind in "biuf"
     }
-    return Draws(
-        names,
-        sensors,
-        mean.values,
-        s.values,
-        None if epsilon is None else epsilon.values,
-        {name: (tuple(values.dims[2:]), values.values) for name, values in found.items()},
-        statistics,
-    )
+    return Draws(names, sensors, mean, s, epsilon, found, statistics)
 
 
 def build_model(
@@ -164,9 +166,9 @@ def build_model(
 
 
 def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]:
-    """Write the grid's hierarchy down, s and m continuous; tau is one of the grid's, summed out."""
-    alpha = np.broadcast_to(grid.fit_dispersion(counts, prior).prior, counts.shape[1:])
-    votes = grid.youden(counts.sum(axis=0).astype(float)) > 0  # the others tell nothing of mu
+    """Build the grid's hierarchy, s and m continuous; tau is one of the grid's, summed out."""
+    alpha = np.broadcast_to(fit_dispersion(counts, prior).prior, counts.shape[1:])
+    votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others do not inform about mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
     # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:
     # mu moves them together, and the sampler meets no funnel. The width is no part of the model:
@@ -176,7 +178,7 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=_ROW)
     log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
     jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
-    center, tau = mu[..., None], grid._TAU  # (T,)
+    center, tau = mu[..., None], TAUS  # (T,)
     inside = pt.log(pt.erf((_HIGH - center) / _ROOT / tau) - pt.erf((_LOW - center) / _ROOT / tau))
     share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
     by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)
@@ -189,7 +191,7 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
 
 
 def _crossed() -> tuple[Any, Any]:
-    """Attributes crossed with behaviors, in the log-odds of m and in ln s."""
+    """Build attributes crossed with behaviors, in the log-odds of m and in ln s."""
     levels = len(pm.modelcontext(None).coords["level"])
     lean = np.linspace(-1.0, 1.0, levels) * [[-_LEAN], [_LEAN]]
     odds = pm.ZeroSumNormal("log_odds_center", 1.5, dims=("truth", "level"))
@@ -203,7 +205,7 @@ def _crossed() -> tuple[Any, Any]:
 
 
 def _effects(name: str, inner: tuple[str, ...]) -> Any:
-    """Effects of attributes, of behaviors and of their pairs, (2,P,E,*inner), one spread each."""
+    """Add the effects of attributes, of behaviors and of their pairs, (2,P,E,*inner)."""
     coords = pm.modelcontext(None).coords
     total: Any = 0.0
     for crossed in (("attribute",), ("behavior",), ("attribute", "behavior")):
@@ -236,7 +238,7 @@ def _patterns(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 def _score(patterns: NDArray[np.int64], mean: Any, s: Any) -> Any:
-    """Log-probability (U,2) of each pattern under the row of each truth, theta integrated out."""
+    """Compute the log-probability (U,2) of each pattern under the row of each truth."""
     p, e, k = patterns[:, 0], patterns[:, 1], patterns[:, 2:]
     n = k.sum(axis=-1)
     each = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
@@ -248,7 +250,7 @@ def _score(patterns: NDArray[np.int64], mean: Any, s: Any) -> Any:
 
 
 def _rising(x: Any, most: int) -> Any:
-    """Log of x (x + 1) ... (x + i - 1) for i = 0 .. most, along a last axis."""
+    """Return the logarithm of x (x + 1) ... (x + i - 1) for i = 0 .. most, along a last axis."""
     steps = pt.log(x[..., None] + np.arange(most))
     return pt.concatenate([pt.zeros_like(x)[..., None], pt.cumsum(steps, axis=-1)], axis=-1)
 
@@ -267,45 +269,39 @@ def _shared_class(
     return pt.logaddexp(pt.log1p(-epsilon) + right, pt.log(epsilon) + wrong).sum()
 
 
-def _sample(
-    built: "pm.Model",
-    draws: int,
-    tune: int,
-    chains: int,
-    cores: int | None,
-    seed: int,
-    progress: Progress | None,
-) -> Any:
+def _sample(built: "pm.Model", sampling: Sampling, progress: Progress | None) -> Any:
+    """Run NUTS; raise `KeyboardInterrupt` where it was interrupted."""
     settings: dict[str, Any] = {"nuts_sampler": "pymc", "progressbar": False, "quiet": True}
     if find_spec("nutpie"):
         shown = progress is not None
         settings = {"nuts_sampler": "nutpie", "progressbar": shown, "quiet": not shown}
     else:
-        total, done = (draws + tune) * chains, 0
-
-        def count(**_: object) -> None:
-            nonlocal done
-            done += 1
-            if progress is not None:
-                progress(done, total)
-
-        settings["callback"] = count
+        total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
+        if progress is not None:
+            settings["callback"] = lambda **_: progress(next(steps), total)
         if not config.cxx:  # no C compiler: Numba comes with the package
             settings["compile_kwargs"] = {"mode": "NUMBA"}
-    if cores is None:  # PyMC's own default counts half of the processors
-        cores = min(chains, os.cpu_count() or 1)
     with warnings.catch_warnings():
         # Chains in processes: forked ones inherit idle threads only.
         warnings.filterwarnings("ignore", ".*multi-threaded, use of fork", DeprecationWarning)
-        return pm.sample(
-            draws,
-            tune=tune,
-            chains=chains,
-            cores=cores,
-            mp_ctx=EndingContext(),
-            random_seed=int(stream(seed, "mcmc").integers(2**31)),
-            target_accept=ACCEPT,
-            model=built,
-            compute_convergence_checks=False,
-            **settings,
-        )
+        try:
+            trace = pm.sample(
+                sampling.draws,
+                tune=sampling.tune,
+                chains=sampling.chains,
+                # PyMC's own default counts half of the processors
+                cores=sampling.cores or min(sampling.chains, os.cpu_count() or 1),
+                mp_ctx=EndingContext(),
+                random_seed=int(stream(sampling.seed, "mcmc").integers(2**31)),
+                target_accept=ACCEPT,
+                model=built,
+                compute_convergence_checks=False,
+                **settings,
+            )
+        except ValueError as fault:
+            if "Not enough samples" in str(fault):  # PyMC was interrupted early
+                raise KeyboardInterrupt from None
+            raise
+    if trace["posterior"].sizes["draw"] < sampling.draws:
+        raise KeyboardInterrupt
+    return trace

@@ -1,7 +1,7 @@
-"""Draws as ArviZ sees them: named dimensions, convergence, netCDF; the one place that knows ArviZ.
+"""Draws for ArviZ: named dimensions, convergence, netCDF; the one module that imports ArviZ.
 
 Works with ArviZ 0.x (InferenceData) and 1.x (xarray's DataTree), which differ in how groups are
-made; what is made answers to the same names: `found["posterior"]["mean"].sel(attribute="heavy")`.
+built and share their names: `found["posterior"]["mean"].sel(attribute="heavy")`.
 """
 
 import warnings
@@ -45,7 +45,7 @@ def to_idata(
     log_likelihood: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
     coords: Mapping[str, ArrayLike] | None = None,
 ) -> Any:
-    """Make an InferenceData (0.x) or DataTree (1.x) of draws.
+    """Build an InferenceData (0.x) or DataTree (1.x) of draws.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def to_idata(
 
 
 def convergence(idata: Any) -> list[Convergence]:
-    """Give the largest R-hat and the smallest effective sample sizes of each variable."""
+    """Return the largest R-hat and the smallest effective sample sizes of each variable."""
     posterior = idata["posterior"]
     found = []
     for name in posterior.data_vars:
@@ -91,7 +91,7 @@ def convergence(idata: Any) -> list[Convergence]:
 
 
 def summary_csv(idata: Any) -> str:
-    """Give ArviZ's summary of every entry of every variable, as CSV, unrounded."""
+    """Return ArviZ's summary of every entry of every variable, as CSV, unrounded."""
     return str(az.summary(idata, round_to="none").to_csv())
 
 

@@ -1,7 +1,7 @@
-"""The log-likelihood of each object's percepts under each draw: what leave-one-out checks need.
+"""The log-likelihood of each object's percepts under each draw, for leave-one-out checks.
 
-An object's percepts of one attribute, of all behaviors together, are one unit, so that models which
-let them err together can be compared with models that do not. Its rows theta are integrated out.
+An object's percepts of one attribute, of all behaviors together, are one unit, so that models with
+dependent percepts can be compared with models without. Its rows theta are integrated out.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ def pointwise_log_likelihood(
 def _evidence(
     draws: Draws, shown: NDArray[np.int64], o: NDArray[np.intp], p: NDArray[np.intp]
 ) -> Array:
-    """Log-probability of the units' percepts (O,P,E,K) under the rows of each truth, (C*S,U,2)."""
+    """Compute the log-probability (C*S,U,2) of units of percepts (O,P,E,K) given each truth."""
     mean, s = draws.rows()
     evidence = np.zeros((len(mean), len(o), 2))
     for attribute in np.unique(p):

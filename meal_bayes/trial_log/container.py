@@ -57,7 +57,7 @@ class Record(NamedTuple):
 def read_records(file: BinaryIO, size: int) -> Iterator[Record]:
     """Yield the records of a file in order; raise `LogCorruptError` at the first fault.
 
-    A run to the end says that the file is whole: closing records, checksums of the data and of the
+    A file read to its end is whole: closing records, checksums of the data and of the
     summary section, nothing behind them.
     """
     magic = file.read(len(MCAP0_MAGIC))
@@ -120,7 +120,7 @@ class Budget:
         self._messages = _FREE_MESSAGES + size // _PACKED_MESSAGE
 
     def spend(self, unpacked: int = 0, messages: int = 0) -> None:
-        """Take from what is left; raise `LogCorruptError` where nothing is."""
+        """Subtract from what is left; raise `LogCorruptError` where nothing is."""
         self._bytes -= unpacked
         self._messages -= messages
         if self._bytes < 0 or self._messages < 0:

@@ -37,7 +37,7 @@ from meal_bayes.trial_log.schema import (
     StepMessage,
     TrialMessage,
 )
-from meal_bayes.trial_log.shapes import misfit
+from meal_bayes.trial_log.shapes import misfits
 from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
@@ -111,11 +111,15 @@ class TrialBuilder:
             return None
         start, *steps = self._open
         begin = _parse(TrialMessage, start)
+        momdp = self._momdp_of(begin)
+        outcome = OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
+        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, momdp)
+
+    def _momdp_of(self, begin: Any) -> MOMDP:
         known = self._momdps.get(begin.momdp)
         if known is None:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        outcome = OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
-        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, known.momdp)
+        return known.momdp
 
     def drop(self) -> None:
         """Forget the trial under way."""
@@ -133,13 +137,11 @@ class TrialBuilder:
         start, *steps = self._open
         self.drop()
         begin, outcome = _parse(TrialMessage, start), _parse(OutcomeMessage, data)
-        known = self._momdps.get(begin.momdp)
-        if known is None:
-            raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
+        momdp = self._momdp_of(begin)
         if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
         messages = (_parse(StepMessage, step) for step in steps)
-        trial = _trial(begin, messages, outcome, known.momdp)
+        trial = _trial(begin, messages, outcome, momdp)
         found = (judgment(trial), trial.cost, trial.reward)
         if not np.array_equal(
             found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
@@ -243,8 +245,7 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> T
         report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
         ended=outcome.ended,
     )
-    problem = misfit(trial)
-    if problem is not None:
+    for problem in misfits(trial):
         raise LogCorruptError(f"trial {begin.trial}: {problem}")
     return trial
 
@@ -285,9 +286,9 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         x=message.x,
         decision=Decision(
             action=action,
-            values=np.array(list(message.values), dtype=np.float64),
-            value_se=np.array(list(message.value_se), dtype=np.float64),
-            visits=np.array(list(message.visits), dtype=np.int64),
+            values=np.array(message.values, np.float64),
+            value_se=np.array(message.value_se, np.float64),
+            visits=np.array(message.visits, np.int64),
             tree=_tree(message),
             simulations=message.simulations,
             sampled_rows=_sampled_rows(message, n, k),

@@ -1,5 +1,6 @@
 """Trial -> message bytes: one start, the steps with a line of text each, one outcome."""
 
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import report_misfit, size_misfit, start_misfit, step_misfit
+from meal_bayes.trial_log.shapes import report_misfits, size_misfits, start_misfits, step_misfits
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -65,7 +66,7 @@ def encode_momdp(momdp: MOMDP) -> bytes:
 
 
 def numbered(number: int, momdp: bytes) -> bytes:
-    """Give a packed MOMDP its number in the file (protobuf messages join by concatenation)."""
+    """Add to a packed MOMDP its number in the file (protobuf messages join by concatenation)."""
     prefix: bytes = MomdpMessage(id=number).SerializeToString()
     return prefix + momdp
 
@@ -93,9 +94,8 @@ class TrialEncoder:
 
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
-        self._check(
-            start_misfit(trial) or size_misfit(0, 0, trial.first_belief.percept_counts.size)
-        )
+        self._check(start_misfits(trial))
+        self._check(size_misfits(0, 0, trial.first_belief.percept_counts.size))
         self._trial, self._before = trial, trial.first_belief
         start = _bytes(_start(trial, self._number, self._momdp))
         return self._counted([Packed(TRIAL, log_time(self._number, 0), start)])
@@ -104,8 +104,8 @@ class TrialEncoder:
         """Pack the next step with a line of text, and a picture where the behavior is another."""
         momdp, index = self._trial.momdp, self._steps
         self._edges += len(step.decision.tree)
-        self._check(size_misfit(index + 1, self._edges, step.belief.percept_counts.size))
-        self._check(step_misfit(step, momdp, f"step {index}"))
+        self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
+        self._check(step_misfits(step, momdp, index))
         positive = _positive(step.belief)
         replayed = _replays(self._before, step, momdp)
         counts = [] if replayed else step.belief.percept_counts.ravel().tolist()
@@ -123,7 +123,7 @@ class TrialEncoder:
 
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
-        self._check(report_misfit(trial))
+        self._check(report_misfits(trial))
         time = log_time(self._number, self._steps + 1)
         return self._counted([Packed(OUTCOME, time, _bytes(_outcome(trial, self._number)))])
 
@@ -134,8 +134,8 @@ class TrialEncoder:
             packed += self.step(step)
         return packed + self.end(trial)
 
-    def _check(self, problem: str | None) -> None:
-        if problem is not None:
+    def _check(self, problems: Iterator[str]) -> None:
+        for problem in problems:
             raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
 
     def _counted(self, packed: list[Packed]) -> list[Packed]:
@@ -158,7 +158,7 @@ def _bytes(message: Any) -> bytes:
 
 
 def _positive(belief: Belief) -> list[float]:
-    """Pr(attribute is true), (N,), of any belief; weights that are not finite make it NaN."""
+    """Compute Pr(attribute is true), (N,); NaN where log-probabilities are not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         values: list[float] = belief.positive.tolist()
     return values
@@ -184,7 +184,7 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
 
 
 def _replays(before: Belief, step: Step, momdp: MOMDP) -> bool:
-    """Whether action and percept already tell the percept counts after a step."""
+    """Return whether the percept counts after a step follow from action and percept."""
     change = step.belief.percept_counts - before.percept_counts
     action = step.decision.action
     if step.observation is not None and action < momdp.n_behaviors:
@@ -256,7 +256,7 @@ def judgment(trial: Trial) -> int:
 
 
 def _timed(picture: bytes, time: int) -> bytes:
-    """Give a packed picture its time (protobuf messages join by concatenation)."""
+    """Add to a packed picture its time (protobuf messages join by concatenation)."""
     stamp = ImageMessage()
     stamp.timestamp.seconds = time // 1_000_000_000
     prefix: bytes = stamp.SerializeToString()

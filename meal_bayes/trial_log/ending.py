@@ -10,7 +10,7 @@ from meal_bayes.untrusted import read_json
 
 
 class End(NamedTuple):
-    """What a file holds, as its writer counts."""
+    """Contents of a file, as its writer counted them."""
 
     trials: int = 0
     steps: int = 0
@@ -27,7 +27,7 @@ class End(NamedTuple):
     def of_json(cls, data: bytes) -> "End":
         """Read a closing record."""
         facts = read_json(data.decode())
-        kinds = {"trials": int, "steps": int, "cost": float}
-        if not isinstance(facts, dict) or {name: type(v) for name, v in facts.items()} != kinds:
+        types = {"trials": int, "steps": int, "cost": float}
+        if not isinstance(facts, dict) or {name: type(v) for name, v in facts.items()} != types:
             raise LogCorruptError("the closing record holds no counts")
         return cls(**facts)

@@ -23,9 +23,9 @@ from meal_bayes.trial_log.schema import FULL, RECORD_LIMIT, SUFFIX
 class Follower:
     """Follows a file, or every file of a folder, from its beginning on.
 
-    `poll` gives what has been flushed since the last call. A file that gets its final name while
+    `poll` yields what has been flushed since the last call. A file that gets its final name while
     it is read stays open, so nothing of it is missed or read twice; a trial that several files
-    hold is given once. A damaged file is noted in `problems` and followed no further; a compact
+    hold is yielded once. A damaged file is noted in `problems` and followed no further; a compact
     log, which holds no steps, is passed over.
     """
 

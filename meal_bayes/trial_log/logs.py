@@ -60,10 +60,9 @@ def log_files(path: str | Path) -> list[Path]:
 
 
 class Logs:
-    """One or more logs, damaged ones included: faults are noted, whole trials are given.
+    """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
-    A trial that several files hold, such as a draft and what a later run made of the same unit, is
-    given once.
+    A trial that several files hold, such as a draft and a later run of the same unit, is read once.
 
     Parameters
     ----------
@@ -132,7 +131,7 @@ class Logs:
         raise LogError(f"{self.files[0]} holds no trial yet.")
 
     def _check_data_sets(self) -> None:
-        """Check that the files tell of one data set, as objects are known by their numbers."""
+        """Check that the files are of one data set, as objects are known by their numbers."""
         found: dict[str, Path] = {}
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")

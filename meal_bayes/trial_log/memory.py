@@ -1,6 +1,6 @@
-"""Labels that people gave a robot: kept in the headers of the logs of the trials they belong to.
+"""Labels of objects from people: kept in the headers of the logs of the trials they belong to.
 
-A log whose header has `labels` remembers; the folder of logs is the memory, and nothing else is.
+The folder of logs is the memory: its logs whose headers have `labels`.
 """
 
 import logging
@@ -35,8 +35,6 @@ def write_labels(labels: ObjectLabels) -> None:
 
 def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
     """Read the labels of a data set's objects, in the order they were given.
-
-    A log that is empty, torn or of another format is left out with a warning.
 
     A log that is empty, torn or of another format is left out with a warning.
 

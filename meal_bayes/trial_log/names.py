@@ -1,4 +1,4 @@
-"""What log files are called: whole, being written, recovered.
+"""Names of log files: whole, being written, recovered.
 
 A log that is being written is a draft of a unique name, such as `run.w4711-a3f9c2.mcap.active` of
 `run.mcap`, so that no two processes ever write into one file. Drafts of earlier versions were
@@ -15,7 +15,7 @@ from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 TIMING = ".timing.csv"
 _RECOVERED = ".recovered"
 _DRAFT = r"\.w\d+-[0-9a-f]{6}"
-_MARKS = re.compile(rf"({_DRAFT})?({re.escape(_RECOVERED)})?$")
+_ENDINGS = re.compile(rf"({_DRAFT})?({re.escape(_RECOVERED)})?$")
 
 
 def new_draft(path: Path) -> Path:
@@ -39,16 +39,16 @@ def stem_of(path: Path) -> str:
     >>> stem_of(Path("run.mcap")), stem_of(Path("run.w4711-a3f9c2.mcap.active"))
     ('run', 'run')
     """
-    return _MARKS.sub("", _bare(path.name), count=1)
+    return _ENDINGS.sub("", _bare(path.name), count=1)
 
 
 def is_log(path: Path) -> bool:
-    """Whether a name is that of a log or a draft."""
+    """Return whether a name is that of a log or a draft."""
     return path.name.endswith((SUFFIX, SUFFIX + ACTIVE))
 
 
 def is_recovered(path: Path) -> bool:
-    """Whether a name is that of a recovered file."""
+    """Return whether a name is that of a recovered file."""
     return path.name.endswith(_RECOVERED + SUFFIX)
 
 
@@ -62,7 +62,7 @@ def drafts_of(path: Path) -> list[Path]:
 
 
 def remove_drafts(path: Path) -> None:
-    """Remove what broken-off writers of a log have left, which nobody may be writing any more."""
+    """Remove the drafts of a log; no process may still be writing them."""
     for draft in drafts_of(path):
         timing = timing_of(draft)
         draft.unlink(missing_ok=True)

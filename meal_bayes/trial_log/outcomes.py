@@ -1,8 +1,9 @@
-"""Outcomes: what measures need of many trials, in columns, a row a trial."""
+"""Outcomes of many trials in columns, a row a trial: all that measures need."""
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from meal_bayes.errors import SettingsError
 
 Texts = NDArray[np.object_]
 Bits = NDArray[np.bool_]
+_Part = tuple[tuple[str, ...], Mapping[str, Any]]  # behaviors and columns by name
 
 TEXTS = {"agent": "n", "key": "n", "object_name": "n", "attribute": "nq", "ended": "n"}
 INTEGERS = {
@@ -21,6 +23,11 @@ INTEGERS = {
     "failed": "ne",
 }  # fmt: skip
 REALS = {"positive": "nq", "cost": "n", "reward": "n"}
+_SHAPES = TEXTS | INTEGERS | REALS
+_TYPES: dict[str, Any] = {
+    **dict.fromkeys(TEXTS, object), **dict.fromkeys(INTEGERS, np.int64),
+    **dict.fromkeys(REALS, np.float64), "truth": np.int8, "report": np.int8,
+}  # fmt: skip
 _PADDING: dict[str, Any] = {"attribute": "", "truth": -1, "report": -1, "positive": np.nan}
 
 
@@ -70,11 +77,8 @@ class TrialOutcomes:
     failed: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        kinds = dict.fromkeys(TEXTS, object) | dict.fromkeys(INTEGERS, np.int64)
-        kinds |= {"truth": np.int8, "report": np.int8}
-        for field in fields(self)[1:]:
-            values = freeze(getattr(self, field.name), kinds.get(field.name, np.float64))
-            set_frozen(self, **{field.name: values})
+        for name, kind in _TYPES.items():
+            set_frozen(self, **{name: freeze(getattr(self, name), kind)})
         self._check()
 
     def __len__(self) -> int:
@@ -85,51 +89,34 @@ class TrialOutcomes:
         """Compute the outcomes of trials; outcomes are returned as they are."""
         if isinstance(trials, TrialOutcomes):
             return trials
-        found = [_Row.of(trial) for trial in trials]
-        behaviors = tuple(dict.fromkeys(name for row in found for name in row.behaviors))
-        n, q = len(found), max((len(row.attributes) for row in found), default=0)
-        wide = {name: np.full((n, q), value, object) for name, value in _PADDING.items()}
-        executed, failed = np.zeros((2, n, len(behaviors)), np.int64)
-        place = {name: i for i, name in enumerate(behaviors)}
-        for k, row in enumerate(found):
-            asked = slice(len(row.attributes))
-            for name, values in zip(wide, (row.attributes, row.truth, row.report, row.positive),
-                                    strict=True):  # fmt: skip
-                wide[name][k, asked] = values
-            columns = [place[name] for name in row.behaviors]
-            executed[k, columns], failed[k, columns] = row.executed, row.failed
-        single = zip(*(row.single for row in found), strict=True) if found else [[]] * 7
-        names = ("agent", "key", "object_index", "object_name", "cost", "reward", "ended")
-        return cls(
-            behaviors=behaviors,
-            **dict(zip(names, single, strict=True)),  # type: ignore[arg-type]
-            **wide,
-            steps=np.array([row.steps for row in found], np.int64),
-            executed=executed,
-            failed=failed,
-        )
+        return cls._stack([_columns(trial) for trial in trials])
 
     @classmethod
     def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
-        """Concatenate rows; fewer attributes are padded, behaviors matched by name."""
-        behaviors = tuple(dict.fromkeys(name for part in parts for name in part.behaviors))
-        n, q = sum(map(len, parts)), max((part.attribute.shape[1] for part in parts), default=0)
-        columns: dict[str, Any] = {}
-        for name, shape in (TEXTS | INTEGERS | REALS).items():
-            own = [getattr(part, name) for part in parts]
+        """Append rows to each other; fewer attributes are padded, behaviors matched by name."""
+        return cls._stack(
+            [(part.behaviors, {name: getattr(part, name) for name in _SHAPES}) for part in parts]
+        )
+
+    @classmethod
+    def _stack(cls, parts: Sequence[_Part]) -> "TrialOutcomes":
+        behaviors = tuple(dict.fromkeys(name for names, _ in parts for name in names))
+        place = {name: i for i, name in enumerate(behaviors)}
+        sizes = [np.shape(columns["attribute"]) for _, columns in parts]
+        n, q = sum(rows for rows, _ in sizes), max((width for _, width in sizes), default=0)
+        whole: dict[str, Any] = {}
+        for name, shape in _SHAPES.items():
             if shape == "n":
-                columns[name] = np.concatenate(own) if own else []
+                whole[name] = list(chain.from_iterable(columns[name] for _, columns in parts))
                 continue
-            kind = own[0].dtype if own else object
-            width = q if shape == "nq" else len(behaviors)
-            whole = columns[name] = np.full((n, width), _PADDING.get(name, 0), kind)
+            fill = _PADDING.get(name, 0)
+            whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill, _TYPES[name])
             row = 0
-            for part, values in zip(parts, own, strict=True):
-                places = [behaviors.index(b) for b in part.behaviors] if shape == "ne" else slice(
-                    values.shape[1])  # fmt: skip
-                whole[row : row + len(part), places] = values
-                row += len(part)
-        return cls(behaviors=behaviors, **columns)
+            for (names, columns), (rows, width) in zip(parts, sizes, strict=True):
+                chosen = [place[b] for b in names] if shape == "ne" else slice(width)
+                whole[name][row : row + rows, chosen] = columns[name]
+                row += rows
+        return cls(behaviors=behaviors, **whole)
 
     def rows(self, chosen: Any) -> "TrialOutcomes":
         """Return some rows.
@@ -138,7 +125,7 @@ class TrialOutcomes:
         ----------
         chosen : a mask (n,), a slice, or indices.
         """
-        columns = {name: getattr(self, name)[chosen] for name in TEXTS | INTEGERS | REALS}
+        columns = {name: getattr(self, name)[chosen] for name in _SHAPES}
         return TrialOutcomes(self.behaviors, **columns)
 
     def of_agent(self, name: str) -> "TrialOutcomes":
@@ -181,7 +168,7 @@ class TrialOutcomes:
     def _check(self) -> None:
         size = {"n": len(self), "e": len(self.behaviors)}
         size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
-        for name, shape in (TEXTS | INTEGERS | REALS).items():
+        for name, shape in _SHAPES.items():
             found, expected = getattr(self, name).shape, tuple(size[letter] for letter in shape)
             if found != expected:
                 raise SettingsError(f"{name} has shape {found}, expected {expected}.")
@@ -207,48 +194,41 @@ class TrialOutcomes:
 
 
 class BatchOutcomes(NamedTuple):
-    """Test trials after a batch of an online run; batch 0 is before any training."""
+    """Test trials after a batch of an online run; batch 0 is before any training.
+
+    `hours` is the exploration before it: the summed cost of the training trials.
+    """
 
     agent: str
     repeat: int
     batch: int
-    hours: float  # of exploration so far: summed cost of the training trials
+    hours: float
     outcomes: TrialOutcomes
 
 
-class _Row(NamedTuple):
-    """One trial's outcome."""
-
-    single: tuple[Any, ...]
-    attributes: tuple[str, ...]
-    truth: NDArray[np.int8]
-    report: Any
-    positive: NDArray[np.float64]
-    behaviors: tuple[str, ...]
-    steps: int
-    executed: NDArray[np.int64]
-    failed: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, trial: Trial) -> "_Row":
-        task, names = trial.task, trial.momdp.behavior_names
-        done = [s for s in trial.steps if s.decision.action < len(names)]
-        actions = [step.decision.action for step in done]
-        empty = [step.decision.action for step in done if step.observation is None]
-        return cls(
-            single=(
-                trial.agent, task_key(task.key), task.object_index, task.object_name, trial.cost,
-                trial.reward, trial.ended,
-            ),
-            attributes=task.query.attributes,
-            truth=trial.truth,
-            report=-1 if trial.report is None else trial.report.astype(np.int8),
-            positive=trial.last_belief.positive,
-            behaviors=names,
-            steps=len(trial.steps),
-            executed=np.bincount(actions, minlength=len(names)),
-            failed=np.bincount(empty, minlength=len(names)),
-        )  # fmt: skip
+def _columns(trial: Trial) -> _Part:
+    """Return the behaviors and the columns of one trial."""
+    task, names = trial.task, trial.momdp.behavior_names
+    done = [step for step in trial.steps if step.decision.action < len(names)]
+    actions = [step.decision.action for step in done]
+    empty = [step.decision.action for step in done if step.observation is None]
+    report = np.full(len(trial.truth), -1) if trial.report is None else trial.report
+    return names, {
+        "agent": [trial.agent],
+        "key": [task_key(task.key)],
+        "object_index": [task.object_index],
+        "object_name": [task.object_name],
+        "attribute": [task.query.attributes],
+        "truth": [trial.truth],
+        "report": [report],
+        "positive": [trial.last_belief.positive],
+        "cost": [trial.cost],
+        "reward": [trial.reward],
+        "ended": [trial.ended],
+        "steps": [len(trial.steps)],
+        "executed": [np.bincount(actions, minlength=len(names))],
+        "failed": [np.bincount(empty, minlength=len(names))],
+    }
 
 
 def task_key(key: Iterable[str | int]) -> str:

@@ -1,4 +1,4 @@
-"""What a behavior's percepts tell, as a small picture that any viewer of MCAP files shows.
+"""Confusion matrices of a behavior as a small picture that any viewer of MCAP files shows.
 
 A row for each attribute and truth, first "not"; a column for each percept level. Left the means,
 right the standard deviations of a new object's rows; numbers are percent.
@@ -34,7 +34,7 @@ class ConfusionPictures:
         self._known: dict[tuple[int, int], bytes] = {}
 
     def of(self, momdp: MOMDP, number: int, action: int) -> bytes:
-        """Give the picture of a behavior in the MOMDP that has this number in its file."""
+        """Draw the picture of a behavior; `number` is the MOMDP's in its file."""
         found = self._known.get((number, action))
         if found is None:
             if len(self._known) >= _MEMORY:
@@ -70,15 +70,16 @@ def png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give mean and sd of a new object's rows by its truth, (N,2,K) each.
+    """Compute mean and sd of a new object's rows by its truth, (N,2,K) each.
 
-    An object is of one of the kinds that its truth has, and its row Dirichlet about the kind's.
+    The object is of a latent class by Pr(class given truth), and its row Dirichlet about the
+    class's.
     """
-    share = momdp.latent_classes[..., None]  # (N,2,C,1)
+    prob = momdp.latent_classes[..., None]  # (N,2,C,1)
     rows = momdp.confusion[:, None, action]  # (N,1,C,K)
     precision = momdp.precision[:, None, action, :, None]
-    mean = (share * rows).sum(axis=2)
-    square = (share * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
+    mean = (prob * rows).sum(axis=2)
+    square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
     return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
@@ -86,14 +87,14 @@ def viridis(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Map values in [0, 1] to colors, (..., 3)."""
     at = np.clip(np.nan_to_num(values), 0, 1) * (len(_VIRIDIS) - 1)
     below = np.minimum(at.astype(int), len(_VIRIDIS) - 2)
-    share = (at - below)[..., None]
-    return np.asarray(_VIRIDIS[below] * (1 - share) + _VIRIDIS[below + 1] * share, np.uint8)
+    part = (at - below)[..., None]
+    return np.asarray(_VIRIDIS[below] * (1 - part) + _VIRIDIS[below + 1] * part, np.uint8)
 
 
 def _cells(values: NDArray[np.float64], full: float) -> NDArray[np.uint8]:
-    share = np.clip(values / full, 0, 1)
-    level = np.rint(share * (_SHADES - 1)).astype(np.uint8)
-    ink = np.where(share < _DARK, _WHITE, _BLACK).astype(np.uint8)
+    bright = np.clip(values / full, 0, 1)
+    level = np.rint(bright * (_SHADES - 1)).astype(np.uint8)
+    ink = np.where(bright < _DARK, _WHITE, _BLACK).astype(np.uint8)
     written = _NUMBERS[np.rint(100 * values).astype(int)]  # (rows,k,h,w)
     cells = np.where(written, ink[..., None, None], level[..., None, None])
     rows, k = values.shape

@@ -61,7 +61,7 @@ class LogInfo:
 def read_trials(path: str | Path) -> Iterator[Trial]:
     """Read the trials of a whole log one by one, equal to what was written.
 
-    Each trial is checked before it is given out, the file as a whole when the last one has been.
+    Each trial is checked before it is yielded, the whole file after the last one.
 
     Raises
     ------
@@ -132,12 +132,7 @@ def log_info(path: str | Path) -> LogInfo:
 
 
 def count_whole(path: str | Path) -> int:
-    """Count the trials of a log after every byte of it has been checked, none decoded.
-
-    Raises
-    ------
-    LogError : there is no such file; it is unfinished, torn or changed; or of another version.
-    """
+    """Count the trials of a log after a check of every byte, none decoded; errors as above."""
     path = find_log(path)
     with opened(path) as (file, size):
         for _ in read_records(file, size):

@@ -1,4 +1,4 @@
-"""What to do with a torn file: say what is wrong, save the whole trials."""
+"""Torn files: report what is wrong, recover the whole trials."""
 
 import itertools
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from meal_bayes.trial_log.writer import write_trials
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What a check found."""
+    """Result of a check."""
 
     path: Path
     trials: int  # that can be read back
@@ -26,13 +26,7 @@ class LogReport:
 
 
 def check_log(path: str | Path) -> LogReport:
-    """Read a file to its end and say what is there and what is wrong; damage does not raise.
-
-    Raises
-    ------
-    LogError : there is no such file.
-    LogVersionError : the file has another format version.
-    """
+    """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(find_log(path), tolerant=True)
     for _ in scan.entries():
         pass
@@ -43,33 +37,23 @@ def check_log(path: str | Path) -> LogReport:
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     """Read every whole trial of a file, torn or not; the faults between them are passed over.
 
-    Of a compact log it yields the outcomes of many trials each.
-
-    A trial that was under way when the file ends comes last, as far as it went, with `ended`.
-
-    Raises
-    ------
-    LogError : there is no such file.
-    LogCorruptError : the file holds neither a header nor a trial that can be read.
-    LogVersionError : the file has another format version.
+    Of a compact log it yields the outcomes of many trials each. A trial that was under way when the
+    file ends comes last, as far as it went, with `ended`. Errors are as for `read_trials`, but only
+    a file without a header and a trial is corrupt.
     """
     return _salvage(Scan(find_log(path), tolerant=True))
 
 
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
-    """Write the trials of a torn file, as `salvage` reads them, into a new whole file.
+    """Write the trials of a torn file, as `salvage` reads them, into a new file; return its name.
 
-    Return its name.
-
-    The new file stands beside the torn one as `<stem>.recovered.mcap` unless `out` says otherwise;
-    its header is the old one with `recovered_from`. The torn file stays as it is. Readers of the
-    folder take the recovered file only where the log itself and its drafts are gone.
+    The new file is `<stem>.recovered.mcap` beside the torn one, or `out`; its header is the old one
+    with `recovered_from`. The torn file stays as it is. Readers of the folder use the recovered
+    file only where the log itself and its drafts are gone.
 
     Raises
     ------
-    LogError : there is no such file, or `out` exists.
-    LogCorruptError : no trial can be saved.
-    LogVersionError : the file has another format version.
+    LogError : `out` exists; and as for `salvage`.
     """
     scan = Scan(find_log(path), tolerant=True)
     out = recovered_name(scan.path) if out is None else Path(out)

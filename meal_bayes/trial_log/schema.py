@@ -1,4 +1,4 @@
-"""What a log file holds: topics, message fields, format version, limits.
+"""The format of a log file: topics, message fields, version, limits.
 
 To log one more thing, append a field here (never reorder: the place in the table is the field's
 number), fill it in `encode.py`, read it in `decode.py`, and raise `FORMAT_VERSION` when a reader of
@@ -69,85 +69,41 @@ _FIELDS = {
         "executed:int64* failed:int64*"
     ),
 }
+_FOXGLOVE = {  # messages that other tools show
+    "Log": "timestamp:time level:level message:string name:string file:string line:fixed32",
+    "CompressedImage": "timestamp:time data:bytes format:string frame_id:string",
+}
+_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
 _TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
+_FOXGLOVE_TOPICS = {LINES: "Log", PICTURES: "CompressedImage"}
 _COMPACT_TOPICS = {RUN: "Run", OUTCOMES: "Outcomes"}
 
 
-def _own_file(name: str) -> descriptor_pb2.FileDescriptorProto:
+def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescriptorProto:
+    """Build the file of one message; fields are numbered as they stand."""
     types = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(
-        name=f"meal_bayes/{name}.proto", package="meal_bayes", syntax="proto3"
+        name=f"{package}/{name}.proto", package=package, syntax="proto3"
     )
     message = file.message_type.add(name=name)
-    for number, entry in enumerate(_FIELDS[name].split(), start=1):
+    for number, entry in enumerate(fields.split(), start=1):
         field, kind = entry.split(":")
-        message.field.add(
+        added = message.field.add(
             name=field,
             number=number,
-            type=getattr(types, f"TYPE_{kind.rstrip('*').upper()}"),
             label=types.LABEL_REPEATED if kind.endswith("*") else types.LABEL_OPTIONAL,
         )
+        if kind == "time":
+            file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
+            added.type, added.type_name = types.TYPE_MESSAGE, ".google.protobuf.Timestamp"
+        elif kind == "level":
+            added.type, added.type_name = types.TYPE_ENUM, f".{package}.{name}.Level"
+            level = message.enum_type.add(name="Level")
+            for value, word in enumerate(_LEVELS):
+                level.value.add(name=word, number=value)
+        else:
+            added.type = getattr(types, f"TYPE_{kind.rstrip('*').upper()}")
     return file
-
-
-def _foxglove_file(
-    name: str, fields: dict[str, tuple[int, str]], levels: tuple[str, ...] = ()
-) -> descriptor_pb2.FileDescriptorProto:
-    """Describe a message of foxglove's, which viewers show without being told how.
-
-    Parameters
-    ----------
-    fields : by name their number and kind.
-    levels : names of the values of the enum Level.
-    """
-    kinds = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(
-        name=f"foxglove/{name}.proto",
-        package="foxglove",
-        syntax="proto3",
-        dependency=["google/protobuf/timestamp.proto"],
-    )
-    message = file.message_type.add(name=name)
-    if levels:
-        level = message.enum_type.add(name="Level")
-        for number, word in enumerate(levels):
-            level.value.add(name=word, number=number)
-    named = {
-        "time": (kinds.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
-        "level": (kinds.TYPE_ENUM, f".foxglove.{name}.Level"),
-        "string": (kinds.TYPE_STRING, None),
-        "fixed32": (kinds.TYPE_FIXED32, None),
-        "bytes": (kinds.TYPE_BYTES, None),
-    }
-    for field, (number, kind) in fields.items():
-        code, type_name = named[kind]
-        message.field.add(
-            name=field, number=number, type=code, type_name=type_name, label=kinds.LABEL_OPTIONAL
-        )
-    return file
-
-
-_LOG_FILE = _foxglove_file(
-    "Log",
-    {
-        "timestamp": (1, "time"),
-        "level": (2, "level"),
-        "message": (3, "string"),
-        "name": (4, "string"),
-        "file": (5, "string"),
-        "line": (6, "fixed32"),
-    },
-    ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
-)
-_IMAGE_FILE = _foxglove_file(
-    "CompressedImage",
-    {
-        "timestamp": (1, "time"),
-        "data": (2, "bytes"),
-        "format": (3, "string"),
-        "frame_id": (4, "string"),
-    },
-)
 
 
 def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
@@ -156,9 +112,11 @@ def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
+_FILES = {name: _file_of("meal_bayes", name, fields) for name, fields in _FIELDS.items()}
+_FOXGLOVE_FILES = {name: _file_of("foxglove", name, text) for name, text in _FOXGLOVE.items()}
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_timestamp_file(), _LOG_FILE, _IMAGE_FILE, *map(_own_file, _FIELDS)):
+for _file in (_timestamp_file(), *_FOXGLOVE_FILES.values(), *_FILES.values()):
     _POOL.Add(_file)
 
 
@@ -179,19 +137,15 @@ ImageMessage = _message_class("foxglove.CompressedImage")
 def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
     """Yield topic, schema name and schema data of a form's channels, in the order of their ids."""
     for topic, name in (_TOPICS if form == FULL else _COMPACT_TOPICS).items():
-        own = descriptor_pb2.FileDescriptorSet(file=[_own_file(name)])
+        own = descriptor_pb2.FileDescriptorSet(file=[_FILES[name]])
         yield topic, f"meal_bayes.{name}", own.SerializeToString()
-    for topic, name, file in (
-        (LINES, "Log", _LOG_FILE),
-        (PICTURES, "CompressedImage", _IMAGE_FILE),
-    ):
-        if form == FULL:
-            both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), file])
-            yield topic, f"foxglove.{name}", both.SerializeToString()
+    for topic, name in _FOXGLOVE_TOPICS.items() if form == FULL else ():
+        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _FOXGLOVE_FILES[name]])
+        yield topic, f"foxglove.{name}", both.SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:
-    """Time on the log's clock, ns: it counts trials and steps, so that equal runs are equal files.
+    """Compute the time on the log's clock, ns; it counts steps, so that equal runs are equal files.
 
     >>> log_time(2, 3)
     2003000000000

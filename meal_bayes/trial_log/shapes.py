@@ -1,4 +1,4 @@
-"""What must fit together in a trial; asked before writing and again after reading."""
+"""Consistency of a trial, checked before writing and again after reading."""
 
 from collections.abc import Iterator
 
@@ -9,35 +9,23 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.trial_log.schema import COUNT_LIMIT, EDGE_LIMIT, NAME_LIMIT
 
 
-def misfit(trial: Trial) -> str | None:
-    """Say what in a trial does not fit its MOMDP, or None when all does."""
-    found = start_misfit(trial) or report_misfit(trial)
-    steps = (
-        step_misfit(step, trial.momdp, f"step {index}") for index, step in enumerate(trial.steps)
-    )
-    return found or next((problem for problem in steps if problem is not None), None)
+def misfits(trial: Trial) -> Iterator[str]:
+    """Yield what in a trial does not fit its MOMDP."""
+    yield from start_misfits(trial)
+    yield from report_misfits(trial)
+    for index, step in enumerate(trial.steps):
+        yield from step_misfits(step, trial.momdp, index)
 
 
-def start_misfit(trial: Trial) -> str | None:
-    """Say what does not fit before the first step."""
-    return next(_start_misfits(trial), None)
-
-
-def report_misfit(trial: Trial) -> str | None:
-    """Say what does not fit of a trial's report."""
+def report_misfits(trial: Trial) -> Iterator[str]:
+    """Yield what does not fit of a trial's report."""
     n = len(trial.momdp.query)
     if trial.report is not None and trial.report.shape != (n,):
-        return f"report has shape {trial.report.shape}, expected {(n,)}"
-    return None
+        yield f"report has shape {trial.report.shape}, expected {(n,)}"
 
 
-def step_misfit(step: Step, momdp: MOMDP, where: str) -> str | None:
-    """Say what in a step does not fit its MOMDP."""
-    return next(_step_misfits(step, momdp, where), None)
-
-
-def size_misfit(steps: int, edges: int, counts: int) -> str | None:
-    """Say what of a trial so far is beyond the format.
+def size_misfits(steps: int, edges: int, counts: int) -> Iterator[str]:
+    """Yield which limits of the format a trial exceeds.
 
     Parameters
     ----------
@@ -45,29 +33,26 @@ def size_misfit(steps: int, edges: int, counts: int) -> str | None:
     counts : percept counts of one belief.
     """
     if edges > EDGE_LIMIT:
-        return f"its search trees have {edges} edges, a log holds at most {EDGE_LIMIT} of a trial"
+        yield f"its search trees have {edges} edges, a log holds at most {EDGE_LIMIT} of a trial"
     if (1 + steps) * counts > COUNT_LIMIT:
-        return f"its beliefs count more than {COUNT_LIMIT} percepts, which no log holds of a trial"
-    return None
+        yield f"its beliefs count more than {COUNT_LIMIT} percepts, which no log holds of a trial"
 
 
-def _start_misfits(trial: Trial) -> Iterator[str]:
+def start_misfits(trial: Trial) -> Iterator[str]:
+    """Yield what does not fit before the first step."""
     momdp = trial.momdp
     n = len(momdp.query)
-    for kind, names in (
+    for noun, names in (
         ("attributes", momdp.query.attributes),
         ("behaviors", momdp.behavior_names),
         ("x", momdp.x_names),
     ):
         if len(names) > NAME_LIMIT:
-            yield f"the MOMDP has {len(names)} {kind}, a log holds at most {NAME_LIMIT}"
+            yield f"the MOMDP has {len(names)} {noun}, a log holds at most {NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
     if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
-    for name in ("cost", "bonus", "correct", "incorrect", "counts"):
-        if not np.isfinite(getattr(momdp, name)).all():
-            yield f"the MOMDP's {name} is not finite"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
 
 
@@ -88,8 +73,9 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"
 
 
-def _step_misfits(step: Step, momdp: MOMDP, where: str) -> Iterator[str]:
-    n, e = len(momdp.query), momdp.n_behaviors
+def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
+    """Yield what in the step of this index does not fit its MOMDP."""
+    where, n, e = f"step {index}", len(momdp.query), momdp.n_behaviors
     decision = step.decision
     if not 0 <= decision.action < momdp.n_actions:
         yield f"{where} has action {decision.action}, expected a number below {e} + 2^{n}"

@@ -70,25 +70,25 @@ class TrialWriter(LogFile):
         self._close(trial)
 
     def begin(self, trial: Trial) -> None:
-        """Put the start of a trial on disk; its steps follow one by one, then its end."""
+        """Write the start of a trial to disk; its steps follow one by one, then its end."""
         packed = self._place_trial(trial)
         packed += self._packed(self._encoder.begin, trial)
         self.begun = True
         self.put(packed, sync=True)
 
     def step(self, step: Step) -> None:
-        """Put the next step of the trial that was begun on disk."""
+        """Write the next step of the trial that was begun to disk."""
         self.put(self._packed(self._encoder.step, step), sync=True)
 
     def end(self, trial: Trial) -> None:
-        """Put the outcome of the trial that was begun on disk."""
+        """Write the outcome of the trial that was begun to disk."""
         packed = self._packed(self._encoder.end, trial)
         self.put(packed, sync=True)
         self.begun = False
         self._close(trial)
 
     def _place_trial(self, trial: Trial) -> list[Packed]:
-        """Make the encoder of the next trial, and pack its MOMDP where that is new."""
+        """Create the encoder of the next trial, and pack its MOMDP where that is new."""
         self.check_open()
         if self.begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
@@ -108,7 +108,7 @@ class TrialWriter(LogFile):
             raise LogError(f"Trial {self.written.trials} cannot be logged: {fault}.") from fault
 
     def _place(self, momdp: MOMDP) -> tuple[bytes, bytes]:
-        """Return a digest of what a MOMDP says and, where it is new, its message."""
+        """Return a digest of a MOMDP's content and, where it is new, its message."""
         if self._last is not None and self._last[0] is momdp:
             return self._last[1], b""
         packed = encode_momdp(momdp)

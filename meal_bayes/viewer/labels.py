@@ -8,7 +8,7 @@ import numpy as np
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.words import percept_words, truth_words, verdict_word
+from meal_bayes.trial_log.formatting import percept_labels, truth_text, verdict_text
 from meal_bayes.viewer.trial_frames import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
@@ -40,7 +40,7 @@ def narrate(frame: TrialFrame) -> str:
     lines += ["|attribute|belief|percept|", "|---|---|---|"]
     percepts = [""] * len(trial.task.query)
     if step is not None and step.observation is not None:
-        percepts = percept_words(momdp, step.decision.action, step.observation)
+        percepts = percept_labels(momdp, step.decision.action, step.observation)
     rows = list(zip(trial.task.query.attributes, frame.positive.tolist(), percepts, strict=True))
     lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
     return "\n".join([*lines, "", *_answer(frame)])
@@ -80,11 +80,11 @@ def log_line(frame: TrialFrame) -> str:
         return f"trial {frame.trial_number}: {question(trial)} {plain_text(trial.task.object_name)}"
     action = step.decision.action
     if action >= momdp.n_behaviors:
-        verdict = verdict_word(trial).replace("wrong", "WRONG")
+        verdict = verdict_text(trial).replace("wrong", "WRONG")
         return f"answers {report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
     percept = "nothing"
     if step.observation is not None:
-        percept = ", ".join(percept_words(momdp, action, step.observation))
+        percept = ", ".join(percept_labels(momdp, action, step.observation))
     path = f"{momdp.x_names[step.x]} → {momdp.x_names[step.next_x]}"
     return f"{momdp.behavior_names[action]}, {path}, percept {percept}, H {frame.entropy:.2f}"
 
@@ -128,7 +128,7 @@ def _answer(frame: TrialFrame) -> Sequence[str]:
         best = report_text(trial, frame.positive > 0.5)
         probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
         return [f"now it would answer **{best}** ({percent(probability)} sure)"]
-    truth = plain_text(truth_words(trial.task.query.attributes, trial.truth))
+    truth = plain_text(truth_text(trial.task.query.attributes, trial.truth))
     if trial.ended:
         return ["### broken off", f"{plain_text(trial.ended)}; truth: {truth}"]
     if trial.report is None:

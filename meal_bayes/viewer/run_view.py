@@ -9,7 +9,7 @@ import rerun as rr
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.words import NOT_TOLD, truth_words
+from meal_bayes.trial_log.formatting import UNKNOWN, truth_text
 from meal_bayes.viewer.labels import plain_text, question, report_text
 from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time, part
@@ -146,7 +146,7 @@ class RunView:
 
     def _note_worst(self, number: int, trial: Trial) -> None:
         """Keep the trials with the lowest reward, of equal ones the most certain first."""
-        truth = plain_text(truth_words(trial.task.query.attributes, trial.truth))
+        truth = plain_text(truth_text(trial.task.query.attributes, trial.truth))
         row = (
             f"|{number}|{plain_text(trial.agent)}|{question(trial)}|{plain_text(trial.task.object_name)}"
             f"|{report_text(trial, trial.report)}|{truth}|{trial.cost:.1f}|{trial.reward:.1f}|"
@@ -161,7 +161,7 @@ class RunView:
         ]
         for name, tally in self._tallies.items():
             cost, cost_variance = tally.mean_cost
-            accuracy = reward = NOT_TOLD
+            accuracy = reward = UNKNOWN
             if tally.judged:
                 mean, variance = tally.accuracy
                 accuracy = f"{mean:.3f} ± {math.sqrt(variance):.3f}"

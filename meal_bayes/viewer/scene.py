@@ -7,7 +7,7 @@ import rerun as rr
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.words import percept_words
+from meal_bayes.trial_log.formatting import percept_labels
 from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
 from meal_bayes.viewer.labels import (
     action_label,
@@ -194,7 +194,7 @@ class Scene:
             for lane in lanes:
                 self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
             return
-        names = percept_words(momdp, action, step.observation)
+        names = percept_labels(momdp, action, step.observation)
         for i, lane in enumerate(lanes):
             color = level_color(int(step.observation[i]), momdp.levels)
             text = f"{plain_text(trial.task.query.attributes[i])}: {names[i]}"

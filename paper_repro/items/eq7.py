@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import Interval, bootstrap_interval, plots
+from meal_bayes.evaluation import Interval, bootstrap_interval, canvas, plots
 from meal_bayes.seeds import stream
 from paper_repro.frame import Cell, Result, Setting, Table, asked, until_decided
 from paper_repro.statements import Evidence, best, joined
@@ -116,7 +116,7 @@ def _hourly(both: NDArray[np.float64]) -> float:
     return float(3600 * (first / max(first_cost, 1.0) - second / max(second_cost, 1.0)))
 
 
-def figure(runs: Mapping[str, Columns]) -> plots.Axes:
+def figure(runs: Mapping[str, Columns]) -> canvas.Axes:
     """Draw successes over budgets; Random's line leaves the picture."""
     hours = np.linspace(0, BUDGETS[-1] / 3600, 60)
     lines = [

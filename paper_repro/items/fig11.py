@@ -63,7 +63,7 @@ def run(setting: Setting) -> Result:
         cells = {name: [_mean(scores[name][:, p]) for p in order] for name in AGENTS}
         rows += [(protocol, NAMES[p], cells[BASE][i], cells[BEST][i]) for i, p in enumerate(order)]
         groups = {a: [Interval(m, s, m - s, m + s) for m, s in cells[a]] for a in AGENTS}
-        ax = plots.bars(groups, [NAMES[p] for p in order], y_label="accuracy", share=True)
+        ax = plots.bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
         ax.tick_params(axis="x", rotation=45)
         figures[f"_{protocol}"] = ax
     return Result(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import product
 
-from meal_bayes.evaluation import Interval, plots
+from meal_bayes.evaluation import Interval, canvas, plots
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values, until_decided
 from paper_repro.statements import Evidence, above, below, best, change_of_means, every, joined
 from paper_repro.trials import (
@@ -110,7 +110,7 @@ def _ordered(change: tuple[Interval, int], bound: float) -> tuple[Interval, floa
     return change[0], bound, change[1]
 
 
-def figure(runs: Mapping[int, Runs], measure: str) -> plots.Axes:
+def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
     """Draw one measure, a group of bars a number of attributes, with standard errors."""
     groups = {}
     for agent in AGENTS:

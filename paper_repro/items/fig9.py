@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from meal_bayes.evaluation import clustered_se, plots
+from meal_bayes.evaluation import canvas, clustered_se, plots
 from paper_repro.frame import Cell, Estimate, Result, Setting, Table, paper_values, until_decided
 from paper_repro.statements import (
     Evidence,
@@ -123,7 +123,7 @@ def measure(run: Columns, name: str, relevant: int) -> Estimate:
     return Estimate(float(values.mean()), clustered_se(values, run.objects))
 
 
-def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> plots.Axes:
+def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> canvas.Axes:
     """Draw a measure over the irrelevant attributes, and ours as the line that it is."""
     x, lines = np.array(numbers, float), []
     for kind, run in runs.items():

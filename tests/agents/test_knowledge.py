@@ -17,7 +17,7 @@ def numbers(knowledge):
     """All that is known, in one vector."""
     posterior = knowledge.posterior
     parts = [posterior.mean, posterior.precision, posterior.counts, posterior.prior]
-    spread = 0.0 if knowledge.degree is None else knowledge.degree.spread
+    spread = 0.0 if knowledge.trait is None else knowledge.trait.sd
     rest = [knowledge.base_rates, [spread]]
     return np.concatenate([np.ravel(part) for part in (*parts, *rest)])
 
@@ -97,7 +97,7 @@ def test_base_rates_are_laplace_s_of_the_known_labels(table):
 def test_the_paper_s_reading_takes_percepts_as_independent(table):
     knowledge = knowledge_without(table, HELD_OUT, object_level=False)
     assert np.isinf(knowledge.posterior.dispersion).all()
-    assert knowledge.degree is None
+    assert knowledge.trait is None
     total = table_counts(table, HELD_OUT).total()
     np.testing.assert_array_equal(knowledge.posterior.counts, total)
     np.testing.assert_allclose(
@@ -108,7 +108,7 @@ def test_the_paper_s_reading_takes_percepts_as_independent(table):
 def test_ours_lets_objects_differ(table):
     knowledge = knowledge_without(table, HELD_OUT)
     assert np.isfinite(knowledge.posterior.dispersion).all()
-    assert 0.1 <= knowledge.degree.spread <= 2.0
+    assert 0.1 <= knowledge.trait.sd <= 2.0
 
 
 def test_knowledge_cannot_be_written_to(table):

@@ -84,7 +84,7 @@ def facts(trial):
 def learned(trials, learner):
     """All that a robot has from its work, as plain values."""
     posterior, experience = learner.knowledge.posterior, learner.experience
-    degree = learner.knowledge.degree
+    trait = learner.knowledge.trait
     return {
         "trials": [facts(trial) for trial in trials],
         "experience": [a.tolist() for a in (experience.labels, experience.told, experience.used)],
@@ -92,7 +92,7 @@ def learned(trials, learner):
         "tables": posterior.concentration.tolist(),
         "dispersion": posterior.dispersion.tolist(),
         "base rates": learner.knowledge.base_rates.tolist(),
-        "degree": None if degree is None else degree.kinds.tolist(),
+        "trait": None if trait is None else trait.latent_classes.tolist(),
         "value": learner.valued().tolist(),
         "training percepts": learner.perceiver.perceiver.log_odds[TRAIN, :, :2].tolist(),
     }

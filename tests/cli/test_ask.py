@@ -100,7 +100,7 @@ def test_an_unknown_truth_is_not_judged(run, table):
     save_percepts(replace(table, labels=labels), "hidden.npz")
     words = ("ask", "red", "--dataset", "hidden.npz", "--object", "red_mug", "--agent", "greedy")
     told = run(*words).stdout
-    assert "not told" in told
+    assert "unknown" in told
     assert "verdict" not in told
     trial = json.loads(run(*words, "--json").stdout)["trial"]
     assert (trial["truth"], trial["success"], trial["reward"]) == ({"red": None}, None, None)

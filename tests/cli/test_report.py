@@ -16,7 +16,7 @@ def test_one_page_of_several_logs(run, fails):
     text = Path("out/page.html").read_text()
     assert "greedy" in text
     assert "predefined" in text
-    assert run("report", "greedy.mcap").stdout.startswith("report.html: 1 trials of 1 agents")
+    assert run("report", "greedy.mcap").stdout.startswith("report.html: 1 trial of 1 agent,")
     assert "no log none.mcap" in fails("report", "none.mcap")
     assert "Missing argument" in fails("report")
 

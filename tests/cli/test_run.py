@@ -128,7 +128,7 @@ def test_a_domain_of_any_name_stays_in_the_log_folder(run, table):
 
 def test_the_papers_classifiers_need_recordings(fails, table):
     own = fails("run", "offline", "--dataset", "kitchen.npz", "--perception", "paper")
-    assert "is a percept table of another recipe" in own
+    assert "is a percept table of another method" in own
     public = fails("run", "offline", "--perception", "paper", "--agent", "greedy")
     assert "MEAL_BAYES_OFFLINE forbids the network" in public
 

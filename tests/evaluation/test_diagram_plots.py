@@ -1,7 +1,7 @@
 import pytest
 
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.diagram_plots import transition_diagram
 
 
@@ -15,7 +15,7 @@ def test_every_state_and_behavior_is_drawn(name, tmp_path):
     for effect in diagram.effects:
         assert effect.behavior in words
     assert "term" not in words
-    assert plots.save(ax, tmp_path / "diagram.png").stat().st_size > 1000
+    assert save(ax, tmp_path / "diagram.png").stat().st_size > 1000
 
 
 def test_states_do_not_lie_on_each_other():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import plots
+from meal_bayes.evaluation import canvas, plots
 from meal_bayes.evaluation.plots import Series
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.learner.asking import ask
@@ -25,17 +25,17 @@ def every_figure(trial):
     table = trial.momdp.confusion[:, 2, :2]
     half = Interval(0.5, 0.1, 0.3, 0.7)
     positive = np.linspace(0, 1, 60)
-    yield plots.lines(TWO, x_label="cost, s", y_label="accuracy", share=True)
+    yield plots.lines(TWO, x_label="cost, s", y_label="accuracy", fraction=True)
     yield plots.learning_curve(TWO)
-    yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", share=True)
+    yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", fraction=True)
     yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s", reference=[0.4])
     yield plots.reliability_diagram(positive, positive > 0.5)
     yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], x_label="a", y_label="b",
                          value_label="accuracy")  # fmt: skip
     yield plots.confusion_matrices(table, ["heavy", "beans"], sd=table / 10, title="lift")
     yield plots.belief_trace(trial)
-    yield plots.behavior_use({"a": [1.0, 2.0], "b": [0.5, 0.0]}, ["look", "grasp"])
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
+    yield plots.accuracy_and_cost({"a": (half, Interval(4.0, 1.0, 2.0, 6.0)), "b": (half, half)})
 
 
 def test_every_figure_is_labelled_and_written(trial, tmp_path):
@@ -44,7 +44,7 @@ def test_every_figure_is_labelled_and_written(trial, tmp_path):
         assert ax.get_xlabel() or ax.get_xticklabels()
         assert ax.get_xlabel() or ax.get_ylabel()
         for ending, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
-            path = plots.save(ax, tmp_path / "figures" / f"{number}{ending}")
+            path = canvas.save(ax, tmp_path / "figures" / f"{number}{ending}")
             assert path.read_bytes().startswith(magic)
             assert path.stat().st_size > 2000
     assert dict(mpl.rcParams) == before
@@ -55,7 +55,7 @@ def test_equal_figures_are_equal_files(trial, tmp_path):
     for number, pair in enumerate(zip(every_figure(trial), every_figure(trial), strict=True)):
         for ending in (".png", ".pdf", ".svg") if number == 0 else (".svg",):
             one, other = (
-                plots.save(ax, tmp_path / f"{number}-{i}{ending}").read_bytes()
+                canvas.save(ax, tmp_path / f"{number}-{i}{ending}").read_bytes()
                 for i, ax in enumerate(pair)
             )
             assert one == other, (number, ending)
@@ -124,6 +124,22 @@ def test_costs_are_drawn_as_shares():
     assert found[5.0] == pytest.approx(0.75)
 
 
+@pytest.mark.parametrize(("largest", "scale"), [(9.0, "linear"), (90.0, "symlog")])
+def test_one_point_an_agent_on_the_plane_of_accuracy_and_cost(largest, scale):
+    nan = float("nan")
+    costs = {"a": 0.0, "b": 5.0, "c": largest}
+    accuracy = Interval(0.5, 0.1, 0.3, 0.6)
+    points = {name: (accuracy, Interval(x, nan, nan, nan)) for name, x in costs.items()}
+    ax = plots.accuracy_and_cost(points)
+    drawn = [line.get_xydata()[0] for line in ax.lines if line.get_marker() in "os^"]
+    np.testing.assert_allclose(drawn, [(x, 0.5) for x in costs.values()])
+    ends = [c.get_segments()[0] for c in ax.collections]
+    np.testing.assert_allclose(ends[1], [(0, 0.3), (0, 0.6)])
+    np.testing.assert_allclose(ends[0], [(0, 0.5), (0, 0.5)])  # unknown: no interval
+    assert ax.get_xscale() == scale
+    assert plots.cost_distribution({k: [x] for k, x in costs.items()}).get_xscale() == scale
+
+
 def luminance(color):
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color]
     return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
@@ -135,7 +151,7 @@ def test_colors_differ_also_to_color_blind_eyes():
               [-0.011820, 0.042940, 0.968881]]  # fmt: skip
     protan = [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
               [-0.003882, -0.048116, 1.051998]]  # fmt: skip
-    colors = [mpl.colors.to_rgb(color) for color in plots.COLORS[:6]]
+    colors = [mpl.colors.to_rgb(color) for color in canvas.COLORS[:6]]
     for seen in (np.eye(3), deutan, protan):
         shown = [np.asarray(seen) @ color for color in colors]
         for one, other in itertools.combinations(shown, 2):
@@ -146,7 +162,7 @@ def test_colors_differ_also_to_color_blind_eyes():
 def test_names_with_signs_of_mathematics_are_names(trial, tmp_path):
     series = [Series("$x^2$ & <b>", X, X), Series("\\frac{", X, X)]
     ax = plots.lines(series, x_label="$", y_label="a_b$c")
-    assert plots.save(ax, tmp_path / "a.png").is_file()
+    assert canvas.save(ax, tmp_path / "a.png").is_file()
 
 
 def test_what_does_not_fit_is_refused(tmp_path):
@@ -157,7 +173,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
         lambda: plots.bars({"": [half]}, ["a", "b"], y_label="y"),
         lambda: plots.reliability_diagram([0.5], [True, False]),
         lambda: plots.heat_map(np.eye(2), [1], [1, 2], x_label="", y_label="", value_label=""),
-        lambda: plots.save(plots.learning_curve(TWO), tmp_path / "a.gif"),
+        lambda: canvas.save(plots.learning_curve(TWO), tmp_path / "a.gif"),
     ):
         with pytest.raises(SettingsError):
             call()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.plots import save
+from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.posterior_plots import forest, predictive
 
 MIDDLE = np.array([[[0.1, 0.9], [0.4, 0.5], [0.2, 0.7]], [[0.3, 0.3], [0.1, 0.95], [0.5, 0.4]]])
@@ -13,7 +13,7 @@ def texts(axes):
     return [text.get_text() for text in axes.texts]
 
 
-def test_forest_orders_pairs_by_what_they_tell(tmp_path):
+def test_forest_orders_pairs_by_their_difference(tmp_path):
     axes = forest(MIDDLE, MIDDLE - 0.05, MIDDLE + 0.05, *NAMES)
     assert [tick.get_text() for tick in axes.get_yticklabels()] == [
         "look", "tap", "lift", "lift", "look", "tap",
@@ -32,7 +32,7 @@ def test_forest_orders_pairs_by_what_they_tell(tmp_path):
 def test_forest_says_what_it_leaves_out():
     axes = forest(MIDDLE, MIDDLE, MIDDLE, *NAMES, most=2)
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["look", "lift"]
-    assert "the 2 pairs that tell most; 4 more are not shown" in axes.get_xlabel()
+    assert "the 2 pairs that differ most; 4 more are not shown" in axes.get_xlabel()
 
 
 def test_predictive_shows_shares_beside_their_intervals(tmp_path):

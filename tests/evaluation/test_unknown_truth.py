@@ -11,7 +11,7 @@ from meal_bayes.evaluation.plots import belief_trace
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.learner.asking import ask
 from meal_bayes.trial_log import Logs, write_trials
-from meal_bayes.trial_log.words import truth_words, verdict_word
+from meal_bayes.trial_log.formatting import truth_text, verdict_text
 from meal_bayes.viewer.labels import log_line, narrate
 from meal_bayes.viewer.trial_frames import Clock
 
@@ -31,9 +31,9 @@ def trials():
 
 
 def test_words(trials):
-    assert [verdict_word(trial) for trial in trials[2:]] == ["not told", "broken off"]
-    assert truth_words(trials[2].task.query.attributes, trials[2].truth) == "not heavy, not told"
-    assert truth_words(trials[0].task.query.attributes, trials[0].truth) == "heavy, blue"
+    assert [verdict_text(trial) for trial in trials[2:]] == ["truth unknown", "broken off"]
+    assert truth_text(trials[2].task.query.attributes, trials[2].truth) == "not heavy, unknown"
+    assert truth_text(trials[0].task.query.attributes, trials[0].truth) == "heavy, blue"
     assert trials[2].success is trials[3].success is None
 
 
@@ -69,7 +69,7 @@ def test_circles_stand_where_the_truth_is_known(trials):
 
 def test_the_viewer_says_so(trials):
     for trial, words, line in (
-        (trials[2], "truth: not heavy, not told", "not told"),
+        (trials[2], "truth: not heavy, unknown", "truth unknown"),
         (trials[3], "robot error: hot", None),
     ):
         last = list(Clock().frames(0, trial))[-1]

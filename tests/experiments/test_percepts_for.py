@@ -75,8 +75,8 @@ def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     assert len(computed) == 3
 
 
-def test_a_table_of_the_recipe_asked_for_is_taken(tmp_path):
-    made = replace(load_percepts("roc36"), provenance={"perception": "recipe=paper, folds=5"})
+def test_a_table_of_the_requested_method_is_used(tmp_path):
+    made = replace(load_percepts("roc36"), provenance={"perception": "method=paper, folds=5"})
     save_percepts(made, tmp_path / "own.npz")
     assert percepts_for(str(tmp_path / "own.npz"), "paper").provenance == made.provenance
 
@@ -85,7 +85,7 @@ def test_what_cannot_be_computed_is_told(computed, tmp_path):
     save_percepts(load_percepts("roc36"), tmp_path / "own.npz")
     with pytest.raises(SettingsError, match="Unknown perception 'papers': did you mean 'paper'"):
         percepts_for("roc36", "papers")
-    with pytest.raises(SettingsError, match="is a percept table of another recipe"):
+    with pytest.raises(SettingsError, match="is a percept table of another method"):
         percepts_for(str(tmp_path / "own.npz"), "paper")
     with pytest.raises(SettingsError, match="toy has no public recordings"):
         percepts_for("toy", "paper")

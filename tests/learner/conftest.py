@@ -74,7 +74,7 @@ def agent_of(*behaviors, **options):
     return Agent("script", lambda domain, query: Predefined(behaviors), **options)
 
 
-OURS = {"object_level": True, "shared_degree": True, "base_rates": True, "levels": 4}
+OURS = {"object_level": True, "shared_trait": True, "base_rates": True, "levels": 4}
 
 
 def make_learner(dataset, agent=None, **options):

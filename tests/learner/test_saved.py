@@ -20,7 +20,7 @@ def same(one, other):
     for name in STATE:
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(one.base_rates, other.base_rates)
-    assert one.degree.spread == other.degree.spread
+    assert one.trait.sd == other.trait.sd
 
 
 @pytest.fixture(scope="module")

@@ -83,8 +83,8 @@ def test_fitted_numbers_are_not_counted():
     assert {one["recorded"] for one in fig5} == {"by construction"}
 
 
-def test_the_project_readme_shows_the_papers_numbers():
-    text = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_results_shows_the_papers_numbers():
+    text = (FOLDER.parent / "docs" / "results" / "index.md").read_text(encoding="utf-8")
     paper = tomllib.loads((FOLDER / "paper_values.toml").read_text(encoding="utf-8"))["table3"]
     for n, title in (("2", "ROC36, two attributes"), ("3", "ROC36, three attributes")):
         table = text.partition(f"**{title}**")[2].partition("trials an agent")[0]

@@ -61,7 +61,7 @@ def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     dataset = make(3, objects=12)
     clones = Clones((Remembers().fit(rows := np.eye(3), np.array([1, 0, 1])),))
     assert clones.decide(rows)[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
-    settings = with_classifier(Remembers(), believable_only=False)
+    settings = with_classifier(Remembers(), positive_youden_only=False)
     table = build_percept_table(dataset, perception=settings)
     sensing = table.log_odds[:, :, :2]
     np.testing.assert_allclose(sensing, 0.0, atol=1e-6)
@@ -83,7 +83,7 @@ def test_permuted_labels_cannot_be_told(estimator):
         dataset = permuted(made, rng)
         table = build_percept_table(dataset, perception=with_classifier(estimator))
         own.append(held_out_counts(table.log_odds.astype(float), dataset.labels).kappa()[:, :2])
-        without = replace(with_classifier(estimator), believable_only=False)
+        without = replace(with_classifier(estimator), positive_youden_only=False)
         table = build_percept_table(dataset, perception=without, objects=dataset.objects[:1])
         side.append(table_counts(table, 0).kappa()[:, :2])
     assert abs(np.mean(own)) <= 0.03

@@ -6,7 +6,7 @@ from sklearn.metrics import cohen_kappa_score
 
 from meal_bayes.errors import DataError
 from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.perception.confusion import believable
+from meal_bayes.perception.confusion import positive_youden
 
 
 def counts_of(*rows):
@@ -36,11 +36,11 @@ def test_kappa_is_zero_where_nothing_is_said(rows):
     assert counts_of(*rows).kappa()[0, 0] == 0
 
 
-def test_only_tables_with_more_hits_than_false_alarms_are_believable():
-    assert believable(counts_of([8, 2], [5, 5]))[0, 0]
-    assert not believable(counts_of([8, 2], [8, 2]))[0, 0]
-    assert not believable(counts_of([5, 5], [8, 2]))[0, 0]
-    assert not believable(counts_of([5, 5], [0, 0]))[0, 0]  # no true object: no rate to compare
+def test_only_tables_with_more_hits_than_false_alarms_are_positive_youden():
+    assert positive_youden(counts_of([8, 2], [5, 5]))[0, 0]
+    assert not positive_youden(counts_of([8, 2], [8, 2]))[0, 0]
+    assert not positive_youden(counts_of([5, 5], [8, 2]))[0, 0]
+    assert not positive_youden(counts_of([5, 5], [0, 0]))[0, 0]  # no true object
 
 
 def test_totals_add_the_objects():

@@ -90,7 +90,7 @@ def test_an_unseen_object_s_held_out_output_is_what_a_robot_without_it_says(make
     # Leave-one-object-out by closed form against a perception fitted on the others; spaces are
     # shared there, so this one takes a data set whose spaces hardly depend on one object.
     dataset = make(5, objects=40, recordings=3, signal=4.0)
-    settings = replace(DEFAULT, believable_only=False)
+    settings = replace(DEFAULT, positive_youden_only=False)
     nested = held_out_log_odds(dataset, settings=settings)
     for o in (0, 17):
         perception = fit_perception(
@@ -116,14 +116,14 @@ def test_one_class_and_empty_training_sets_say_nothing(make, relabel):
             assert perception.log_odds(instance, BOTH).tolist() == [0, 0]
 
 
-def test_unbelievable_percepts_are_silent_on_both_sides(make):
+def test_percepts_without_positive_youden_are_at_even_odds_on_both_sides(make):
     for seed in range(4):
         dataset = make(seed, signal=0.0)
         perception, counts = fit_and_validate(dataset, TrainingSet.everything(dataset))
         rates = counts.rates()[:, :2]
         assert (rates[..., 1] >= rates[..., 0]).all()
         for e, behavior in enumerate(("look", "lift")):
-            silent = ~perception.classifiers[behavior].believed
+            silent = ~perception.classifiers[behavior].used
             assert (counts.counts[:, silent, e, :, 1] == 0).all()
             for o in range(10):
                 log_odds = perception.log_odds(dataset.instance(o, behavior, 0), BOTH)
@@ -174,7 +174,7 @@ def test_unknown_labels_and_senseless_behaviors_are_not_scored(make, relabel):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"recipe": "papr"}, "did you mean 'paper'"),
+        ({"method": "papr"}, "did you mean 'paper'"),
         ({"kernel": "linear"}, "expected one of: rbf, polynomial"),
         ({"noise": 0.0}, "noise is 0.0; give a number above 0"),
         ({"ridge": float("nan")}, "ridge is nan"),
@@ -188,7 +188,7 @@ def test_settings_out_of_range_are_refused(change, message):
         PerceptionSettings(**change)
 
 
-def test_recipes_go_by_name():
+def test_settings_go_by_name():
     assert (named_settings("default"), named_settings("paper")) == (DEFAULT, PAPER)
     with pytest.raises(SettingsError, match="Unknown perception 'svm'"):
         named_settings("svm")

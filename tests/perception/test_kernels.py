@@ -54,7 +54,7 @@ def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels, s
                 levels_seen = levels_of(log_odds[o, r, e], BIN_EDGES, levels)
                 assert seen.tolist() == levels_seen.tolist()
     said = log_odds[objects][:, :, :2] != 0
-    assert said.all() if signal else not said.all()  # what is not believed says nothing
+    assert said.all() if signal else not said.all()  # others are at even odds
     rest = np.setdiff1d(np.arange(12), objects)
     assert np.isnan(log_odds[rest]).all()
     assert np.isnan(log_odds[:, :, 2:]).all()  # neither senses

@@ -16,7 +16,7 @@ from meal_bayes.perception.leave_out import (
     leave_out,
 )
 from meal_bayes.perception.settings import DEFAULT
-from meal_bayes.perception.stacking import fit_stacker, score_without
+from meal_bayes.perception.stacking import fit_stacker
 
 NOISE, RIDGE = 0.2, 0.5
 SETTINGS = replace(DEFAULT, noise=NOISE, ridge=RIDGE)
@@ -92,18 +92,7 @@ def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
     problem = kernel_problem(grams, truth, objects, NOISE)
     left_out = np.random.default_rng(seed).permutation(len(sizes))[:n_out]
     out = np.isin(objects, left_out)
-    own = np.empty((2, 2, out.sum()))
-    others = np.empty((2, 2, len(objects)))
-    score_without(
-        left_out.astype(np.int64),
-        problem.inverses,
-        problem.duals,
-        problem.targets,
-        problem.starts,
-        True,
-        own,
-        others,
-    )
+    own, others = problem.score(left_out.astype(np.int64), True)
     targets = np.where(truth, 1.0, -1.0)
     rows = np.concatenate([np.flatnonzero(objects == k) for k in left_out] + [[]]).astype(int)
     for m in range(2):

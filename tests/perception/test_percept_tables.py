@@ -22,7 +22,7 @@ from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, pe
 from meal_bayes.perception.recordings import all_recordings_of
 from meal_bayes.perception.width import learned_widths
 
-ALL = replace(DEFAULT, believable_only=False)
+ALL = replace(DEFAULT, positive_youden_only=False)
 RECIPES = pytest.mark.parametrize(
     "settings",
     [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)],
@@ -103,7 +103,7 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     assert (table.training_bins[3, known, 0, :2].sum(axis=-1) == 2).all()
     assert (table.training_bins[known, 3, 0].sum(axis=-1) == 0).all()
     # The other attribute, whose labels are all known, is as it was, but for the width they share.
-    settings = replace(settings, width=1.0 if settings.recipe == "stacked" else None)
+    settings = replace(settings, width=1.0 if settings.method == "stacked" else None)
     table = build_percept_table(relabel(dataset, labels), perception=settings)
     whole = build_percept_table(dataset, perception=settings)
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])

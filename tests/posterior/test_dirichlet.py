@@ -247,7 +247,7 @@ def test_folds_are_fitted_alone():
         (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE), prior=0), "prior must be above 0"),
         (lambda: ConfusionPosterior.from_objects(np.ones(SHAPE)), "shape .* a fold; expected"),
         (lambda: ConfusionPosterior.from_objects(np.full((2, *SHAPE), 0.5)), "whole numbers"),
-        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).forget(2), "share to keep"),
+        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).forget(2), "fraction to keep"),
         (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).interval(1), "between 0 and 1"),
         (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).update(np.ones(3)), "update needs"),
         (

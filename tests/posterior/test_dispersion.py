@@ -6,7 +6,7 @@ from scipy.stats import betabinom
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import ConfusionPosterior, fit_dispersion, row_precision
-from meal_bayes.posterior import dispersion as module
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS, RowStatistics, approximate, integrate
 
 
 def simulate(rng, s, objects=60, attributes=12, recordings=5, levels=2):
@@ -27,7 +27,7 @@ def simulate(rng, s, objects=60, attributes=12, recordings=5, levels=2):
 def by_brute_force(counts):
     """Integrate one behavior and truth (O,P,2) over s, m, mu and tau by plain sums."""
     m = (np.arange(2000) + 0.5) / 2000
-    s = module._GRID
+    s = DISPERSIONS
     attributes = counts.shape[1]
     table = np.empty((attributes, len(s), len(m)))
     for p in range(attributes):
@@ -38,7 +38,7 @@ def by_brute_force(counts):
     evidence = table.sum(axis=2)  # (P,G)
     weight = np.zeros((attributes, len(s)))
     for center in np.log(s):
-        for spread in module._TAU:
+        for spread in TAUS:
             share = np.exp(-(((np.log(s) - center) / spread) ** 2) / 2)
             share /= share.sum()
             each = (evidence * share).sum(axis=1)
@@ -176,8 +176,8 @@ def test_the_form_for_more_levels_is_nearly_exact_for_two(s):
     _, counts = simulate(np.random.default_rng(3), s, objects=8)
     rows = np.moveaxis(counts, -5, -2).reshape(-1, 8, 2)
     prior = np.ones((len(rows), 2))
-    statistics = module._statistics(rows)
-    near, exact = module._approximate(statistics, prior), module._integrate(statistics, prior)
+    statistics = RowStatistics.of(rows)
+    near, exact = approximate(statistics, prior), integrate(statistics, prior)
     shares = []
     for profile in (near, exact):
         share = np.exp(profile.log_evidence - profile.log_evidence.max(axis=1, keepdims=True))

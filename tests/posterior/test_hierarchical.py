@@ -10,10 +10,11 @@ from scipy.special import expit, logit, logsumexp
 from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import dispersion as grid
 from meal_bayes.posterior import draw_grid, fit_hierarchical
 from meal_bayes.posterior.checks import simulate
-from meal_bayes.posterior.hierarchical import build_model
+from meal_bayes.posterior.dispersion import youden
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS
+from meal_bayes.posterior.hierarchical import Sampling, build_model
 from meal_bayes.posterior.idata import convergence, to_idata
 
 NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "lift"]}
@@ -57,8 +58,8 @@ def test_same_is_the_grids_model(levels):
     counts[0, :, 0] = 0  # an object that was never looked at
     model = build_model(counts, **NAMES)
     shift, (mu, width) = rng.normal(size=(2, 2, 2)), rng.normal(size=(2, 2, 2))
-    step = np.log(grid._GRID[1] / grid._GRID[0])
-    low, high = np.log(grid._GRID[[0, -1]]) + np.array([-step / 2, step / 2])
+    step = np.log(DISPERSIONS[1] / DISPERSIONS[0])
+    low, high = np.log(DISPERSIONS[[0, -1]]) + np.array([-step / 2, step / 2])
     place = expit(logit((mu - low) / (high - low)) + np.exp(width) * shift)
     log_s, jacobian = low + (high - low) * place, (np.log(place * (1 - place)) + width).sum()
     mean = rng.dirichlet(np.ones(levels), (2, 2, 2))
@@ -67,10 +68,10 @@ def test_same_is_the_grids_model(levels):
     truth = counts.any(axis=(2, 4))[..., 1].astype(int)  # (O,P)
     expected = np.take_along_axis(scores, truth[..., None, None], axis=-1).sum()
     assert potential(model, "percepts", point) == pytest.approx(expected, rel=1e-6)
-    tau = grid._TAU
+    tau = TAUS
     a, b = ((end - mu[..., None]) / tau for end in (low, high))
     share = truncnorm.logpdf(log_s[..., None], a, b, loc=mu[..., None], scale=tau)  # (P,E,2,T)
-    votes = grid.youden(counts.sum(axis=0).astype(float)) > 0
+    votes = youden(counts.sum(axis=0).astype(float)) > 0
     pooled = (votes[..., None, None] * share).sum(axis=0) - tau**2 / 2
     mean_tau = np.exp(logsumexp(pooled, axis=-1, b=tau) - logsumexp(pooled, axis=-1))
     own = norm.logpdf(width, np.log(mean_tau), 0.3) - norm.logpdf(0, 0, 0.3)  # up to a constant
@@ -123,7 +124,7 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     found = fit_hierarchical(
-        counts, **names, draws=1000, tune=500, chains=2, cores=1, seed=4,
+        counts, **names, sampling=Sampling(1000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)

@@ -13,10 +13,11 @@ from meal_bayes import posterior
 ROOT = Path(posterior.__file__).resolve().parents[2]
 CODE = """
 import numpy as np
-from meal_bayes.posterior import fit_hierarchical
+from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 counts = np.full((3, 1, 1, 2, 2), 2)
-fit_hierarchical(counts, attributes=["heavy"], behaviors=["lift"], draws=10**7, tune=10, chains=2,
-                 cores=2, progress=lambda done, total: print(done, flush=True))
+fit_hierarchical(counts, attributes=["heavy"], behaviors=["lift"],
+                 sampling=Sampling(10**7, tune=10, chains=2, cores=2),
+                 progress=lambda done, total: print(done, flush=True))
 """
 
 

@@ -59,14 +59,14 @@ def test_object_level_beliefs_survive_repeats_where_equation_8_does_not(name, pa
 
 
 def final_log_odds(table, o, knowledge, shared):
-    """Belief (P,) after all recordings of all behaviors that tell, with or without the degree."""
+    """Belief (P,) after all recordings of all behaviors that tell, with or without the trait."""
     shown = table.levels_of(np.nan_to_num(table.log_odds[o].astype(float)), 4)  # (R,E,P)
     counts = (shown.transpose(2, 1, 0)[..., None] == np.arange(4)).sum(axis=2).astype(float)
     rows, precision = knowledge.posterior.select(range(table.labels.shape[1]))
     kinds = np.eye(2)
     if shared:
-        rows, precision = knowledge.degree.select(rows, precision)
-        kinds = knowledge.degree.kinds
+        rows, precision = knowledge.trait.select(rows, precision)
+        kinds = knowledge.trait.latent_classes
     each = [log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(len(kinds.T))]
     told = knowledge.posterior.informative[..., None]
     seen = (np.stack(each, axis=-1) * told).sum(axis=1)  # (P,C)
@@ -75,7 +75,7 @@ def final_log_odds(table, o, knowledge, shared):
 
 
 @pytest.mark.long
-def test_a_shared_degree_keeps_all_percepts_together_from_being_surer_than_right():
+def test_a_shared_trait_keeps_all_percepts_together_from_being_surer_than_right():
     table = load_percepts("cy101")
     losses = np.empty((10, 2, table.labels.shape[1]))
     for row, o in enumerate(range(0, 100, 10)):
@@ -84,5 +84,5 @@ def test_a_shared_degree_keeps_all_percepts_together_from_being_surer_than_right
         for shared in (False, True):
             odds = final_log_odds(table, o, knowledge, shared)
             losses[row, int(shared)] = np.logaddexp(0.0, -sign * odds)
-    product, degree = losses.mean(axis=(0, 2))
-    assert degree < 0.7 * product
+    product, trait = losses.mean(axis=(0, 2))
+    assert trait < 0.7 * product

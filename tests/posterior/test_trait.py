@@ -1,4 +1,4 @@
-"""The degree that all percepts of an object share: rows, evidence, how its spread is learned."""
+"""The trait that all percepts of an object share: its rows, evidence, and standard deviation."""
 
 import numpy as np
 import pytest
@@ -8,21 +8,21 @@ from hypothesis import strategies as st
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import (
     ConfusionPosterior,
-    SharedDegree,
-    learn_degree,
-    log_likelihood,
+    SharedTrait,
+    learn_trait,
     truth_evidence,
 )
+from meal_bayes.posterior.pointwise import log_likelihood
 
 OBJECTS, ATTRIBUTES, BEHAVIORS, LEVELS = 80, 6, 5, 4
 
 
-def simulate(rng, spread, objects=OBJECTS, recordings=4):
+def simulate(rng, sd, objects=OBJECTS, recordings=4):
     """Draw labels (O,P) and levels (O,P,E,K): Normal degrees, rows exponential in them."""
     truth = rng.random((objects, ATTRIBUTES)) < 0.5
-    degree = np.where(truth, 1.0, -1.0) + spread * rng.normal(size=truth.shape)
+    trait = np.where(truth, 1.0, -1.0) + sd * rng.normal(size=truth.shape)
     slope = rng.uniform(0.3, 0.6, (ATTRIBUTES, BEHAVIORS, 1)) * np.array([-3.0, -1.0, 1.0, 3.0])
-    score = degree[..., None, None] * slope
+    score = trait[..., None, None] * slope
     rows = np.exp(score - score.max(axis=-1, keepdims=True))
     levels = rng.multinomial(recordings, rows / rows.sum(axis=-1, keepdims=True))
     return truth.astype(np.int8), levels
@@ -32,98 +32,96 @@ def learned(truth, levels):
     rows = np.stack([truth == 0, truth == 1], axis=-1)
     posterior = ConfusionPosterior.from_objects(levels[:, :, :, None] * rows[:, :, None, :, None])
     rates = ((truth == 1).sum(axis=0) + 1) / ((truth >= 0).sum(axis=0) + 2)
-    return posterior, learn_degree(posterior, levels, truth, rates), rates
+    return posterior, learn_trait(posterior, levels, truth, rates), rates
 
 
-def beliefs(posterior, degree, rates, levels):
+def beliefs(posterior, trait, rates, levels):
     """Log-odds of the truth (O,P) after all percepts (O,P,E,K)."""
-    rows, precision = degree.select(*posterior.select(range(levels.shape[1])))
+    rows, precision = trait.select(*posterior.select(range(levels.shape[1])))
     seen = np.stack(
         [
             log_likelihood(levels.astype(float), rows[:, :, t], precision[:, :, t])
-            for t in range(len(degree.points))
+            for t in range(len(trait.points))
         ],
         axis=-1,
     ).sum(axis=2)
     prior = np.log(rates) - np.log1p(-rates)
-    return prior + truth_evidence(seen, np.log(np.maximum(degree.kinds, 1e-300)))
+    return prior + truth_evidence(seen, np.log(np.maximum(trait.latent_classes, 1e-300)))
 
 
 @given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.sampled_from([2, 4, 8]))
-def test_rows_mix_to_the_confusion_matrix(seed, spread, levels):
+def test_rows_mix_to_the_confusion_matrix(seed, sd, levels):
     rng = np.random.default_rng(seed)
     used = rng.dirichlet(np.full(levels, 3.0), (3, 2))
     tilt = np.linspace(-0.5, 0.5, levels)
     confusion = used[..., None, :] * np.exp(np.array([[-1.0], [1.0]]) * tilt)
     confusion /= confusion.sum(axis=-1, keepdims=True)
-    degree = SharedDegree.of_spread(spread)
-    rows, precision = degree.select(confusion, np.broadcast_to([2.0, 8.0], (3, 2, 2)))
+    trait = SharedTrait.of_sd(sd)
+    rows, precision = trait.select(confusion, np.broadcast_to([2.0, 8.0], (3, 2, 2)))
     np.testing.assert_allclose(rows.sum(axis=-1), 1.0)
-    np.testing.assert_allclose(degree.kinds @ rows, confusion, atol=1e-3)
+    np.testing.assert_allclose(trait.latent_classes @ rows, confusion, atol=1e-3)
     np.testing.assert_allclose(precision, 2.0)  # half of their geometric mean
     if levels == 2:
-        assert (
-            np.diff(rows[..., 1], axis=-1) > -1e-12
-        ).all()  # the higher the degree, the more yes
+        assert (np.diff(rows[..., 1], axis=-1) > -1e-12).all()  # the higher the trait, the more yes
 
 
 @given(st.floats(0.05, 2.0), st.integers(2, 15))
-def test_truths_are_mirrored_on_points_that_they_share(spread, points):
-    degree = SharedDegree.of_spread(spread, points)
-    np.testing.assert_allclose(degree.points, -degree.points[::-1], atol=1e-12)
-    np.testing.assert_allclose(degree.kinds[0], degree.kinds[1, ::-1], atol=1e-12)
-    np.testing.assert_allclose(degree.kinds.sum(axis=1), 1.0)
-    assert (degree.kinds[1] @ degree.points) > 0
+def test_truths_are_mirrored_on_points_that_they_share(sd, points):
+    trait = SharedTrait.of_sd(sd, points)
+    np.testing.assert_allclose(trait.points, -trait.points[::-1], atol=1e-12)
+    np.testing.assert_allclose(trait.latent_classes[0], trait.latent_classes[1, ::-1], atol=1e-12)
+    np.testing.assert_allclose(trait.latent_classes.sum(axis=1), 1.0)
+    assert (trait.latent_classes[1] @ trait.points) > 0
 
 
 def test_pairs_that_say_nothing_stay_silent():
     confusion = np.broadcast_to([0.1, 0.2, 0.3, 0.4], (1, 1, 2, 4))
-    rows, _ = SharedDegree.of_spread(0.5).select(confusion, np.full((1, 1, 2), 3.0))
+    rows, _ = SharedTrait.of_sd(0.5).select(confusion, np.full((1, 1, 2), 3.0))
     np.testing.assert_allclose(rows[0, 0], np.tile([0.1, 0.2, 0.3, 0.4], (9, 1)), atol=1e-6)
 
 
 def test_exactly_known_rows_stay_so():
-    _, precision = SharedDegree.of_spread(0.5).select(
-        np.full((1, 2, 2), 0.5), np.full((1, 2), np.inf)
-    )
+    _, precision = SharedTrait.of_sd(0.5).select(np.full((1, 2, 2), 0.5), np.full((1, 2), np.inf))
     assert np.isinf(precision).all()
 
 
-def test_no_number_of_percepts_outweighs_the_degree():
-    """Percepts single out a degree; what that says of the truth is all they can say."""
-    degree = SharedDegree.of_spread(0.6)
+def test_no_number_of_percepts_outweighs_the_trait():
+    """Percepts single out a trait; what that says of the truth is all they can say."""
+    trait = SharedTrait.of_sd(0.6)
     confusion, known = np.array([[[[0.7, 0.3], [0.3, 0.7]]]]), np.full((1, 1, 2), np.inf)
-    rows, precision = degree.select(confusion, known)
+    rows, precision = trait.select(confusion, known)
     found = []
     for n in (1, 10, 100, 10**6):
         counts = np.array([[[[0.0, float(n)]]]])
         seen = [log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(9)]
-        found.append(truth_evidence(np.stack(seen, -1), np.log(degree.kinds)).item())
+        found.append(truth_evidence(np.stack(seen, -1), np.log(trait.latent_classes)).item())
     assert found[0] == pytest.approx(np.log(7 / 3), rel=1e-3)  # a first percept: Eq. 8
     assert (np.diff(found) > 0).all()
-    assert found[-1] == pytest.approx(np.log(degree.kinds[1, -1] / degree.kinds[0, -1]))
+    assert found[-1] == pytest.approx(
+        np.log(trait.latent_classes[1, -1] / trait.latent_classes[0, -1])
+    )
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("spread", [0.3, 0.6, 1.0])
-def test_the_spread_of_simulated_objects_is_recovered(spread):
+@pytest.mark.parametrize("sd", [0.3, 0.6, 1.0])
+def test_the_sd_of_simulated_objects_is_recovered(sd):
     """On average over made-up data sets, but for what the rows, learned from the same, take."""
     rngs = [np.random.default_rng(seed) for seed in range(3, 6)]
-    found = [learned(*simulate(rng, spread, objects=400))[1].spread for rng in rngs]
-    assert 0.84 * spread < np.mean(found) < spread
+    found = [learned(*simulate(rng, sd, objects=400))[1].sd for rng in rngs]
+    assert 0.84 * sd < np.mean(found) < sd
 
 
 @pytest.mark.statistical
 def test_new_objects_are_judged_better_than_if_behaviors_erred_alone():
     rng = np.random.default_rng(4)
     truth, levels = simulate(rng, 0.8)
-    posterior, degree, rates = learned(truth, levels)
-    independent = SharedDegree(0.0, np.array([-1.0, 1.0]), np.eye(2))
+    posterior, trait, rates = learned(truth, levels)
+    independent = SharedTrait(0.0, np.array([-1.0, 1.0]), np.eye(2))
     new_truth, new = simulate(rng, 0.8, objects=600)
     sign = np.where(new_truth == 1, 1.0, -1.0)
     nll = [
         np.logaddexp(0, -sign * beliefs(posterior, d, rates, new)).mean()
-        for d in (degree, independent)
+        for d in (trait, independent)
     ]
     assert nll[0] < nll[1] - 0.05
 
@@ -132,20 +130,20 @@ def test_unknown_labels_and_silent_objects_teach_nothing():
     truth, levels = simulate(np.random.default_rng(5), 0.7, objects=30)
     unknown, silent, relabelled = truth.copy(), levels.copy(), truth.copy()
     unknown[20:], silent[20:], relabelled[20:] = -1, 0, 1 - truth[20:]
-    posterior, degree, rates = learned(unknown, levels)
+    posterior, trait, rates = learned(unknown, levels)
     for labels, shown in ((unknown, silent), (truth, silent), (relabelled, silent)):
-        assert learn_degree(posterior, shown, labels, rates).spread == degree.spread
-    assert learn_degree(posterior, levels, relabelled, rates).spread != degree.spread
+        assert learn_trait(posterior, shown, labels, rates).sd == trait.sd
+    assert learn_trait(posterior, levels, relabelled, rates).sd != trait.sd
 
 
-def test_where_nothing_is_said_a_typical_spread_is_taken():
+def test_a_typical_sd_is_used_where_nothing_can_be_learned():
     truth, levels = simulate(np.random.default_rng(6), 0.7, objects=6)
-    assert learned(truth, np.zeros_like(levels))[1].spread == 0.5
+    assert learned(truth, np.zeros_like(levels))[1].sd == 0.5
     flat = np.ones_like(levels)
-    assert learned(truth, flat)[1].spread == 0.5
+    assert learned(truth, flat)[1].sd == 0.5
 
 
-@pytest.mark.parametrize(("spread", "points"), [(0.0, 9), (-1.0, 9), (np.nan, 9), (0.5, 1)])
-def test_a_degree_needs_a_spread_and_points(spread, points):
-    with pytest.raises(SettingsError, match="a spread above 0 and 2 points"):
-        SharedDegree.of_spread(spread, points)
+@pytest.mark.parametrize(("sd", "points"), [(0.0, 9), (-1.0, 9), (np.nan, 9), (0.5, 1)])
+def test_a_trait_needs_a_standard_deviation_and_points(sd, points):
+    with pytest.raises(SettingsError, match="a standard deviation above 0"):
+        SharedTrait.of_sd(sd, points)

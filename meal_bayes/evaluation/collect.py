@@ -1,4 +1,4 @@
-"""What a report needs of many trials: their outcomes, and of the worst ones the whole trial."""
+"""Outcomes of all trials of a report, and whole trials of those with the lowest reward."""
 
 import heapq
 from collections.abc import Mapping
@@ -15,44 +15,45 @@ WORST = 10  # trials that are kept whole
 
 
 class Batch(NamedTuple):
-    """Where a file of an online run belongs."""
+    """Place of a file in an online run."""
 
     number: int
     part: str  # "train" or "test"
 
 
-class Place(NamedTuple):
-    """Where a trial stands."""
+class Worst(NamedTuple):
+    """One of the trials with the lowest reward.
+
+    Attributes
+    ----------
+    number : of the trial in its file.
+    outcome : one row.
+    trial : None of a compact log.
+    """
 
     file: Path
-    number: int  # in the file
+    number: int
+    outcome: TrialOutcomes
+    trial: Trial | None
 
 
-class Bad(NamedTuple):
-    """One of the worst trials."""
-
-    place: Place
-    outcome: TrialOutcomes  # one row
-    trial: Trial | None  # None of a compact log
-
-
-class Tally:
-    """Collects groups of trials as they are read."""
+class Collected:
+    """What has been read of the logs of a report."""
 
     def __init__(self) -> None:
         self.trials = 0
         self._parts: list[TrialOutcomes] = []
         self._batches: list[Batch | None] = []  # of the parts
-        self._worst: list[tuple[float, int, Bad]] = []  # a heap, the least bad first
+        self._worst: list[tuple[float, int, Worst]] = []  # a heap, the least bad first
 
     def add(self, group: Group) -> None:
-        """Count a group, and keep its worst trials."""
+        """Add a group, and keep its worst trials."""
         outcomes = group.outcomes
         badness = np.where(outcomes.judged, outcomes.certainty - outcomes.reward, -np.inf)
         for row in np.argsort(-badness, kind="stable")[:WORST].tolist():
             if badness[row] > -np.inf:
                 trial = group.trials[row] if group.trials else None
-                bad = Bad(Place(group.file, group.places[row]), outcomes.rows([row]), trial)
+                bad = Worst(group.file, group.places[row], outcomes.rows([row]), trial)
                 item = (float(badness[row]), -self.trials - row, bad)
                 if len(self._worst) < WORST:
                     heapq.heappush(self._worst, item)
@@ -63,7 +64,7 @@ class Tally:
         self.trials += len(outcomes)
 
     @property
-    def worst(self) -> list[Bad]:
+    def worst(self) -> list[Worst]:
         """The trials with the lowest reward; of equals, those that were surest, then the first."""
         return [bad for _, _, bad in sorted(self._worst, key=lambda item: item[:2], reverse=True)]
 

@@ -1,0 +1,99 @@
+"""Axes in one style, their legend, and files of them; what all figures are drawn on.
+
+Colors are Okabe and Ito's, which color-blind readers can distinguish. No pyplot, no global state.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.files import write_whole
+
+__all__ = [
+    "COLORS",
+    "GRAY",
+    "MARKERS",
+    "Axes",
+    "axes_to_draw",
+    "legend",
+    "name_axes",
+    "save",
+    "svg",
+]
+COLORS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B7A500"
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+GRAY = "#7A7A7A"
+_FORMATS = (".png", ".pdf", ".svg")
+_STYLE: Any = {  # names of matplotlib's settings
+    "text.parse_math": False,  # names are data: a dollar sign in them is a dollar sign
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 8),
+    **dict.fromkeys(("axes.labelsize", "font.size"), 9),
+    "axes.titlesize": 10,
+    "axes.axisbelow": True,
+    "font.family": "sans-serif",
+    "svg.fonttype": "path",  # looks the same where the font is missing
+    "svg.hashsalt": "meal_bayes",  # equal figures are equal files
+    "pdf.fonttype": 42,
+}
+
+
+@contextlib.contextmanager
+def axes_to_draw(ax: Axes | None, *, width: float = 4.8, height: float = 2.9) -> Iterator[Axes]:
+    """Yield `ax`, or the Axes of a new figure (inches), in our style while the block runs."""
+    with mpl.rc_context(_STYLE):
+        if ax is None:
+            figure = Figure(figsize=(width, height))
+            figure.set_layout_engine("constrained")
+            FigureCanvasAgg(figure)
+            ax = figure.subplots()
+        yield ax
+
+
+def name_axes(ax: Axes, x_label: str, y_label: str, *, grid: str = "both") -> None:
+    """Set the labels, with a grid along "x", "y" or "both"."""
+    ax.set(xlabel=x_label, ylabel=y_label)
+    ax.grid(axis=grid, color="#E6E6E6", lw=0.7)  # type: ignore[arg-type]
+    ax.tick_params(length=2.5)
+
+
+def legend(ax: Axes, count: int, *, above: bool = False) -> None:
+    """Add the legend of more than one entry, `above` the axes or in them."""
+    if count > 1 and above:
+        columns = min(count, 4)
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0)
+    elif count > 1:
+        ax.legend(loc="best", ncols=1 if count < len(COLORS) else 2)
+
+
+def save(ax: Axes, path: str | Path) -> Path:
+    """Write the figure of an Axes as PNG, PDF or SVG, as the name ends; equal ones equally."""
+    path = Path(path)
+    if path.suffix not in _FORMATS:
+        raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
+    write_whole(path, _drawn(ax, path.suffix[1:]))
+    return path
+
+
+def svg(ax: Axes) -> str:
+    """Return the figure of an Axes as SVG text."""
+    return _drawn(ax, "svg").decode()
+
+
+def _drawn(ax: Axes, kind: str) -> bytes:
+    dates = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    buffer = io.BytesIO()
+    figure = cast("Figure", ax.get_figure(root=True))
+    with mpl.rc_context(_STYLE):
+        figure.savefig(buffer, format=kind, dpi=160, metadata=dates[kind])
+    return buffer.getvalue()
