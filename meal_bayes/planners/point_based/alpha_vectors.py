@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
@@ -35,20 +35,6 @@ class AlphaVectors:
                 f"Alpha vectors of shape {shape} with {x.shape} x and {action.shape} actions; "
                 "expected (V,Y), (V,) and (V,), with V at least 1."
             )
-
-    def at(self, x: int) -> "AlphaVectors":
-        """Select the plans that begin at x; `SettingsError` where there are none."""
-        rows = self.x == x
-        return AlphaVectors(self.vectors[rows], self.x[rows], self.action[rows])
-
-    def value(self, belief: ArrayLike, x: int = 0) -> float:
-        """Compute the value of a belief (Y,) at x."""
-        return float((self.at(x).vectors @ np.asarray(belief)).max())
-
-    def best_action(self, belief: ArrayLike, x: int = 0) -> int:
-        """Return the first action of the best plan for a belief (Y,) at x."""
-        here = self.at(x)
-        return int(here.action[(here.vectors @ np.asarray(belief)).argmax()])
 
 
 @dataclass(frozen=True, slots=True)
