@@ -67,7 +67,7 @@ class Model(NamedTuple):
 
     confusion: Array  # (P,E,C,K)
     precision: Array  # (P,E,C)
-    kinds: Array  # (2,C) Pr(kind | truth)
+    latent_classes: Array  # (2,C) Pr(class | truth)
 
 
 class Fold(NamedTuple):
@@ -99,7 +99,7 @@ def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]
             soft = np.array([[1 - epsilon, epsilon], [epsilon, 1 - epsilon]])
             models[graded] = Model(rows, precision, np.eye(2))
             models[f"{graded}, latent class"] = Model(rows, precision, soft)
-            if levels == 2:  # noqa: PLR2004
+            if levels == 2:
                 paper = ConfusionPosterior.from_counts(posterior.counts)
                 exact, known = paper.select(columns, exact=True)
                 models["counts"] = Model(exact, known, np.eye(2))
@@ -131,14 +131,14 @@ def log_odds(model: Model, shown: NDArray[np.int64], prior: Array, used: Array |
     seen = np.stack(
         [
             log_likelihood(counts, model.confusion[:, :, c], model.precision[:, :, c])
-            for c in range(model.kinds.shape[1])
+            for c in range(model.latent_classes.shape[1])
         ],
         axis=-1,
     )  # (S,P,E,C)
-    log_kinds = np.log(np.maximum(model.kinds, 1e-300))
+    log_classes = np.log(np.maximum(model.latent_classes, 1e-300))
     if used is None:
-        return np.asarray(prior[:, None] + truth_evidence(seen, log_kinds))
-    return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_kinds))
+        return np.asarray(prior[:, None] + truth_evidence(seen, log_classes))
+    return np.asarray(prior + truth_evidence((seen * used[..., None]).sum(axis=2), log_classes))
 
 
 def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
@@ -213,7 +213,7 @@ def score(
         "brier": float(brier(positive, truth).mean()),
         "ece": calibration_error(positive, truth),
         "ece_calibrated": expected_calibration_error(positive, stream(0, "calibrated belief")),
-        "accuracy": float(((positive > 0.5) == truth).mean()),  # noqa: PLR2004
+        "accuracy": float(((positive > 0.5) == truth).mean()),
     }
 
 

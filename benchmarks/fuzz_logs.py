@@ -191,7 +191,7 @@ def _garble(message: Any, name: str, rng: random.Random) -> None:
     value = rng.choice(kinds[field.type])
     if not many:
         setattr(message, name, value)
-    elif rng.random() < 0.5 and len(old):  # noqa: PLR2004  a coin
+    elif rng.random() < 0.5 and len(old):  # a coin
         old[rng.randrange(len(old))] = value
     else:
         old.extend([value] * rng.choice((1, 2, 1000)))

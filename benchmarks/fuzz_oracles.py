@@ -205,7 +205,7 @@ def _transitions(path: Path, found: Any) -> dict[tuple[int, int, int], float]:
     cells: dict[tuple[int, int, int], float] = {}
     for line in text.split("\n"):
         words = line.partition("#")[0].replace(":", " : ").split()
-        plain = len(words) == 8 and words[0] == "T" and [words[i] for i in (1, 3, 5)] == [":"] * 3  # noqa: PLR2004
+        plain = len(words) == 8 and words[0] == "T" and [words[i] for i in (1, 3, 5)] == [":"] * 3
         if words[:1] == ["T"] and not plain:
             return {}  # not as the package writes them
         if plain:

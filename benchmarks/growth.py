@@ -91,7 +91,7 @@ def rows_of(axis: str, task: str, most: int) -> list[dict[str, object]]:
 
 def exponent(axis: str, rows: list[dict[str, object]]) -> float | None:
     """Return the slope of log CPU time over log size; None of a single size."""
-    if len(rows) < 2:  # noqa: PLR2004
+    if len(rows) < 2:
         return None
     (low, first), (high, last) = (
         (float(row[axis]), max(float(row["cpu_seconds"]), 0.01)) for row in (rows[0], rows[-1])

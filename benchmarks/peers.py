@@ -124,7 +124,7 @@ class _Tables:
         self.move = [
             [list(accumulate(row)) for row in momdp.transition[e].tolist()] for e in range(n_e)
         ]
-        possible = momdp.informative * (momdp.transition > 0)
+        possible = momdp.observation_probability * (momdp.transition > 0)
         self.comes = possible.max(axis=1).tolist()  # (E,X) by x'
         self.percept = [
             [list(accumulate(row)) for row in percept_probabilities(momdp, e).tolist()]

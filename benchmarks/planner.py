@@ -276,7 +276,7 @@ def parse() -> argparse.Namespace:
     options.models = options.models or (("A1", "A2") if options.quick else MODELS)
     options.policies = options.policies or (QUICK if options.quick else None)
     options.episodes = options.episodes or (200 if options.quick else 2000)
-    if options.episodes < 2 or options.jobs < 1:  # noqa: PLR2004
+    if options.episodes < 2 or options.jobs < 1:
         parser.error("give 2 episodes or more, and 1 job or more")
     return options
 

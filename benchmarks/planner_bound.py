@@ -77,7 +77,7 @@ def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
         confusion=momdp.confusion[some],
         precision=momdp.precision[some],
         prior=momdp.prior[some],
-        kinds=momdp.kinds[some],
+        latent_classes=momdp.latent_classes[some],
         counts=momdp.counts[some],
         bonus=bonus,
     )

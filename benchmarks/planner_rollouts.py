@@ -75,7 +75,7 @@ def simulate(
     believed = momdp if believed is None else believed
     if believed.query != momdp.query or believed.behavior_names != momdp.behavior_names:
         raise SettingsError("`believed` must have the attributes and behaviors of `momdp`.")
-    if episodes < 2:  # noqa: PLR2004
+    if episodes < 2:
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
     rows = []
     for luck in rng.spawn(episodes):
@@ -120,7 +120,7 @@ def _episode(
             total += scale * float(world.report_reward(right))
             won = bool((report == true).all())
             return total, float(right.prod()), won, paid, False, step + 1, simulations, cpu
-        x, percept = _execute(world, known.x, action, rows, known.seen[0], world_rng)
+        x, percept = _execute(world, known.x, action, rows, known.percept_counts[0], world_rng)
         cost = world.step_cost(known.x, action, x)
         total, paid = total - scale * cost, paid + cost
         scale *= world.discount
@@ -142,7 +142,7 @@ def _object(
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
     each = np.arange(len(true))
-    latent = [_draw(world.kinds[i, v], rng) for i, v in enumerate(true.astype(int))]
+    latent = [_draw(world.latent_classes[i, v], rng) for i, v in enumerate(true.astype(int))]
     mean, precision = world.confusion[each, :, latent], world.precision[each, :, latent]
     return true, sample_rows(mean, precision, 0.0, rng)
 
@@ -157,7 +157,7 @@ def _execute(
 ) -> tuple[int, NDArray[np.int8] | None]:
     """Draw the next x and the percept (N,), None where nothing is perceived."""
     next_x = _draw(world.transition[action, x], rng)
-    comes = rng.random() < world.informative[action, x, next_x]
+    comes = rng.random() < world.observation_probability[action, x, next_x]
     if not comes or seen[action].sum() >= world.limit[action]:
         return next_x, None
     above = rows[:, action].cumsum(axis=1) <= rng.random(len(rows))[:, None]

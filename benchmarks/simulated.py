@@ -84,7 +84,7 @@ def answers_about(
             start = time.process_time()
             trial = ask_new(learner, Query((attribute,)), seed, number)
             cpu = time.process_time() - start
-            truth = rng.random() < 0.5 if random_labels else bool(trial.truth[0])  # noqa: PLR2004
+            truth = rng.random() < 0.5 if random_labels else bool(trial.truth[0])
             right = trial.report is not None and bool(trial.report[0]) == truth
             positive = float(trial.last_belief.positive[0])
             answer = (number, attribute, right, trial.cost, trial.reward, positive, truth, cpu)
@@ -176,7 +176,7 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
     told = {}
     for name in ORDER:
         said = table.log_odds[:, :, data.domain.behavior_index(name), column].astype(float)
-        known, yes = ~np.isnan(said), said > 0.004  # noqa: PLR2004  the yes/no threshold
+        known, yes = ~np.isnan(said), said > 0.004  # the yes/no threshold
         counts = [
             [int((known & (truth[:, None] == t) & (yes == spoken)).sum()) for spoken in (0, 1)]
             for t in (0, 1)

@@ -49,7 +49,7 @@ def synthetic(agent: str, repeat: int, batch: int, trials: int) -> TrialOutcomes
     o = rng.integers(OBJECTS, size=trials)
     names = np.array(domain.attributes, object)
     positive = rng.beta(0.5, 0.5, (trials, ASKED))
-    truth, report = rng.random(positive.shape) < positive, positive > 0.5  # noqa: PLR2004
+    truth, report = rng.random(positive.shape) < positive, positive > 0.5
     executed = rng.poisson(0.7, (trials, len(behaviors)))
     cost = executed @ np.array([behavior.cost for behavior in domain.behaviors])
     right = (truth == report).all(axis=1)

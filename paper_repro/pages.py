@@ -143,7 +143,7 @@ def _outcomes(statement: Mapping[str, Any]) -> str:
 
 
 def _minutes(seconds: float) -> str:
-    return "< 1" if seconds < 60 else f"{seconds / 60:.0f}"  # noqa: PLR2004  a minute
+    return "< 1" if seconds < 60 else f"{seconds / 60:.0f}"  # a minute
 
 
 def _text(cell: Any) -> str:

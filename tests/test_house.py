@@ -1,7 +1,4 @@
-"""Rules of the house: sizes of files and functions, first lines of docstrings, the field's words.
-
-`PENDING` lists the places that do not yet keep a rule; nothing may be added to it.
-"""
+"""Rules of the house: sizes of files and functions, first lines of docstrings, the field's words."""
 
 import ast
 import re
@@ -42,16 +39,6 @@ _PRIVATE = """
 """
 PRIVATE = frozenset(_PRIVATE.split())
 
-# Rule -> files (or folders, ending in "/"), relative to the package, that do not keep it yet.
-_MOST_ROOMS = {
-    "domain/", "momdp/", "planners/",
-}  # fmt: skip
-PENDING: dict[str, set[str]] = {
-    "functions": {"momdp/build.py"},
-    "parameters": {"momdp/build.py"},
-    "verbs": _MOST_ROOMS,
-    "words": _MOST_ROOMS,
-}  # fmt: skip
 # What users call with settings by name.
 MANY_PARAMETERS = frozenset(
     {"gym/environment.py:__init__", "learner/api.py:ask", "learner/learner.py:__init__"}
@@ -69,11 +56,6 @@ def tree_of(path: Path) -> ast.Module:
 
 def name_of(path: Path) -> str:
     return path.relative_to(PACKAGE).as_posix()
-
-
-def pending(rule: str, path: Path) -> bool:
-    name = name_of(path)
-    return any(name == one or (one.endswith("/") and name.startswith(one)) for one in PENDING[rule])
 
 
 def functions(path: Path) -> Iterator[Function]:
@@ -156,16 +138,7 @@ def test_no_file_is_longer_than_the_limit():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_every_file_keeps_the_rule(rule):
-    checked = [path for path in files() if not pending(rule, path)]
-    assert [found for path in checked for found in RULES[rule](path)] == []
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_pending_places_exist_and_break_the_rule(rule):
-    """A place that keeps the rule, or is gone, must leave the list."""
-    for one in PENDING[rule]:
-        place = [path for path in files() if name_of(path) == one or name_of(path).startswith(one)]
-        assert [found for path in place for found in RULES[rule](path)], one
+    assert [found for path in files() for found in RULES[rule](path)] == []
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ class Agent:
     abstain : its planner may end a trial by an illegal behavior.
     discount : of a step, in planning only; 1 plans for the reward that is reported.
     observation_model : of one's own: takes knowledge and the positions of the N queried attributes,
-        returns `confusion` (N,E,C,K), `precision` (N,E,C), and Pr(class given truth) (N,2,C), or
-        None for classes that are the truth (see `build_momdp`). By the flags above otherwise.
+        returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes` (N,2,C), or None for
+        latent classes that are the truth (see `build_momdp`). By the flags above otherwise.
     exploration : bonus of training trials online.
     memory : it recognizes objects.
     whiten : it learns from repeats which differences of features do not depend on the object.
@@ -96,7 +96,7 @@ class Agent:
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
-        confusion, precision, classes = (self.observation_model or self._observation)(
+        confusion, precision, latent_classes = (self.observation_model or self._observation)(
             knowledge, columns
         )
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
@@ -111,7 +111,7 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
-            kinds=classes,
+            latent_classes=latent_classes,
             discount=self.discount,
             abstain=self.abstain,
             counts=knowledge.posterior.counts[columns],

@@ -156,7 +156,7 @@ class Experience:
             if e >= len(domain.behaviors):
                 continue
             perceived = step.observation is not None
-            before = step.belief.seen[0, e].sum() - perceived
+            before = step.belief.percept_counts[0, e].sum() - perceived
             # When all recordings are used, a loop that succeeds looks as one that fails.
             if trial.momdp.legal[step.x, e] and before < trial.momdp.limit[e]:
                 attempts[e, int(perceived or step.next_x != step.x)] += 1

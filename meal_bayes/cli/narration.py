@@ -139,7 +139,7 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
         action = step.decision.action
         if action >= momdp.n_behaviors:
             continue
-        percepts = ["-" if momdp.informative[action].max() > 0 else ""] * len(names)
+        percepts = ["-" if momdp.observation_probability[action].max() > 0 else ""] * len(names)
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation, _SILENT)
         silent |= _SILENT in percepts
@@ -191,7 +191,7 @@ def verdict_style(trial: "Trial") -> dict[str, str]:
 def bar(p: float, signs: Signs) -> Text:
     """Draw a probability; green where the attribute would be reported."""
     full = round(p * _BAR)
-    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")  # noqa: PLR2004
+    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")
     return line.append(signs.empty * (_BAR - full), "dim")
 
 
@@ -205,9 +205,9 @@ def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
         return f"succeeded, {path}"
     if step.warning:
         return f"{path}; the features are no percept"
-    if momdp.informative[action].max() <= 0:
+    if momdp.observation_probability[action].max() <= 0:
         return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
-    if step.belief.seen[0, action].sum() >= momdp.limit[action]:
+    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
         return f"{path}, but no recording is left to replay"
     return f"failed, {path}; nothing perceived"
 

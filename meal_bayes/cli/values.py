@@ -69,7 +69,7 @@ class Shares(click.ParamType[Any]):
         if isinstance(value, tuple):
             return value
         parts = value.split("/")
-        if len(parts) != 3 or not all(_WHOLE.fullmatch(p) and 0 < int(p) <= 10**6 for p in parts):  # noqa: PLR2004
+        if len(parts) != 3 or not all(_WHOLE.fullmatch(p) and 0 < int(p) <= 10**6 for p in parts):
             self.fail(
                 f"split is {value!r}; give three whole numbers above 0, such as 33/33/34.",
                 param, ctx,

@@ -100,7 +100,7 @@ def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArra
     for number, cells in read_rows(path):
         if cells == ["object", "words"]:
             continue
-        if len(cells) != 2:  # noqa: PLR2004  object, words
+        if len(cells) != 2:  # object, words
             expected = 'object,"word, word, ..."'
             raise bad_line(path, number, f"{len(cells)} columns", expected, "quote the words")
         name, listed = cells[0], cells[1].split(", ")

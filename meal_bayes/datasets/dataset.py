@@ -91,7 +91,7 @@ class Dataset:
                 if context not in self.features:
                     raise DataError(f"No features of {context}; the domain promises them.")
                 values = freeze(self.features[context], np.float32)
-                if values.ndim != 3 or values.shape[0] != len(self.objects):  # noqa: PLR2004
+                if values.ndim != 3 or values.shape[0] != len(self.objects):
                     raise DataError(
                         f"Features of {context} have shape {values.shape}; "
                         f"expected (objects = {len(self.objects)}, recordings, features)."

@@ -91,7 +91,7 @@ def _numbers(rows: Any, context: tuple[str, str]) -> NDArray[np.float32]:
         values = np.asarray(rows, dtype=np.float32)
     except (TypeError, ValueError) as fault:
         raise DataError(f"Features of {context} are not numbers: {fault}.") from None
-    if values.ndim != 2:  # noqa: PLR2004
+    if values.ndim != 2:
         raise DataError(
             f"Recordings of {context} have shape {values.shape}; expected (recordings, features)."
         )

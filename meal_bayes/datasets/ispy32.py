@@ -52,7 +52,7 @@ def _read_objects(path: Path) -> dict[str, str]:
     numbers: dict[str, str] = {}
     for line, cells in read_rows(path):
         expected = f"name,{len(numbers) + 1}"
-        if len(cells) != 2 or cells[1] != str(len(numbers) + 1):  # noqa: PLR2004  name, number
+        if len(cells) != 2 or cells[1] != str(len(numbers) + 1):  # name, number
             raise bad_line(path, line, f"{','.join(cells)[:60]!r}", expected, "restore the row")
         numbers[cells[1]] = cells[0]
     return numbers

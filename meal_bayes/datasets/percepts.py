@@ -24,7 +24,7 @@ def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
     SettingsError : K is odd, or does not divide L.
     """
     bins = len(edges) + 1
-    if levels < 2 or levels % 2 or bins % levels:  # noqa: PLR2004
+    if levels < 2 or levels % 2 or bins % levels:
         fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
         raise SettingsError(f"Percepts of {levels} levels; expected one of {fitting}.")
     step = bins // levels

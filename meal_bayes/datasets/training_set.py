@@ -40,7 +40,7 @@ class TrainingSet:
         columns = [self.object, self.behavior, self.recording]
         keys = np.array(columns, dtype=np.int32).reshape(3, -1).T  # (n,3)
         labels = np.asarray(self.labels, dtype=np.int8)
-        if labels.ndim != 2 or len(labels) != len(keys):  # noqa: PLR2004  (n,P)
+        if labels.ndim != 2 or len(labels) != len(keys):  # (n,P)
             raise DataError(
                 f"Labels have shape {labels.shape}; expected ({len(keys)}, attributes), "
                 "a row for each instance."

@@ -17,27 +17,50 @@ ANY_STATE = "*"
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One arrow of a diagram; what its probability leaves over keeps x and shows nothing."""
+    """One arrow of a diagram; with the remaining probability x stays and no percept comes.
 
-    source: str  # a state, or "*": every state but term
+    Attributes
+    ----------
+    source : a state, or "*" for every state but `term`.
+    behavior : name of the behavior.
+    target : a state, or "*" for the source itself.
+    probability : Pr(target | source, behavior).
+    senses : whether the arrow gives a percept, if the behavior has modalities.
+    """
+
+    source: str
     behavior: str
-    target: str  # a state, or "*": the source itself
+    target: str
     probability: float = 1.0
-    senses: bool = True  # does this arrow give a percept (if the behavior has modalities)?
+    senses: bool = True
 
 
 class TransitionArrays(NamedTuple):
-    """A diagram compiled for a list of behaviors."""
+    """A diagram compiled for a list of behaviors.
 
-    transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior); illegal rows as `illegal` says
-    informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x'); a loop that
-    # may fail has less than 1 on its diagonal, as x' alone does not tell success from failure
-    legal: NDArray[np.bool_]  # (X,E)
+    Attributes
+    ----------
+    transition : (E,X,X) Pr(x' | x, behavior); illegal rows follow `TransitionDiagram.illegal`.
+    observation_probability : (E,X,X) Pr(a percept comes | behavior, x, x'). It is below 1 on the
+        diagonal where a behavior that keeps x may fail.
+    legal : (X,E) whether a behavior can be executed.
+    """
+
+    transition: NDArray[np.float64]
+    observation_probability: NDArray[np.float64]
+    legal: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class TransitionDiagram:
     """States x, where a trial starts, and what behaviors do; `term` is always the last state.
+
+    Attributes
+    ----------
+    states : (X,) names, the last is "term".
+    start : state at the start of a trial.
+    effects : the arrows.
+    illegal : what an illegal behavior does, "terminate" or "stay".
 
     Raises
     ------
@@ -45,10 +68,10 @@ class TransitionDiagram:
         than one, the same arrow twice, or a state that no behavior ever reaches.
     """
 
-    states: tuple[str, ...]  # (X,) names, the last is "term"
+    states: tuple[str, ...]
     start: str
     effects: tuple[Effect, ...]
-    illegal: str = "terminate"  # or "stay": what an illegal behavior does
+    illegal: str = "terminate"
 
     __repr__ = short_repr
 
@@ -105,7 +128,7 @@ class TransitionDiagram:
         return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
 
     def success(self, effect: Effect) -> float:
-        """Probability that a behavior succeeds in a source, whichever of its outcomes comes."""
+        """Return Pr(a behavior succeeds in a source), summed over its outcomes."""
         same = (
             o for o in self.effects if (o.source, o.behavior) == (effect.source, effect.behavior)
         )
@@ -122,7 +145,7 @@ class TransitionDiagram:
         return {name: target for name, (_, target) in likeliest.items()}
 
     def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":
-        """Change how often behaviors succeed; outcomes keep their shares.
+        """Change how often behaviors succeed; the outcomes of a success stay as likely as before.
 
         Parameters
         ----------
@@ -158,8 +181,12 @@ class TransitionDiagram:
         stays = np.arange(size)
         transition[:, stays, stays] += np.where(ends, 0.0, rest)
         transition[:, :, end] += np.where(ends, rest, 0.0)
-        informative = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
-        return TransitionArrays(freeze(transition), freeze(informative), freeze(legal, np.bool_))
+        observation_probability = np.divide(
+            sensed, transition, out=np.zeros_like(sensed), where=transition > 0
+        )
+        return TransitionArrays(
+            freeze(transition), freeze(observation_probability), freeze(legal, np.bool_)
+        )
 
 
 def _check_effect(effect: Effect, states: tuple[str, ...]) -> None:

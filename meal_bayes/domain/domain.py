@@ -16,12 +16,20 @@ _SHOWN = 40  # names that a message lists at most
 
 @dataclass(frozen=True, slots=True)
 class Behavior:
-    """An exploratory behavior a; one without modalities (reinit) only changes x."""
+    """An exploratory behavior a; one without modalities (reinit) only changes x.
+
+    Attributes
+    ----------
+    name : as in the diagram.
+    cost : s.
+    modalities : Gamma(a), Eq. 1.
+    answer_accuracy : Pr(a person's whole answer is right), of behaviors that ask; else None.
+    """
 
     name: str
-    cost: float  # s
-    modalities: tuple[str, ...] = ()  # Gamma(a), Eq. 1
-    answer_accuracy: float | None = None  # `ask`: Pr(a person's whole answer is right)
+    cost: float
+    modalities: tuple[str, ...] = ()
+    answer_accuracy: float | None = None
 
     @property
     def senses(self) -> bool:
@@ -33,6 +41,20 @@ class Behavior:
 class Domain:
     """Everything that is known of robot and vocabulary before any data.
 
+    Attributes
+    ----------
+    name : of the domain.
+    attributes : (P,) what can be asked.
+    behaviors : (E,) what the robot can do.
+    diagram : where behaviors lead.
+    data : the data set whose recordings fit this domain; by default the one of its name.
+    groups : attributes that exclude each other, by the group's name.
+    synonyms : other word -> attribute.
+    predefined : the behavior sequence of the Predefined baselines.
+    report_reward : r+ = -r- in Eq. 4.
+    legal_budget : s, Random Legal's, by len(query).
+    asked_minimum : experiments ask attributes with more than this many objects of each value.
+
     Raises
     ------
     DomainError : repeated names, costs that are no time, a reward that is not finite, effects of
@@ -41,25 +63,25 @@ class Domain:
     """
 
     name: str
-    attributes: tuple[str, ...]  # (P,)
-    behaviors: tuple[Behavior, ...]  # (E,)
+    attributes: tuple[str, ...]
+    behaviors: tuple[Behavior, ...]
     diagram: TransitionDiagram
-    data: str = ""  # the data set whose recordings fit this domain (itself by default)
-    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # exclusive attributes
-    synonyms: Mapping[str, str] = field(default_factory=dict)  # other word -> attribute
-    predefined: tuple[str, ...] = ()  # the behavior sequence of the Predefined baselines
-    report_reward: float = 500.0  # r+ = -r- in Eq. 4
-    legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)  # s, Random Legal's, by len(query)
-    asked_minimum: int = 0  # experiments ask attributes with more than this many objects each way
+    data: str = ""
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    synonyms: Mapping[str, str] = field(default_factory=dict)
+    predefined: tuple[str, ...] = ()
+    report_reward: float = 500.0
+    legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)
+    asked_minimum: int = 0
 
     def __repr__(self) -> str:
         """Return the domain in five lines."""
-        return card(*self._told())
+        return card(*self._facts())
 
     def _repr_html_(self) -> str:
-        return card_html(*self._told())
+        return card_html(*self._facts())
 
-    def _told(self) -> tuple[str, dict[str, str]]:
+    def _facts(self) -> tuple[str, dict[str, str]]:
         costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]
         return f"Domain {self.name}", {
             "attributes": f"{len(self.attributes)}: {listed(self.attributes)}",
@@ -117,8 +139,7 @@ class Domain:
     def default_sequence(self) -> tuple[str, ...]:
         """The predefined sequence; where there is none, every behavior once, the cheapest first.
 
-        From the start, the cheapest sensing behavior that is legal and has not been executed
-        comes next; where there is none in the state, the shortest way to one does.
+        See `cheapest_first` for the order.
 
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("toy").default_sequence
@@ -127,14 +148,14 @@ class Domain:
         return self.predefined or cheapest_first(self)
 
     def behavior_index(self, name: str) -> int:
-        """Position of a behavior; `DomainError` with the nearest names where there is none."""
+        """Return the position of a behavior; `DomainError` if there is none."""
         for index, behavior in enumerate(self.behaviors):
             if behavior.name == name:
                 return index
         raise DomainError(unknown("behavior", name, self.behavior_names))
 
     def attribute_index(self, name: str) -> int:
-        """Position of an attribute; `QueryError` with the nearest names where there is none."""
+        """Return the position of an attribute; `QueryError` if there is none."""
         if name not in self.attributes:
             raise QueryError(unknown("attribute", name, self.attributes))
         return self.attributes.index(name)
@@ -196,7 +217,7 @@ def _reachable(diagram: TransitionDiagram, start: str) -> set[str]:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """Say that a name is not known, and which known names are nearest to it."""
+    """Build the message that a name is not known, with the known names nearest to it."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""

@@ -44,7 +44,7 @@ class Query:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
 
     def __len__(self) -> int:
-        """N, the number of queried attributes."""
+        """Return N, the number of queried attributes."""
         return len(self.attributes)
 
     @property
@@ -59,18 +59,18 @@ class Query:
         return freeze(bits & 1, np.bool_)
 
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Row y of a value vector in `values`."""
+        """Return the row y of a value vector in `values`."""
         index = 0
         for value in values:
             index = 2 * index + int(value)
         return index
 
     def values_of(self, index: int) -> NDArray[np.bool_]:
-        """Value vector of row y, (N,); any N."""
+        """Return the value vector of row y, (N,); any N."""
         return freeze([(index >> (len(self) - 1 - i)) & 1 for i in range(len(self))], np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """Words of one report."""
+        """Format one report."""
         pairs = zip(self.attributes, values, strict=True)
         return ", ".join(name if value else f"not {name}" for name, value in pairs)
 
@@ -128,7 +128,7 @@ def _resolve(word: str, known: Mapping[str, str], domain: Domain) -> str:
 
 
 def _words(question: str, known: Mapping[str, str]) -> list[str]:
-    """Cut a sentence into words; names of the domain with spaces or hyphens stay whole."""
+    """Split a sentence into words; names of the domain with spaces or hyphens stay whole."""
     text = question.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     compound = sorted((name for name in known if not name.isalnum()), key=len, reverse=True)
     pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])

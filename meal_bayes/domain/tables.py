@@ -53,7 +53,7 @@ _EFFECT_KEYS = {
 
 
 def domain_names() -> tuple[str, ...]:
-    """Names of the shipped domain tables."""
+    """List the shipped domain tables."""
     folder = resources.files(__package__) / "tables"
     return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
 
@@ -102,7 +102,7 @@ def domain_from_table(table: object) -> Domain:
 
 
 def domain_table(domain: Domain) -> dict[str, Any]:
-    """Give the table that `domain_from_table` reads back into an equal domain.
+    """Return the table that `domain_from_table` reads back into an equal domain.
 
     >>> domain_from_table(domain_table(load_domain("toy"))) == load_domain("toy")
     True
@@ -245,20 +245,20 @@ def _effect(row: dict[str, Any]) -> Effect:
 
 
 def _check_keys(
-    where: str, row: dict[str, Any], kinds: dict[str, str], required: tuple[str, ...]
+    where: str, row: dict[str, Any], forms: dict[str, str], required: tuple[str, ...]
 ) -> None:
     for key in required:
         if key not in row:
             raise DomainError(f"{where} has no {key!r}; add it.")
     for key, value in row.items():
-        if key not in kinds:
-            raise DomainError(f"In {where}: {unknown('key', key, sorted(kinds))}")
-        if not _is(kinds[key], value):
-            raise DomainError(f"In {where}: {key} = {value!r}; expected {kinds[key]}.")
+        if key not in forms:
+            raise DomainError(f"In {where}: {unknown('key', key, sorted(forms))}")
+        if not _is(forms[key], value):
+            raise DomainError(f"In {where}: {key} = {value!r}; expected {forms[key]}.")
 
 
 def _is(kind: str, value: object) -> bool:
-    """Whether a TOML value is of the kind that a message names."""
+    """Test whether a TOML value has the form that a message names."""
     if kind == _NUMBER:
         return isinstance(value, int | float) and not isinstance(value, bool)
     if kind == _COUNT:

@@ -83,7 +83,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
     predicted : (S,2,n+1) replicates.
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
-    if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:  # noqa: PLR2004
+    if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:
         raise SettingsError(
             f"Observed {counts.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
         )

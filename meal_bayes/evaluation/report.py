@@ -187,7 +187,7 @@ def _agents(
 def _best(merits: Sequence[float]) -> set[int]:
     """Return the positions of the largest merit; none where all are equal or unknown."""
     known = {merit for merit in merits if not math.isnan(merit)}
-    if len(known) < 2:  # noqa: PLR2004
+    if len(known) < 2:
         return set()
     return {place for place, merit in enumerate(merits) if merit == max(known)}
 
@@ -217,7 +217,7 @@ def _learning(data: Collected, outcomes: TrialOutcomes) -> Iterator[Block]:
         own = outcomes.agent == name
         judged = own & test & outcomes.judged
         numbers = np.unique(batch[judged])
-        if len(numbers) < 2:  # noqa: PLR2004
+        if len(numbers) < 2:
             continue
         trained = own & ~test & (batch >= 0)
         spent = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]

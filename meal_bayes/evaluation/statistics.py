@@ -56,7 +56,7 @@ def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:
     """
     x, index = _clusters(values, clusters)
     sums = np.bincount(index, x - x.mean())
-    if len(sums) < 2:  # noqa: PLR2004
+    if len(sums) < 2:
         return float("nan")
     return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(x))
 

@@ -79,7 +79,7 @@ class OnlineConfig:
             raise SettingsError(
                 f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
             )
-        if len(self.split) != 3 or min(self.split) < 1:  # noqa: PLR2004
+        if len(self.split) != 3 or min(self.split) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
         if self.log not in _LOGS:
             raise SettingsError(unknown("log", self.log, _LOGS))

@@ -159,7 +159,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return {
             "state": running.belief.x,
             "asked": np.array(asked),
-            "percepts": np.array(running.belief.seen, np.int64),
+            "percepts": np.array(running.belief.percept_counts, np.int64),
             "belief": np.array(running.belief.positive, np.float64),
             "cost": np.array([running.history.cost], np.float64),
         }

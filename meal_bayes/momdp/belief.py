@@ -1,4 +1,4 @@
-"""The exact belief filter: N times C weights and percept counts, never 2^N numbers."""
+"""The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -15,32 +15,50 @@ from meal_bayes.momdp.observation import predictive
 
 
 class Transition(NamedTuple):
-    """One (a, x', z) of the history."""
+    """One (a, x', z) of the history.
+
+    Attributes
+    ----------
+    action : index of a behavior, or E + y of a report.
+    next_x : index of the x it led to.
+    observation : (N,) percept levels, None where no percept came.
+    """
 
     action: int
     next_x: int
-    observation: NDArray[np.int8] | None  # (N,) percept levels, None = "none"
+    observation: NDArray[np.int8] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
     """The information state: x, the evidence on each attribute, and the percepts of this trial.
 
-    Percepts tell of the truth through the kind of object alone, so its share of a kind is constant.
+    Percepts and truth are independent given the latent class, so Pr(truth | class) is constant.
+
+    Attributes
+    ----------
+    x : index of the state.
+    log_prob : (N,C) ln Pr(latent class); of false and true in the paper.
+    percept_counts : (N,E,K) percepts of this object so far, by level.
+    log_truth : (N,2,C) ln Pr(truth | latent class), the MOMDP's.
     """
 
     x: int
-    weight: NDArray[np.float64]  # (N,C) ln Pr(kind of object); the paper's: false, true
-    seen: NDArray[np.int64]  # (N,E,K) percepts of this object so far
-    log_share: NDArray[np.float64]  # (N,2,C) ln Pr(truth | kind), the MOMDP's
+    log_prob: NDArray[np.float64]
+    percept_counts: NDArray[np.int64]
+    log_truth: NDArray[np.float64]
     _log_odds: NDArray[np.float64] | None = field(
         default=None, init=False, repr=False, compare=False
     )  # computed when first asked for
 
     def __post_init__(self) -> None:
-        set_frozen(self, weight=freeze(self.weight), seen=freeze(self.seen, np.int64))
-        if self.log_share.flags.writeable:  # else all beliefs of a MOMDP hold the same array
-            set_frozen(self, log_share=freeze(self.log_share))
+        set_frozen(
+            self,
+            log_prob=freeze(self.log_prob),
+            percept_counts=freeze(self.percept_counts, np.int64),
+        )
+        if self.log_truth.flags.writeable:  # else all beliefs of a MOMDP hold the same array
+            set_frozen(self, log_truth=freeze(self.log_truth))
 
     def __repr__(self) -> str:
         """Return the belief in three lines."""
@@ -50,14 +68,14 @@ class Belief:
         return belief_html(self)
 
     def at(self, x: int) -> "Belief":
-        """Move to another x, believing the same."""
-        return Belief(x, self.weight, self.seen, self.log_share)
+        """Return the same belief at another x."""
+        return Belief(x, self.log_prob, self.percept_counts, self.log_truth)
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of the truth, (N,)."""
         if self._log_odds is None:
-            of_truth = _log_sum(self.weight[:, None] + self.log_share)  # (N,2)
+            of_truth = _log_sum(self.log_prob[:, None] + self.log_truth)  # (N,2)
             set_frozen(self, _log_odds=freeze(of_truth[:, 1] - of_truth[:, 0]))
         return self._log_odds  # type: ignore[return-value]  # just set
 
@@ -98,25 +116,25 @@ class Belief:
         return float(-(p * np.log2(p) + q * np.log2(q)).sum())
 
 
-def _log_sum(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum probabilities given by their logarithms, over the last axis."""
-    return np.asarray(np.logaddexp.reduce(weight, axis=-1))
+    return np.asarray(np.logaddexp.reduce(log_prob, axis=-1))
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
-    """Belief at the start of a trial: x0, the prior, nothing seen."""
+    """Return the belief at the start of a trial: x0, the prior, no percepts."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
-        weight = np.log((chance[:, :, None] * momdp.kinds).sum(axis=1))
-    seen = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, weight, seen, momdp.log_share)
+        log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
+    percept_counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
+    return Belief(momdp.start, log_prob, percept_counts, momdp.log_truth)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
-    The factor of each kind of object is its Dirichlet-multinomial predictive given the percepts
-    already seen in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
+    The factor of each latent class is its Dirichlet-multinomial predictive given the percepts
+    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
 
     Parameters
     ----------
@@ -126,7 +144,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
     Raises
     ------
-    ImpossibleObservation : the percept has probability zero under every value still believed in.
+    ImpossibleObservation : the percept has probability 0 under every class that is possible.
     SettingsError : an action, x or levels that the MOMDP does not have.
     """
     _check(momdp, transition)
@@ -134,23 +152,23 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         return belief.at(transition.next_x)
     e, levels = transition.action, np.asarray(transition.observation, dtype=np.intp)
     attributes = np.arange(len(momdp.query))
-    seen = belief.seen[:, e]
-    total = seen.sum(axis=1)
+    percept_counts = belief.percept_counts[:, e]
+    total = percept_counts.sum(axis=1)
     mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
-    counts = seen[attributes, levels][:, None]
+    counts = percept_counts[attributes, levels][:, None]
     with np.errstate(divide="ignore"):
-        weight = belief.weight + np.log(predictive(mean, precision, counts, total[:, None]))
-        total_weight = _log_sum(weight)
-    contradicted = np.isneginf(total_weight)
+        log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
+        log_total = _log_sum(log_prob)
+    contradicted = np.isneginf(log_total)
     if contradicted.any():
         bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
         raise ImpossibleObservation(
             f"Percept of {bad!r} by {momdp.behavior_names[e]!r} has probability zero under every "
             "value still believed in; give the confusion rows a prior without zeros."
         )
-    counted = belief.seen.copy()
+    counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, weight - total_weight[:, None], counted, belief.log_share)
+    return Belief(transition.next_x, log_prob - log_total[:, None], counted, belief.log_truth)
 
 
 def _check(momdp: MOMDP, transition: Transition) -> None:
@@ -172,18 +190,18 @@ def _check(momdp: MOMDP, transition: Transition) -> None:
 
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K)."""
-    counts = belief.seen[:, :, None]  # (N,E,1,K)
+    counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
     total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
-    prob = np.exp(belief.weight[:, None] + belief.log_share)  # (N,2,C) Pr(truth, class)
+    prob = np.exp(belief.log_prob[:, None] + belief.log_truth)  # (N,2,C) Pr(truth, class)
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:
-    """Give the action index E + y of the most probable report."""
+    """Return the action index E + y of the most probable report."""
     return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
-    """Give the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
+    """Compute the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
     return float(momdp.report_reward(belief.right))

@@ -1,11 +1,25 @@
 """Build the MOMDP of a query (Alg. 1, l. 1-4): only queried attributes enter."""
 
+from typing import TypedDict, Unpack
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
+
+Floats = NDArray[np.float64]
+
+
+class Objective(TypedDict, total=False):
+    """Fields of a `MOMDP` that `build_momdp` passes on as they are."""
+
+    correct: float | None
+    incorrect: float | None
+    discount: float
+    abstain: bool
+    counts: ArrayLike
 
 
 def build_momdp(
@@ -15,86 +29,101 @@ def build_momdp(
     precision: ArrayLike = np.inf,
     *,
     prior: ArrayLike = 0.5,
-    correct: float | None = None,
-    incorrect: float | None = None,
     limit: ArrayLike = np.inf,
-    kinds: ArrayLike | None = None,
-    discount: float = 0.99,
-    abstain: bool = False,
-    counts: ArrayLike | None = None,
+    latent_classes: ArrayLike | None = None,
+    **objective: Unpack[Objective],
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
+
+    Where a domain has a behavior that answers (`ask`), and truths share latent classes, every class
+    is split in two, C false ones and then C true ones, as an answer depends on the truth alone.
 
     Parameters
     ----------
     domain : behaviors, costs, diagram.
     query : the N attributes asked.
-    confusion : (N,E,C,K) mean confusion matrices of the kinds of object, C = 2 (the truth) in the
-        paper. Behaviors that answer (ask) are filled in here, for all kinds of a truth alike:
-        each attribute right with accuracy^(1/N), so the whole answer with the stated accuracy.
-        An answer tells of the truth itself: where a domain has such a behavior, and truths share
-        kinds, every kind is split in two, C false ones and then C true ones.
+    confusion : (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the
+        paper. Rows of behaviors that answer are replaced: each attribute is right with probability
+        accuracy^(1/N), so the whole answer with the stated accuracy.
     precision : (N,E,C) or a number; inf is the paper's Eq. 8.
-    prior : (N,) or a number; the paper's is uniform.
-    correct, incorrect : rewards of a right and a wrong report, the domain's +-r by default.
+    prior : (N,) or a number, Pr(attribute is true); the paper's is uniform.
     limit : (E,) or a number: recordings that can be perceived in one trial.
-    kinds : (N,2,C) Pr(kind | truth), which truths may share; the truth itself by default.
-    discount : factor a step, in planning only.
-    abstain : may a planner end the trial by an illegal behavior?
-    counts : (N,E,2,K) labelled percepts that the rows were learned from, for who looks on.
+    latent_classes : (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
+    **objective : fields of `MOMDP`: `correct` and `incorrect` (the domain's +-r by default),
+        `discount`, `abstain`, and `counts`.
+
+    Raises
+    ------
+    SettingsError : arrays of other shapes, or values that a MOMDP cannot have.
     """
-    arrays = domain.transitions()
     n, e = len(query), len(domain.behaviors)
-    rows = np.array(confusion, dtype=float)
-    shares = np.tile(np.eye(2), (n, 1, 1)) if kinds is None else np.asarray(kinds, dtype=float)
-    if shares.ndim != 3 or shares.shape[:2] != (n, 2):  # noqa: PLR2004
-        raise SettingsError(f"kinds has shape {shares.shape}; expected ({n},2,C).")
-    c = shares.shape[-1]
-    if rows.ndim != 4 or rows.shape[:3] != (n, e, c):  # noqa: PLR2004
-        raise SettingsError(
-            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} kinds of "
-            "object, levels)."
-        )
-    weight = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
-    percepts = np.array(np.broadcast_to(limit, (e,)), dtype=float)
-    answers = any(behavior.answer_accuracy is not None for behavior in domain.behaviors)
-    if answers and (shares > 0).all(axis=1).any():
-        nobody = np.zeros((n, c))
-        shares = np.stack(
-            [np.hstack([shares[:, 0], nobody]), np.hstack([nobody, shares[:, 1]])], axis=1
-        )
-        rows, weight = np.tile(rows, (1, 1, 2, 1)), np.tile(weight, (1, 1, 2))
-    true = shares[:, 1] > 0  # (N,C)
-    informative = arrays.informative.copy()
-    for index, behavior in enumerate(domain.behaviors):
-        if behavior.answer_accuracy is not None:
-            right = behavior.answer_accuracy ** (1.0 / n)
-            rows[:, index] = 0.0
-            rows[:, index, :, 0] = np.where(true, 1.0 - right, right)
-            rows[:, index, :, -1] = np.where(true, right, 1.0 - right)
-            weight[:, index] = percepts[index] = np.inf
-        elif not behavior.senses:
-            informative[index] = 0.0
-            rows[:, index] = 1.0 / rows.shape[-1]
-    reward = domain.report_reward
+    rows, spread, classes = _latent_rows(domain, n, confusion, precision, latent_classes)
+    answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
+    arrays, reward = domain.transitions(), domain.report_reward
+    rest = {"correct": reward, "incorrect": -reward}
+    rest |= {name: value for name, value in objective.items() if value is not None}  # type: ignore[misc]
+    senses = np.array([behavior.senses for behavior in domain.behaviors])
     return MOMDP(
         query=query,
         x_names=domain.diagram.states,
         behavior_names=domain.behavior_names,
         start=domain.diagram.states.index(domain.diagram.start),
         transition=arrays.transition,
-        informative=informative,
+        observation_probability=arrays.observation_probability * senses[:, None, None],
         legal=arrays.legal,
         confusion=rows,
-        precision=weight,
+        precision=spread,
         prior=np.broadcast_to(prior, (n,)),
-        kinds=shares,
+        latent_classes=classes,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
-        correct=reward if correct is None else correct,
-        incorrect=-reward if incorrect is None else incorrect,
         bonus=np.zeros((n, e, 2)),
-        limit=percepts,
-        discount=discount,
-        abstain=abstain,
-        counts=None if counts is None else np.asarray(counts, dtype=float),  # type: ignore[arg-type]
+        limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
+        **rest,  # type: ignore[arg-type]
     )
+
+
+def _latent_rows(
+    domain: Domain,
+    n: int,
+    confusion: ArrayLike,
+    precision: ArrayLike,
+    latent_classes: ArrayLike | None,
+) -> tuple[Floats, Floats, Floats]:
+    """Check and complete the rows (N,E,C,K), precisions (N,E,C) and classes (N,2,C)."""
+    e, identity = len(domain.behaviors), np.tile(np.eye(2), (n, 1, 1))
+    classes = identity if latent_classes is None else np.asarray(latent_classes, dtype=float)
+    if classes.ndim != 3 or classes.shape[:2] != (n, 2):
+        raise SettingsError(f"latent_classes has shape {classes.shape}; expected ({n},2,C).")
+    rows, c = np.array(confusion, dtype=float), classes.shape[-1]
+    if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
+        raise SettingsError(
+            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
+            "classes, levels)."
+        )
+    spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
+    answers = any(behavior.answer_accuracy is not None for behavior in domain.behaviors)
+    if answers and (classes > 0).all(axis=1).any():
+        classes, rows, spread = _split(classes), np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
+    for index, behavior in enumerate(domain.behaviors):
+        if behavior.answer_accuracy is not None:
+            rows[:, index] = _answer_rows(behavior.answer_accuracy, classes, rows.shape[-1])
+            spread[:, index] = np.inf
+        elif not behavior.senses:
+            rows[:, index] = 1.0 / rows.shape[-1]
+    return rows, spread, classes
+
+
+def _split(classes: Floats) -> Floats:
+    """Split every latent class by truth: (N,2,C) -> (N,2,2C)."""
+    none = np.zeros_like(classes[:, 0])
+    false, true = np.hstack([classes[:, 0], none]), np.hstack([none, classes[:, 1]])
+    return np.stack([false, true], axis=1)
+
+
+def _answer_rows(accuracy: float, classes: Floats, levels: int) -> Floats:
+    """Build the rows (N,C,K) of answers that are right in all N attributes with an accuracy."""
+    right, true = accuracy ** (1.0 / len(classes)), classes[:, 1] > 0
+    rows = np.zeros((*true.shape, levels))
+    rows[..., 0] = np.where(true, 1.0 - right, right)
+    rows[..., -1] = np.where(true, right, 1.0 - right)
+    return rows

@@ -17,9 +17,9 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
     """Return the title and the facts of a decision problem."""
     rates = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)  # (N,E,2)
     best = rates[..., 1] - rates[..., 0]
-    tells = [
-        f"{name} by {momdp.behavior_names[e]} ({gain:.2f})"
-        for name, e, gain in zip(
+    largest = [
+        f"{name} by {momdp.behavior_names[e]} ({difference:.2f})"
+        for name, e, difference in zip(
             momdp.query.attributes, best.argmax(axis=1), best.max(axis=1), strict=True
         )
     ]
@@ -27,15 +27,15 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
     return f"MOMDP of {', '.join(momdp.query.attributes)}", {
         "states": f"{momdp.n_states}: {listed(momdp.x_names)} and 2^{len(momdp.query)} values",
         "actions": f"{momdp.n_actions}: {listed(momdp.behavior_names)} and the reports",
-        "percepts": f"{momdp.levels} levels, {momdp.n_kinds} latent classes",
-        "largest TPR - FPR": listed(tells, 3),
+        "percepts": f"{momdp.levels} levels, {momdp.n_classes} latent classes",
+        "largest TPR - FPR": listed(largest, 3),
         "rewards": f"{paid}, costs {np.min(momdp.cost):g} to {np.max(momdp.cost):g} s",
     }
 
 
 def belief_facts(belief: "Belief") -> Facts:
     """Return the title and the facts of a belief."""
-    percepts = int(belief.seen[:1].sum())
+    percepts = int(belief.percept_counts[:1].sum())
     return f"Belief in state {belief.x}, after {percepts} percepts", {
         "Pr(true)": listed([f"{value:.3f}" for value in belief.positive], 10),
         "certainty": f"{belief.certainty:.3f}, entropy {belief.entropy:.2f} bits",

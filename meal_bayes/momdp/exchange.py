@@ -24,21 +24,34 @@ _RESERVED = {
 
 
 class Exchange(NamedTuple):
-    """A MOMDP as tables of what can be written down, with names that every parser takes."""
+    """A MOMDP as tables of what can be written down, with names that every parser takes.
 
-    x_names: tuple[str, ...]  # (X,)
-    y_names: tuple[str, ...]  # (Y,) bits of the values, the query's first attribute leading
-    action_names: tuple[str, ...]  # (A,) behaviors, then reports
-    percept_names: tuple[str, ...]  # (Z-1,) levels, the first attribute leading
-    transition: NDArray[np.float64]  # (E,X,X)
-    comes: NDArray[np.float64]  # (E,X) Pr(a percept comes | behavior, x')
-    moves: NDArray[np.bool_]  # (E,X) may the behavior lead to x' from another x?
-    reward: NDArray[np.float64]  # (X-1,Y,A), none in `term`
-    prior: NDArray[np.float64]  # (Y,)
+    Attributes
+    ----------
+    x_names : (X,) states.
+    y_names : (Y,) bits of the values, the query's first attribute leading.
+    action_names : (A,) behaviors, then reports.
+    percept_names : (Z-1,) levels, the first attribute leading.
+    transition : (E,X,X) Pr(x' | x, behavior).
+    comes : (E,X) Pr(a percept comes | behavior, x').
+    moves : (E,X) whether the behavior leads to x' from another x.
+    reward : (X-1,Y,A), none in `term`.
+    prior : (Y,) Pr(y).
+    """
+
+    x_names: tuple[str, ...]
+    y_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    percept_names: tuple[str, ...]
+    transition: NDArray[np.float64]
+    comes: NDArray[np.float64]
+    moves: NDArray[np.bool_]
+    reward: NDArray[np.float64]
+    prior: NDArray[np.float64]
 
 
 def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
-    """Lay a MOMDP out for a file.
+    """Convert a MOMDP to the tables of a file.
 
     As in `flatten`, percepts never run out, and every behavior may be chosen everywhere.
 
@@ -51,21 +64,24 @@ def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
     Raises
     ------
     SettingsError : finite precision, whose state would have to carry the percept counts; several
-        kinds of object a truth; a file beyond `LARGEST`; a diagram where Pr(percept | behavior,
+        latent classes a truth; a file beyond `LARGEST`; a diagram where Pr(percept | behavior,
         x') depends on x.
     """
     _check(momdp)
     n_y, end = 2 ** len(momdp.query), momdp.terminal
-    transition, informative = momdp.transition.copy(), momdp.informative.copy()
+    transition, observation_probability = (
+        momdp.transition.copy(),
+        momdp.observation_probability.copy(),
+    )
     reward = reward_table(momdp, n_y)[:-1].reshape(end, n_y, momdp.n_actions)
     if forbid_illegal:
         e, x = np.nonzero(~momdp.legal.T[:, :end])
         transition[e, x] = np.eye(end + 1)[end]
-        informative[e, x] = 0.0
+        observation_probability[e, x] = 0.0
         reward[x, :, e] = (momdp.incorrect - 1.0 - momdp.cost[e])[:, None]
-    comes, moves = _arrivals(momdp, transition, informative)
+    comes, moves = _arrivals(momdp, transition, observation_probability)
     y_names = tuple(f"{y:0{len(momdp.query)}b}" for y in range(n_y))
-    separator = "" if momdp.levels <= 10 else "_"  # noqa: PLR2004  digits
+    separator = "" if momdp.levels <= 10 else "_"  # digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
     reports = tuple(f"a{name}" for name in y_names)
     return Exchange(
@@ -82,13 +98,15 @@ def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
 
 
 def _check(momdp: MOMDP) -> None:
-    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
-            "A POMDP file cannot hold rows of finite precision, or several kinds of object a "
-            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8)."
+            "A POMDP file cannot hold rows of finite precision, or several latent classes a "
+            "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
         )
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
-    pairs = int(momdp.informative.any(axis=1).sum())  # behaviors and the x' they perceive at
+    pairs = int(
+        momdp.observation_probability.any(axis=1).sum()
+    )  # behaviors and the x' they perceive at
     size = n_y * (pairs * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
     if size > LARGEST:
         raise SettingsError(
@@ -98,27 +116,27 @@ def _check(momdp: MOMDP) -> None:
 
 
 def _arrivals(
-    momdp: MOMDP, transition: NDArray[np.float64], informative: NDArray[np.float64]
+    momdp: MOMDP, transition: NDArray[np.float64], observation_probability: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Give Pr(percept | behavior, x'), and whether x' can be entered; both (E,X)."""
+    """Compute Pr(percept | behavior, x'), and whether x' can be entered; both (E,X)."""
     comes = np.zeros(transition.shape[:2])
     moves = np.zeros(transition.shape[:2], dtype=bool)
     for e, target in np.ndindex(momdp.n_behaviors, momdp.terminal):
         sources = np.flatnonzero(transition[e, :-1, target] > 0)
         if not len(sources):
             continue
-        shares = informative[e, sources, target]
-        if np.ptp(shares) > _SAME:
-            most, least = (sources[int(i)] for i in (shares.argmax(), shares.argmin()))
+        rates = observation_probability[e, sources, target]
+        if np.ptp(rates) > _SAME:
+            most, least = (sources[int(i)] for i in (rates.argmax(), rates.argmin()))
             names = momdp.x_names
             raise SettingsError(
                 f"{momdp.behavior_names[e]!r} arrives at {names[target]!r} from {names[most]!r} "
-                f"with a percept in {shares.max():.0%} of the cases, from {names[least]!r} in "
-                f"{shares.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Forbid "
+                f"with a percept in {rates.max():.0%} of the cases, from {names[least]!r} in "
+                f"{rates.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Forbid "
                 "illegal behaviors, if it is one that stays where it is, or give the diagram a "
                 "state of its own for each."
             )
-        comes[e, target] = shares[0]
+        comes[e, target] = rates[0]
         moves[e, target] = (sources != target).any()
     return comes, moves
 
@@ -143,7 +161,7 @@ def number(value: float) -> str:
 
 
 def most_frequent(values: NDArray[np.float64]) -> float:
-    """Give the value that most entries have: files state it once and list the others."""
+    """Return the value of most entries: files state it once and list the others."""
     found, counts = np.unique(values, return_counts=True)
     return float(found[counts.argmax()])
 

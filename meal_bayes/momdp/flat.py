@@ -14,19 +14,30 @@ MAX_ENTRIES = 20_000_000  # of O, 160 MB
 
 @dataclass(frozen=True, slots=True)
 class FlatPOMDP:
-    """A MOMDP written out; state x * Y + y, then `term` as one state; "none" is the last z.
+    """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
 
     What generic solvers cannot hold is left out: percepts never run out (`limit`), and every
     behavior may be chosen everywhere, with the illegal ones' cost and consequence.
+
+    Attributes
+    ----------
+    state_names : (S,).
+    action_names : (A,).
+    observation_names : (Z,) percept levels by attribute, such as "1-0".
+    transition : (A,S,S) Pr(s' | s, a).
+    observation : (A,S,S,Z) Pr(z | a, s, s'); it depends on s where a behavior that keeps x fails.
+    reward : (S,A).
+    start : (S,) belief before the trial.
+    discount : factor a step.
     """
 
-    state_names: tuple[str, ...]  # (S,)
-    action_names: tuple[str, ...]  # (A,)
-    observation_names: tuple[str, ...]  # (Z,) percept levels by attribute, such as "1-0"
-    transition: NDArray[np.float64]  # (A,S,S) Pr(s' | s, a)
-    observation: NDArray[np.float64]  # (A,S,S,Z) Pr(z | a, s, s'); s matters for failed loops
-    reward: NDArray[np.float64]  # (S,A)
-    start: NDArray[np.float64]  # (S,) belief before the trial
+    state_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    observation_names: tuple[str, ...]
+    transition: NDArray[np.float64]
+    observation: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    start: NDArray[np.float64]
     discount: float
 
     def __post_init__(self) -> None:
@@ -35,7 +46,7 @@ class FlatPOMDP:
 
 
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
-    """Give Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
+    """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
     joint = np.ones((1, 1))
     for rows in momdp.confusion[:, behavior]:  # (2,K)
         joint = np.kron(joint, rows)
@@ -43,7 +54,7 @@ def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
 
 
 def flatten(momdp: MOMDP) -> FlatPOMDP:
-    """Write a MOMDP out.
+    """Convert a MOMDP to dense arrays.
 
     Raises
     ------
@@ -57,9 +68,9 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
             f"{len(momdp.query)} attributes make {size:.1g} observation probabilities; dense "
             f"arrays end at {MAX_ENTRIES:.0e}. Ask fewer attributes or use a factored planner."
         )
-    if not momdp.kind_is_truth:
+    if not momdp.class_is_truth:
         raise SettingsError(
-            "A flat POMDP knows one kind of object a truth; build the MOMDP without `kinds`."
+            "A flat POMDP knows one latent class a truth; build it without `latent_classes`."
         )
     if not np.isinf(momdp.precision).all():
         raise SettingsError(
@@ -105,7 +116,7 @@ def _observation(momdp: MOMDP, n_y: int, n_z: int) -> NDArray[np.float64]:
     blocks = flat[:, :-1, :-1].reshape(momdp.n_actions, end, n_y, end, n_y, n_z)
     for e in range(momdp.n_behaviors):
         percepts = percept_probabilities(momdp, e)  # (Y,Z-1)
-        comes = momdp.informative[e, :end, :end]  # (X-1,X-1)
+        comes = momdp.observation_probability[e, :end, :end]  # (X-1,X-1)
         for y in range(n_y):
             blocks[e, :, y, :, y, :-1] = comes[..., None] * percepts[y]
             blocks[e, :, y, :, y, -1] = 1.0 - comes
@@ -114,7 +125,7 @@ def _observation(momdp: MOMDP, n_y: int, n_z: int) -> NDArray[np.float64]:
 
 
 def reward_table(momdp: MOMDP, n_y: int) -> NDArray[np.float64]:
-    """Reward (S,A) of every action, `term` last: Eq. 4, and Eq. 11 where the MOMDP is shaped.
+    """Compute the reward (S,A) of every action, `term` last: Eq. 4, and Eq. 11 if shaped.
 
     Parameters
     ----------

@@ -18,45 +18,68 @@ class MOMDP:
 
     Arrays run over behaviors only: a report always leads to `term`, and 2^N of them need no table.
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
-    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. An object is of
-    one of C kinds for each attribute: a latent class that all its percepts depend on, so that they
-    may err together. Given the kind they tell nothing more of the truth, and both truths may have a
-    kind in common. In the paper the kind is the truth: C = 2, and `kinds` the identity.
+    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. For each
+    attribute an object has one of C latent classes, on which all its percepts depend, so that they
+    may err together. Percepts and truth are independent given the class, and both truths may have
+    a class in common. In the paper the class is the truth: C = 2, `latent_classes` the identity.
+
+    Attributes
+    ----------
+    query : the N attributes asked.
+    x_names : (X,) the last is "term".
+    behavior_names : (E,).
+    start : index of the first x.
+    transition : (E,X,X) Pr(x' | x, behavior).
+    observation_probability : (E,X,X) Pr(a percept comes | behavior, x, x').
+    legal : (X,E) whether a behavior can be executed.
+    confusion : (N,E,C,K) mean Pr(level | latent class).
+    precision : (N,E,C) Dirichlet precision of a row, inf where it is known exactly.
+    prior : (N,) Pr(attribute is true) before the trial.
+    latent_classes : (N,2,C) Pr(latent class | truth).
+    cost : (E,) s.
+    correct, incorrect : r+ and r-, rewards of a right and a wrong report.
+    bonus : (N,E,2) shaping by attribute, behavior and truth (ITRS, Eq. 11).
+    limit : (E,) percepts that a trial can have, inf where they never run out.
+    discount : factor a step, in planning only.
+    abstain : whether a planner may end a trial by an illegal behavior.
+    counts : (N,E,2,K) labeled percepts behind the rows, for display; 0 by default.
+    log_truth : (N,2,C) ln Pr(truth | latent class) under the prior.
     """
 
     query: Query
-    x_names: tuple[str, ...]  # (X,) the last is "term"
-    behavior_names: tuple[str, ...]  # (E,)
+    x_names: tuple[str, ...]
+    behavior_names: tuple[str, ...]
     start: int
-    transition: NDArray[np.float64]  # (E,X,X) Pr(x' | x, behavior)
-    informative: NDArray[np.float64]  # (E,X,X) Pr(a percept comes | behavior, x, x')
-    legal: NDArray[np.bool_]  # (X,E)
-    confusion: NDArray[np.float64]  # (N,E,C,K) rows = kinds (the paper's: the truth), cols = levels
-    precision: NDArray[np.float64]  # (N,E,C) Dirichlet weight of a row, inf = known exactly
-    prior: NDArray[np.float64]  # (N,) Pr(attribute is true) before the trial
-    kinds: NDArray[np.float64]  # (N,2,C) Pr(kind | truth)
-    cost: NDArray[np.float64]  # (E,) s
-    correct: float  # r+
-    incorrect: float  # r-
-    bonus: NDArray[np.float64]  # (N,E,2) shaping per attribute and its value (ITRS, Eq. 11)
-    limit: NDArray[np.float64]  # (E,) percepts a trial, inf where they never run out
+    transition: NDArray[np.float64]
+    observation_probability: NDArray[np.float64]
+    legal: NDArray[np.bool_]
+    confusion: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    prior: NDArray[np.float64]
+    latent_classes: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    correct: float
+    incorrect: float
+    bonus: NDArray[np.float64]
+    limit: NDArray[np.float64]
     discount: float = 0.99
-    abstain: bool = False  # may a planner end a trial by an illegal behavior?
-    counts: NDArray[np.float64] = None  # type: ignore[assignment]  # (N,E,2,K) labelled percepts
-    # behind the rows, for who looks on; zeros where nobody tells
-    log_share: NDArray[np.float64] = field(init=False, repr=False)  # (N,2,C) ln Pr(truth | kind)
+    abstain: bool = False
+    counts: NDArray[np.float64] = None  # type: ignore[assignment]  # made in __post_init__
+    log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("transition", "informative", "confusion", "precision", "prior", "kinds"):
+        for name in (
+            "transition", "observation_probability", "confusion", "precision", "prior",
+            "latent_classes", "cost", "bonus", "limit",
+        ):  # fmt: skip
             set_frozen(self, **{name: freeze(getattr(self, name))})
-        set_frozen(self, cost=freeze(self.cost), bonus=freeze(self.bonus), limit=freeze(self.limit))
         set_frozen(self, legal=freeze(self.legal, np.bool_))
         if self.counts is None:
             shape = (len(self.query), len(self.behavior_names), 2, *self.confusion.shape[3:])
             set_frozen(self, counts=np.zeros(shape))
         set_frozen(self, counts=freeze(self.counts))
         self._check()
-        set_frozen(self, log_share=freeze(self._log_share()))
+        set_frozen(self, log_truth=freeze(self._log_truth()))
 
     def _check(self) -> None:
         n, e, x = len(self.query), len(self.behavior_names), len(self.x_names)
@@ -65,17 +88,19 @@ class MOMDP:
                 f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
                 "levels, an even number, the upper half of which speaks for true."
             )
-        if self.kinds.ndim != 3:  # noqa: PLR2004
-            raise SettingsError(f"MOMDP.kinds has shape {self.kinds.shape}; expected (N,2,C).")
-        c = self.kinds.shape[2]
+        if self.latent_classes.ndim != 3:
+            raise SettingsError(
+                f"MOMDP.latent_classes has shape {self.latent_classes.shape}; expected (N,2,C)."
+            )
+        c = self.latent_classes.shape[2]
         expected = {
             "transition": (e, x, x),
-            "informative": (e, x, x),
+            "observation_probability": (e, x, x),
             "legal": (x, e),
             "confusion": (n, e, c, self.levels),
             "precision": (n, e, c),
             "prior": (n,),
-            "kinds": (n, 2, c),
+            "latent_classes": (n, 2, c),
             "counts": (n, e, 2, self.levels),
             "cost": (e,),
             "bonus": (n, e, 2),
@@ -85,7 +110,7 @@ class MOMDP:
             found = getattr(self, name).shape
             if found != shape:
                 raise SettingsError(f"MOMDP.{name} has shape {found}; expected {shape}.")
-        for name in ("transition", "confusion", "kinds"):
+        for name in ("transition", "confusion", "latent_classes"):
             rows = getattr(self, name)
             if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):
                 raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
@@ -100,24 +125,24 @@ class MOMDP:
             raise SettingsError(
                 f"MOMDP.cost and MOMDP.limit must be 0 or more; found {self.cost}, {self.limit}."
             )
-        if not ((self.informative >= 0) & (self.informative <= 1)).all():
-            raise SettingsError("MOMDP.informative must be probabilities, from 0 to 1.")
+        if not ((self.observation_probability >= 0) & (self.observation_probability <= 1)).all():
+            raise SettingsError("MOMDP.observation_probability must be probabilities, from 0 to 1.")
         if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
             raise SettingsError(
                 f"Need 0 < discount <= 1 and correct >= incorrect; found discount "
                 f"{self.discount}, correct {self.correct}, incorrect {self.incorrect}."
             )
 
-    def _log_share(self) -> NDArray[np.float64]:
-        """Both logarithms, as the lesser share vanishes beside 1 where a kind is nearly sure."""
+    def _log_truth(self) -> NDArray[np.float64]:
+        """Compute ln Pr(truth | class) in logarithms, so that tiny probabilities stay exact."""
         chance = np.stack([1.0 - self.prior, self.prior], axis=1)[..., None]  # (N,2,1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            kinds = np.log(self.kinds)
+            latent_classes = np.log(self.latent_classes)
             believed, even = (
                 each - np.logaddexp.reduce(each, axis=1, keepdims=True)
-                for each in (kinds + np.log(chance), kinds)
+                for each in (latent_classes + np.log(chance), latent_classes)
             )
-        # A kind that the prior rules out is never believed in; its share is that at even odds.
+        # A class that the prior rules out never has probability; its truth is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
 
     def __repr__(self) -> str:
@@ -133,19 +158,19 @@ class MOMDP:
         return int(self.confusion.shape[-1])
 
     @property
-    def n_kinds(self) -> int:
-        """C, kinds of objects."""
-        return int(self.kinds.shape[2])
+    def n_classes(self) -> int:
+        """C, latent classes of an attribute."""
+        return int(self.latent_classes.shape[2])
 
     @property
-    def kind_is_truth(self) -> bool:
-        """Whether the kind is the truth (Eq. 8), so that log-odds are all there is to believe."""
-        return self.n_kinds == 2 and not self.kinds[:, [0, 1], [1, 0]].any()  # noqa: PLR2004
+    def class_is_truth(self) -> bool:
+        """Whether the class is the truth (Eq. 8): then the log-odds are the whole belief."""
+        return self.n_classes == 2 and not self.latent_classes[:, [0, 1], [1, 0]].any()
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """Mean confusion matrix by truth (N,E,2,K): over the kinds of object of each."""
-        return np.asarray(np.einsum("nvc,neck->nevk", self.kinds, self.confusion))
+        """Mean confusion matrix given the truth (N,E,2,K), averaged over its latent classes."""
+        return np.asarray(np.einsum("nvc,neck->nevk", self.latent_classes, self.confusion))
 
     @property
     def n_behaviors(self) -> int:
@@ -178,15 +203,15 @@ class MOMDP:
         return np.asarray(self.incorrect + gap * right.prod(axis=-1))
 
     def step_cost(self, x: int, behavior: int, next_x: int) -> float:
-        """Return what one execution costs, s: nothing where an illegal behavior changes nothing.
+        """Return the cost of one execution, s: 0 where an illegal behavior changes nothing.
 
-        So it is in the published ROC36 diagram, whose illegal behaviors are self-loops.
+        The published ROC36 diagram has such illegal behaviors: self-loops.
         """
         free = not self.legal[x, behavior] and next_x == x
         return 0.0 if free else float(self.cost[behavior])
 
     def action_name(self, action: int) -> str:
-        """Behavior name, or the words of a report."""
+        """Return the name of a behavior, or the text of a report."""
         if action < self.n_behaviors:
             return self.behavior_names[action]
         values = self.query.values_of(action - self.n_behaviors)

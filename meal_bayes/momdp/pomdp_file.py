@@ -1,6 +1,6 @@
 """Cassandra's .pomdp, the format of pomdp-solve and of the authors' code: one flat state.
 
-The format has no observed x. So that a solver can tell x nevertheless, there are two observations
+The format has no observed x. So that a solver can infer x, there are two observations
 without a percept: `na`, nothing has happened or the trial is over, and `done`, x has changed. (In
 the authors' files success and failure of `reinit` look the same, which hides x.)
 """
@@ -33,18 +33,18 @@ def write_pomdp(momdp: MOMDP, path: str | Path, *, forbid_illegal: bool = False)
 
     Raises
     ------
-    SettingsError : what a file cannot hold (finite precision, several kinds of object a truth, too
+    SettingsError : what a file cannot hold (finite precision, several latent classes a truth, too
         many attributes, a diagram where Pr(percept | behavior, x') depends on x, or where x could
-        not be told from what is observed), or no place to write.
+        not be inferred from the observation), or no place to write.
     """
     tables = exchange(momdp, forbid_illegal=forbid_illegal)
-    _check_told(momdp, tables)
+    _check_observable(momdp, tables)
     with whole_file(path) as file:
         file.writelines(f"{line}\n" for line in _lines(momdp, tables))
 
 
-def _check_told(momdp: MOMDP, tables: Exchange) -> None:
-    """Whether every observation tells x', given the x before it."""
+def _check_observable(momdp: MOMDP, tables: Exchange) -> None:
+    """Check that every observation identifies x', given the x before it."""
     for e, x in np.ndindex(momdp.n_behaviors, momdp.terminal):
         shown: dict[str, int] = {}
         for target in np.flatnonzero(tables.transition[e, x] > 0):
@@ -60,7 +60,7 @@ def _check_told(momdp: MOMDP, tables: Exchange) -> None:
 
 
 def _signs(tables: Exchange, e: int, target: int) -> Iterator[str]:
-    """Kinds of observation that a behavior can give where it arrives."""
+    """Yield the observations that a behavior can give at its target, percepts as one."""
     if target == len(tables.x_names) - 1:
         yield _NOTHING
         return
@@ -124,5 +124,5 @@ def _rewards(name: str, reward: NDArray[np.float64], living: list[list[str]]) ->
 
 
 def _remark(text: str) -> str:
-    """Make any text fit into a comment of one line."""
+    """Format any text as a comment of one line."""
     return " ".join(text.encode("ascii", "replace").decode().split())[:200]

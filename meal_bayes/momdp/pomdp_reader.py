@@ -16,8 +16,8 @@ _LARGEST = 2**26  # bytes of a file
 _LINE = 2**20  # characters of a line
 _STATEMENT = 4_000_000  # words
 _ENTRIES = 10_000_000  # (A,S,S,Z) of a dense table, 80 MB; there are four of them at the end
-_NAMES = 10_000  # states, actions or observations: a dense table has no room for more
-_WORK = 2_000_000_000  # entries set in all, as one short statement may set a whole table
+_NAMES = 10_000  # states, actions or observations: a dense table has no capacity for more
+_ASSIGNED = 2_000_000_000  # entries set in all, as one short statement may set a whole table
 _ROUNDED = 1e-4  # rows of published files add to 1 within this
 
 _LISTS = ("states", "actions", "observations")
@@ -58,9 +58,9 @@ def _read(file: TextIO) -> FlatPOMDP:
         try:
             if keyword in _INDICES:
                 tables = tables or _empty(preamble)
-                tables.take(keyword, words)
+                tables.read(keyword, words)
             else:
-                preamble.take(keyword, words)
+                preamble.read(keyword, words)
         except _Fault as fault:
             raise _Fault(f"statement of line {line}: {fault}") from fault
     return _finish(preamble, tables or _empty(preamble))
@@ -71,7 +71,7 @@ class _Fault(ValueError):
 
 
 def _statements(file: TextIO) -> Iterator[tuple[int, str, list[str]]]:
-    """Cut a file into (line, keyword, words); a statement ends where the next one begins."""
+    """Split a file into (line, keyword, words); a statement ends where the next one begins."""
     begun, keyword, words = 1, "", list[str]()
     for number, line in enumerate(iter(lambda: file.readline(_LINE + 1), ""), 1):
         if len(line) > _LINE:
@@ -91,7 +91,7 @@ def _statements(file: TextIO) -> Iterator[tuple[int, str, list[str]]]:
 
 
 def _opener(words: list[str]) -> str:
-    """Keyword that a colon behind these words makes of them: the last, or "start include"."""
+    """Return the keyword that a colon after these words completes, "" for none."""
     last = words[-1] if words else ""
     if last in ("include", "exclude") and words[-2:-1] == ["start"]:
         return f"start {last}"
@@ -108,8 +108,8 @@ class _Preamble:
     names: dict[str, tuple[str, ...]] = field(default_factory=dict)
     closed: bool = False  # have the tables begun?
 
-    def take(self, keyword: str, words: list[str]) -> None:
-        """Carry one statement out."""
+    def read(self, keyword: str, words: list[str]) -> None:
+        """Read one statement."""
         if self.closed:
             raise _Fault(f"{keyword} stands behind the first T, O or R; put it before")
         if keyword in _LISTS:
@@ -145,10 +145,10 @@ class _Tables:
     T: _Floats  # (A,S,S)
     O: _Floats  # (A,S,Z)  # noqa: E741
     R: _Floats  # (A,S,1,1) while rewards depend on neither s' nor z, then (A,S,S,Z)
-    work: int = 0
+    assigned: int = 0
 
-    def take(self, keyword: str, words: list[str]) -> None:
-        """Carry one statement out."""
+    def read(self, keyword: str, words: list[str]) -> None:
+        """Read one statement."""
         index, rest = self._index(keyword, words)
         if keyword == "R":
             index = self._reward_index(index)
@@ -161,15 +161,15 @@ class _Tables:
             values = np.eye(block[0])
         else:
             values = _numbers(rest, int(np.prod(block))).reshape(block)
-        self.work += np.size(table[tuple(index)])
-        if self.work > _WORK:
-            raise _Fault(f"the statements so far set more than {_WORK:.0e} entries")
+        self.assigned += np.size(table[tuple(index)])
+        if self.assigned > _ASSIGNED:
+            raise _Fault(f"the statements so far set more than {_ASSIGNED:.0e} entries")
         table[tuple(index)] = values
 
     def _index(self, keyword: str, words: list[str]) -> tuple[_Index, list[str]]:
-        """Part "a : s : s' 0.5" into its indices and the rest."""
-        kinds, index, position = _INDICES[keyword], _Index(), 0
-        for kind in kinds:
+        """Split "a : s : s' 0.5" into its indices and the rest."""
+        index, position = _Index(), 0
+        for kind in _INDICES[keyword]:
             if index and words[position : position + 1] != [":"]:
                 break
             position += bool(index)
@@ -190,7 +190,7 @@ class _Tables:
 
 
 def _empty(preamble: _Preamble) -> _Tables:
-    """Begin the tables, whose sizes the preamble tells; nothing may be added to it any more."""
+    """Create the tables in the sizes of the preamble, and close it."""
     preamble.closed = True
     for keyword in _LISTS:
         if keyword not in preamble.names:
@@ -221,7 +221,7 @@ def _is_count(word: str) -> bool:
 
 def _numbers(words: list[str], count: int) -> _Floats:
     text = "".join(words)
-    if "_" in text or not text.isascii():  # Python would take them for numbers, nobody else does
+    if "_" in text or not text.isascii():  # numbers to Python alone
         raise _Fault(f"expected {count} numbers (found {text[:40]!r})")
     try:
         values = np.array(words, dtype=np.float64)

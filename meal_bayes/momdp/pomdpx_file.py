@@ -28,7 +28,7 @@ def write_pomdpx(momdp: MOMDP, path: str | Path, *, forbid_illegal: bool = False
 
     Raises
     ------
-    SettingsError : what a file cannot hold (finite precision, several kinds of object a truth, too
+    SettingsError : what a file cannot hold (finite precision, several latent classes a truth, too
         many attributes, a diagram where Pr(percept | behavior, x') depends on x), or no place to
         write.
     """

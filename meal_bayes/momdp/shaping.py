@@ -1,8 +1,8 @@
 """Interaction rewards for curious robots (ITRS): the paper's Eqs 9 to 11.
 
-Perception that is still poor (high entropy of its percepts) attracts, experience that is already
-there repels. With Eq. 8 the entropy of a state is the sum over the queried attributes, and the
-experience of a query is the mean over them, so the shaping factors into `MOMDP.bonus` (N,E,2).
+Reward is added where percepts have high entropy, and subtracted where experience is large. With
+Eq. 8 the entropy of a state is the sum over the queried attributes, and the experience of a query
+is the mean over them, so the shaping factors into `MOMDP.bonus` (N,E,2).
 """
 
 from dataclasses import dataclass, replace
@@ -18,11 +18,18 @@ from meal_bayes.momdp.model import MOMDP
 
 @dataclass(frozen=True, slots=True)
 class ITRS:
-    """Weights of the shaping, fixed over a run; the published code takes alpha 6, beta 30."""
+    """Weights of the shaping, fixed over a run; the published code uses alpha 6, beta 30.
 
-    alpha: float  # reward for a bit of percept entropy
-    beta: float  # reward taken for a unit of experience
-    delta: float  # labelled instances that make one unit of experience (Eq. 10)
+    Attributes
+    ----------
+    alpha : reward for a bit of percept entropy.
+    beta : reward subtracted for a unit of experience.
+    delta : labelled instances that make one unit of experience (Eq. 10).
+    """
+
+    alpha: float
+    beta: float
+    delta: float
 
     def __post_init__(self) -> None:
         if not (self.alpha >= 0 and self.beta >= 0 and self.delta > 0):
@@ -30,7 +37,7 @@ class ITRS:
 
 
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
-    """Entropy of each attribute's percept given its value (N,E,2), bits: the terms of Eq. 9.
+    """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
     More levels than two are summed to yes/no, so that alpha keeps its meaning. Behaviors that
     never give a percept have entropy 0.
@@ -38,14 +45,14 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     yes = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)
     entropy = -(rows * np.log2(rows)).sum(axis=0)
-    senses = momdp.informative.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)
+    senses = momdp.observation_probability.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)
     return freeze(np.where(senses, entropy, 0.0))
 
 
 def shape_reward(momdp: MOMDP, experience: ArrayLike, itrs: ITRS, *, domain: Domain) -> MOMDP:
     """Add alpha Ent - beta IE to the reward of exploring (Eq. 11).
 
-    Only behaviors with modalities are shaped, which the domain tells: `ask` answers but gives no
+    Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
     instance to learn from, `reinit` perceives nothing. Planners pay the bonus for legal executions
     within `limit`; what a trial reports as its reward is never shaped.
 

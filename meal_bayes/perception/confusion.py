@@ -29,7 +29,7 @@ class ConfusionCounts:
 
     def __post_init__(self) -> None:
         set_frozen(self, counts=freeze(self.counts, np.int64))
-        if self.counts.ndim != 5 or self.counts.shape[3] != 2:  # noqa: PLR2004
+        if self.counts.ndim != 5 or self.counts.shape[3] != 2:
             raise DataError(
                 f"Confusion counts have shape {self.counts.shape}; expected (O,P,E,2,K)."
             )

@@ -157,7 +157,7 @@ def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) 
     """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
     remaining = [fold for fold in problem.names if fold not in left_out]
     rows = np.isin(problem.folds, remaining)
-    if len(remaining) < 2:  # noqa: PLR2004  nothing is out of fold
+    if len(remaining) < 2:  # nothing is out of fold
         rows[:] = False
     inside = np.empty((len(rows), problem.machines, problem.truth.shape[1]))
     for fold in remaining:

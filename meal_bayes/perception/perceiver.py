@@ -32,7 +32,7 @@ def answer(
     attributes (label -1) are answered by a fair coin.
     """
     right = rng.random(len(labels)) < accuracy ** (1.0 / len(labels))
-    coin = rng.random(len(labels)) < 0.5  # noqa: PLR2004
+    coin = rng.random(len(labels)) < 0.5
     yes = np.where(labels < 0, coin, (labels == 1) == right)
     return np.where(yes, levels - 1, 0).astype(np.int8)
 
@@ -145,7 +145,7 @@ class ConfusionSampler:
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
         p, e = len(self.domain.attributes), len(self.domain.behaviors)
-        if self.confusion.ndim != 4 or self.confusion.shape[:3] != (p, e, 2):  # noqa: PLR2004
+        if self.confusion.ndim != 4 or self.confusion.shape[:3] != (p, e, 2):
             raise DataError(
                 f"Confusion matrices have shape {self.confusion.shape}; expected ({p},{e},2,K)."
             )

@@ -15,7 +15,7 @@ class Random:
     """Uniform over the 2^N reports and the legal behaviors of x."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomPolicy":
-        """Make the policy."""
+        """Return the policy."""
         return RandomPolicy(momdp)
 
 
@@ -32,7 +32,7 @@ class RandomPolicy:
         # Drawn bit by bit, as 2^81 reports fit in no machine integer.
         if rng.random() * (2.0**n + len(legal)) < len(legal):
             return unvalued(self.momdp, int(rng.choice(legal)))
-        values = rng.random(n) < 0.5  # noqa: PLR2004  a fair coin
+        values = rng.random(n) < 0.5  # a fair coin
         return unvalued(self.momdp, self.momdp.n_behaviors + self.momdp.query.index_of(values))
 
 
@@ -50,18 +50,18 @@ class RandomLegal:
     barred: tuple[str, ...] = ()
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomLegalPolicy":
-        """Make the policy."""
+        """Return the policy."""
         allowed = np.array([name not in self.barred for name in momdp.behavior_names])
         return RandomLegalPolicy(momdp, self.budget, momdp.legal & allowed)
 
 
 @dataclass(frozen=True, slots=True)
 class RandomLegalPolicy:
-    """Policy of `RandomLegal`."""
+    """Policy of `RandomLegal`; `allowed` (X,E) are the legal behaviors that are not barred."""
 
     momdp: MOMDP
     budget: float
-    allowed: NDArray[np.bool_]  # (X,E)
+    allowed: NDArray[np.bool_]
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Draw a legal behavior, or report once the budget is spent."""
@@ -86,7 +86,7 @@ class Predefined:
     persistent: bool = False
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "PredefinedPolicy":
-        """Make the policy."""
+        """Return the policy."""
         missing = [name for name in self.sequence if name not in momdp.behavior_names]
         if missing or not self.sequence:
             raise SettingsError(
@@ -106,7 +106,7 @@ class PredefinedPolicy:
     persistent: bool
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Take the next behavior of the sequence, or report."""
+        """Return the next behavior of the sequence, or report."""
         position, before = 0, self.momdp.start
         for perceived, after in zip(history.perceived, history.moved, strict=True):
             failed = not perceived and after == before

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.kernels import records
 
-_INFORMATIVE = 3e-4  # bits: percepts that tell less of an object's class are not planned with
+_INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics are remembered
@@ -35,7 +35,7 @@ BRANCH = np.dtype([
 
 
 class Dynamics(NamedTuple):
-    """Where behaviors lead.
+    """The transition model of the behaviors.
 
     Attributes
     ----------
@@ -54,18 +54,18 @@ class Dynamics(NamedTuple):
 
 
 class Percepts(NamedTuple):
-    """What behaviors show.
+    """The observation model of the behaviors.
 
     Attributes
     ----------
     rows : (N,E,C,K) mean Pr(level | latent class).
-    precision : (N,E,C) Dirichlet weight of a row.
+    precision : (N,E,C) Dirichlet precision of a row.
     classes : (N,2,C) Pr(latent class | truth).
     truth : (N,2,C) Pr(truth | latent class) under the prior.
-    informative : (N,E) does a percept tell of the latent class?
+    informative : (N,E) whether a percept carries information on the latent class.
     limit : (E,) percepts that a trial can have.
-    known : (E,) are all rows of a behavior known exactly?
-    class_is_truth : are classes the two truths (Eq. 8)?
+    known : (E,) whether all rows of a behavior are known exactly.
+    class_is_truth : whether the classes are the two truths (Eq. 8).
     """
 
     rows: Floats
@@ -86,7 +86,7 @@ class Compiled(NamedTuple):
     dynamics, percepts : see there.
     bonus : (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11).
     paid : (E,) percepts of a trial that shaping pays for.
-    shaped : is there any bonus?
+    shaped : whether there is any bonus.
     incorrect, gap : r- and r+ - r-.
     """
 
@@ -116,12 +116,12 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
         percepts=Percepts(
             rows=momdp.confusion.copy(),
             precision=momdp.precision.copy(),
-            classes=momdp.kinds.copy(),
-            truth=np.exp(momdp.log_share),
+            classes=momdp.latent_classes.copy(),
+            truth=np.exp(momdp.log_truth),
             informative=_information(momdp) > _INFORMATIVE,
             limit=momdp.limit.copy(),
             known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
-            class_is_truth=momdp.kind_is_truth,
+            class_is_truth=momdp.class_is_truth,
         ),
         bonus=momdp.bonus.copy(),
         paid=np.minimum(momdp.limit, paid),
@@ -134,7 +134,7 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
 def class_prior(momdp: MOMDP) -> Floats:
     """Compute Pr(latent class) (N,C) before a trial, none of them 0."""
     chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((chance[:, :, None] * momdp.kinds).sum(axis=1), 1e-21, 1.0)
+    prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)
     return np.asarray(prior / prior.sum(axis=1, keepdims=True))
 
 
@@ -145,7 +145,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     before what has to be done, and no plan would be worth less for it.
     """
     cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
-    parts = (momdp.transition, momdp.informative, momdp.legal, cost, momdp.cost)
+    parts = (momdp.transition, momdp.observation_probability, momdp.legal, cost, momdp.cost)
     key = (
         b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
     )
@@ -159,10 +159,10 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     size = len(momdp.x_names)
     states = np.arange(size)
-    idle = (momdp.transition * (1 - momdp.informative))[:, states, states].T  # (X,E)
+    idle = (momdp.transition * (1 - momdp.observation_probability))[:, states, states].T  # (X,E)
     idle = np.where(momdp.legal, idle, 0.0)
     moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
-    sensed = (momdp.transition * momdp.informative).transpose(1, 0, 2)
+    sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)
     moved[states, :, states] -= idle
     silent = np.clip(moved - sensed, 0.0, None)
     step = records(idle.shape, STEP)
@@ -190,11 +190,11 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
 
 
 def _information(momdp: MOMDP) -> Floats:
-    """Mutual information of a percept and the latent class at even odds of truth, bits, (N,E).
+    """Compute the mutual information (N,E), bits, of a percept and the class at even odds of truth.
 
-    A percept that tells of the class alone may make the next one worth more.
+    A percept that informs of the class alone may raise the value of the next one.
     """
-    rows, p = momdp.confusion, momdp.kinds.mean(axis=1)[:, None, :, None]
+    rows, p = momdp.confusion, momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
     return np.asarray((p * rows * ratio).sum(axis=(2, 3)))

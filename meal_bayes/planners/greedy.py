@@ -15,14 +15,14 @@ from meal_bayes.planners.solver import Decision, History
 
 @dataclass(frozen=True, slots=True)
 class Greedy:
-    """Goes for the most bits per second; reports when a bit costs more than it is worth.
+    """Maximizes bits per second; reports when a bit costs more than its value.
 
-    A behavior that is not legal at x is priced with the cheapest way to it. A bit is worth what
-    the present error is expected to cost, (r+ - r-) Pr(best report wrong), over the entropy.
+    A behavior that is not legal at x is priced with the cheapest way to it. The value of a bit
+    is the expected cost of the present error, (r+ - r-) Pr(best report wrong), over the entropy.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "GreedyPolicy":
-        """Make the policy."""
+        """Return the policy."""
         return GreedyPolicy(momdp, diagram_of(dynamics_of(momdp)).ways)
 
 
@@ -41,14 +41,14 @@ class GreedyPolicy:
         values = np.full(momdp.n_behaviors + 1, np.nan)
         values[-1] = stop
         entropy = belief.entropy
-        worth = (momdp.correct - stop) / entropy if entropy > 0 else 0.0  # per bit
+        bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
         best_rate, action = 0.0, best_report(momdp, belief)
         for e, gained in enumerate(information_gain(momdp, belief)):
             first = int(self.ways.hop[belief.x, e])
             price = float(self.ways.cost[belief.x, e])
             if first < 0 or gained <= 0:
                 continue
-            net = gained * worth - price
+            net = gained * bit_value - price
             values[first] = np.fmax(values[first], stop + net)
             rate = gained / max(price, 1e-9)
             if net > 0 and rate > best_rate:
@@ -57,11 +57,11 @@ class GreedyPolicy:
 
 
 def information_gain(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
-    """Mutual information of the next percept of each behavior and the attributes, bits, (E,)."""
+    """Compute the mutual information (E,), bits, of each behavior's next percept and the truth."""
     joint = next_percept(momdp, belief)  # (N,E,2,K)
     true, (n, e) = joint.sum(axis=3), joint.shape[:2]
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
-    left = belief.seen[0].sum(axis=1) < momdp.limit
+    left = belief.percept_counts[0].sum(axis=1) < momdp.limit
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
 
 

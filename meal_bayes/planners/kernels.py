@@ -58,7 +58,7 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def records(shape: tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray[np.void]:
-    """Make an array of records, all 0, whose fields kernels read by name.
+    """Create an array of records, all 0, whose fields kernels read by name.
 
     Where compilation is switched off, Python needs a recarray for that, which is slow elsewhere.
     """

@@ -13,27 +13,48 @@ from meal_bayes.seeds import stream
 
 
 class TreeEdge(NamedTuple):
-    """One edge of the first two levels of a search tree."""
+    """One edge of the first two levels of a search tree.
 
-    level: int  # 1 or 2
-    parent: int  # position of the parent edge in the list, -1 for the root
-    action: int  # behavior index, E for the best report
-    observation: tuple[int, ...]  # percept levels on the way to the parent's node, () for none
+    Attributes
+    ----------
+    level : 1 or 2.
+    parent : position of the parent edge in the list, -1 for the root.
+    action : behavior index, E for the best report.
+    observation : percept levels on the way to the parent's node, () for none.
+    visits : simulations through the edge.
+    value : estimate of the edge's value.
+    """
+
+    level: int
+    parent: int
+    action: int
+    observation: tuple[int, ...]
     visits: int
     value: float
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A chosen action with its evidence."""
+    """A chosen action with its evidence.
 
-    action: int  # < E a behavior, E + y the report of value vector y
-    values: NDArray[np.float64]  # (E+1,) per behavior, then the best report; nan = not valued
-    value_se: NDArray[np.float64]  # (E+1,) standard errors, 0 where exact, nan = unknown
-    visits: NDArray[np.int64]  # (E+1,)
+    Attributes
+    ----------
+    action : below E a behavior, E + y the report of value vector y.
+    values : (E+1,) by behavior, then of the best report; nan = not valued.
+    value_se : (E+1,) standard errors, 0 where exact, nan = unknown.
+    visits : (E+1,) simulations by first action.
+    tree : first two levels of the search tree.
+    simulations : of the search.
+    sampled_rows : (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
+    """
+
+    action: int
+    values: NDArray[np.float64]
+    value_se: NDArray[np.float64]
+    visits: NDArray[np.int64]
     tree: tuple[TreeEdge, ...] = ()
     simulations: int = 0
-    sampled_rows: NDArray[np.float64] | None = None  # (M,N,K) of the chosen behavior, in M MOMDPs
+    sampled_rows: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -47,20 +68,29 @@ class Decision:
 
     @classmethod
     def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
-        """Make a decision whose values (E+1,), nan where not valued, have no standard errors."""
+        """Return a decision whose values (E+1,), nan where not valued, have no standard errors."""
         no_error = np.where(np.isnan(values), np.nan, 0.0)
         return cls(action, values, no_error, np.zeros(len(values), dtype=np.int64))
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """What a policy may look at: the steps so far, summed up."""
+    """What a policy may depend on: the steps so far.
+
+    Attributes
+    ----------
+    belief : after them.
+    actions : executed behaviors.
+    perceived : whether a percept came, by action.
+    moved : the x after each action.
+    cost : s.
+    """
 
     belief: Belief
     actions: tuple[int, ...] = ()
-    perceived: tuple[bool, ...] = ()  # did a percept come?
-    moved: tuple[int, ...] = ()  # the x after each action
-    cost: float = 0.0  # s
+    perceived: tuple[bool, ...] = ()
+    moved: tuple[int, ...] = ()
+    cost: float = 0.0
 
     def after(self, belief: Belief, action: int, perceived: bool, cost: float) -> "History":
         """Return the history one step on, of a behavior that cost so much and led to a belief."""
@@ -89,13 +119,13 @@ class Solver(Protocol):
     """The paper's Sol."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
-        """Make a policy for a MOMDP."""
+        """Return a policy for a MOMDP."""
         ...
 
 
 @dataclass(slots=True)
 class Remembering:
-    """A deterministic policy whose decisions are kept by what they depend on: x and percepts seen.
+    """A deterministic policy whose decisions are kept by what they depend on: x and percept counts.
 
     Searches draw from a stream of that place, so that it does not matter which trial comes first.
     """
@@ -106,7 +136,7 @@ class Remembering:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action, as the last time in the same place."""
         belief = history.belief
-        key = belief.x, belief.seen.tobytes()
+        key = belief.x, belief.percept_counts.tobytes()
         decision = self._made.get(key)
         if decision is None:
             place = hashlib.blake2b(key[1], digest_size=8).hexdigest()
@@ -116,7 +146,7 @@ class Remembering:
 
 
 def unvalued(momdp: MOMDP, action: int) -> Decision:
-    """Make the decision of a policy that compares nothing."""
+    """Return the decision of a policy that compares no values."""
     nothing = np.full(momdp.n_behaviors + 1, np.nan)
     return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1, dtype=np.int64))
 
@@ -124,7 +154,7 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
 def choose(
     momdp: MOMDP, belief: Belief, values: NDArray[np.float64], exit_value: float
 ) -> tuple[int, NDArray[np.float64]]:
-    """Take the most valuable behavior, or end where none is worth more than that.
+    """Choose the most valuable behavior, or end where none is worth more.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class ConfusionPosterior:
         for name in ("prior", "counts", "concentration", "dispersion"):
             set_frozen(self, **{name: freeze(getattr(self, name))})
         shape = self.counts.shape
-        if len(shape) != _DIMENSIONS or shape[2] != 2:  # noqa: PLR2004
+        if len(shape) != _DIMENSIONS or shape[2] != 2:
             raise SettingsError(
                 f"Confusion counts have shape {shape}; expected (attributes, behaviors, 2, levels)."
             )

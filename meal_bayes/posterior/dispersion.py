@@ -104,7 +104,7 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
     shape, levels = per_object.shape[:-2], per_object.shape[-1]  # (...,P,E,2)
     rows = RowStatistics.of(per_object.reshape(-1, *per_object.shape[-2:]))
     votes = youden(rows.totals.sum(axis=1).reshape(*shape, levels)) > 0  # (...,P,E)
-    binary = levels == 2  # noqa: PLR2004
+    binary = levels == 2
     if prior is None:
         flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
         s = _posterior(rows, flat, approximate(rows, flat), votes).dispersion

@@ -223,7 +223,7 @@ def draw_grid(
     for r, each in enumerate(prob):
         steps = rng.choice(len(DISPERSIONS), size=size, p=each)
         dispersion[:, r] = DISPERSIONS[steps]
-        if levels == 2:  # noqa: PLR2004
+        if levels == 2:
             mean[:, r] = _two_levels(rows, alpha, r, steps, rng)
         else:
             own = rows._replace(totals=rows.totals[r : r + 1])

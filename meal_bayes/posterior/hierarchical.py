@@ -209,7 +209,7 @@ def _effects(name: str, inner: tuple[str, ...]) -> Any:
     coords = pm.modelcontext(None).coords
     total: Any = 0.0
     for crossed in (("attribute",), ("behavior",), ("attribute", "behavior")):
-        if any(len(coords[dim]) < 2 for dim in crossed):  # noqa: PLR2004  nothing to compare
+        if any(len(coords[dim]) < 2 for dim in crossed):  # nothing to compare
             continue
         label = f"{name}_{'_'.join(crossed)}"
         spread = pm.HalfNormal(f"{label}_spread", 1.0, dims="truth")

@@ -77,7 +77,7 @@ class SharedTrait:
     @classmethod
     def of_sd(cls, sd: float, points: int = POINTS) -> "SharedTrait":
         """Build the grid for a standard deviation above 0."""
-        if not sd > 0 or points < 2:  # noqa: PLR2004
+        if not sd > 0 or points < 2:
             raise SettingsError(
                 f"A trait needs a standard deviation above 0 and 2 points; found {sd} and {points}."
             )

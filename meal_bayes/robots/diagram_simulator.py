@@ -88,7 +88,7 @@ def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> tuple[Ro
     arrays = diagram.compile(behaviors)
     reach = arrays.transition.cumsum(axis=2)
     reach[reach > 1 - 1e-12] = 1.0  # rounding must not leave room for impossible states
-    return _tuples(reach), _tuples(arrays.informative)
+    return _tuples(reach), _tuples(arrays.observation_probability)
 
 
 def _tuples(array: NDArray[np.float64]) -> Rows:

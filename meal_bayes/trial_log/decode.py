@@ -198,7 +198,7 @@ def _momdp(message: Any) -> MOMDP:
         behavior_names=tuple(message.behavior_names),
         start=message.start,
         transition=_array(message.transition, (e, x, x)),
-        informative=_array(message.observation_probability, (e, x, x)),
+        observation_probability=_array(message.observation_probability, (e, x, x)),
         legal=_array(message.legal, (x, e), np.bool_),
         confusion=_array(message.confusion, (n, e, c, -1)),
         precision=_array(message.precision, (n, e, c)),
@@ -208,7 +208,7 @@ def _momdp(message: Any) -> MOMDP:
         incorrect=message.incorrect,
         bonus=_array(message.bonus, (n, e, 2)),
         limit=_array(message.limit, (e,)),
-        kinds=classes,
+        latent_classes=classes,
         discount=message.discount,
         abstain=message.abstain,
         counts=counts,  # type: ignore[arg-type]  # zeros by default
@@ -262,19 +262,19 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     counts = message.percept_counts
     counted = _array(counts, replayed.shape, np.int64) if counts else replayed
     log_prob = _array(message.log_prob, (len(replayed), -1))
-    return Belief(message.belief_x, log_prob, counted, momdp.log_share)
+    return Belief(message.belief_x, log_prob, counted, momdp.log_truth)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
-    n, e, k = before.seen.shape
+    n, e, k = before.percept_counts.shape
     for name in ("values", "value_se", "visits"):
         if (found := len(getattr(message, name))) != e + 1:
             raise LogCorruptError(f"a step has {found} {name}, expected {e + 1}")
     levels = list(message.observation)
-    if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # noqa: PLR2004  int8
+    if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # int8
         raise LogCorruptError(f"percepts {levels}, expected {n} levels below {k}")
     action = message.action
-    seen = before.seen
+    seen = before.percept_counts
     if action >= e:
         if len(message.report) != n:
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")

@@ -32,11 +32,10 @@ from meal_bayes.trial_log.shapes import report_misfits, size_misfits, start_misf
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
-_ALIKE = ("transition", "legal", "confusion", "precision", "prior", "cost", "bonus", "limit")
-_ARRAYS = dict(zip(_ALIKE, _ALIKE, strict=True)) | {  # names in the log and in the MOMDP
-    "observation_probability": "informative",
-    "latent_classes": "kinds",
-}
+_ARRAYS = (  # of a MOMDP, by the same names in the log
+    "transition", "observation_probability", "legal", "confusion", "precision", "prior",
+    "latent_classes", "cost", "bonus", "limit",
+)  # fmt: skip
 
 
 class Packed(NamedTuple):
@@ -49,7 +48,7 @@ class Packed(NamedTuple):
 
 def encode_momdp(momdp: MOMDP) -> bytes:
     """Pack a MOMDP, without its number in the file."""
-    fields = {entry: getattr(momdp, name).ravel().tolist() for entry, name in _ARRAYS.items()}
+    fields = {name: getattr(momdp, name).ravel().tolist() for name in _ARRAYS}
     return _bytes(
         MomdpMessage(
             attributes=momdp.query.attributes,
@@ -96,7 +95,7 @@ class TrialEncoder:
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
         self._check(start_misfits(trial))
-        self._check(size_misfits(0, 0, trial.first_belief.seen.size))
+        self._check(size_misfits(0, 0, trial.first_belief.percept_counts.size))
         self._trial, self._before = trial, trial.first_belief
         start = _bytes(_start(trial, self._number, self._momdp))
         return self._counted([Packed(TRIAL, log_time(self._number, 0), start)])
@@ -105,11 +104,11 @@ class TrialEncoder:
         """Pack the next step with a line of text, and a picture where the behavior is another."""
         momdp, index = self._trial.momdp, self._steps
         self._edges += len(step.decision.tree)
-        self._check(size_misfits(index + 1, self._edges, step.belief.seen.size))
+        self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
         self._check(step_misfits(step, momdp, index))
         positive = _positive(step.belief)
         replayed = _replays(self._before, step, momdp)
-        counts = [] if replayed else step.belief.seen.ravel().tolist()
+        counts = [] if replayed else step.belief.percept_counts.ravel().tolist()
         data = _bytes(_step(step, momdp, self._number, index, positive, counts))
         time = log_time(self._number, index + 1)
         self._steps, self._before = index + 1, step.belief
@@ -178,15 +177,15 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         key=task_key(task.key),
         truth=trial.truth.tolist(),
         belief_x=first.x,
-        log_prob=first.weight.ravel().tolist(),
+        log_prob=first.log_prob.ravel().tolist(),
         positive=_positive(first),
-        percept_counts=first.seen.ravel().tolist() if first.seen.any() else [],
+        percept_counts=first.percept_counts.ravel().tolist() if first.percept_counts.any() else [],
     )
 
 
 def _replays(before: Belief, step: Step, momdp: MOMDP) -> bool:
     """Return whether the percept counts after a step follow from action and percept."""
-    change = step.belief.seen - before.seen
+    change = step.belief.percept_counts - before.percept_counts
     action = step.decision.action
     if step.observation is not None and action < momdp.n_behaviors:
         change[np.arange(len(change)), action, step.observation] -= 1
@@ -216,7 +215,7 @@ def _step(
         simulations=decision.simulations,
         sampled_rows=() if decision.sampled_rows is None else decision.sampled_rows.ravel(),
         belief_x=step.belief.x,
-        log_prob=step.belief.weight.ravel().tolist(),
+        log_prob=step.belief.log_prob.ravel().tolist(),
         positive=positive,
         percept_counts=counts,
         warning=step.warning,

@@ -167,7 +167,7 @@ class TrialOutcomes:
 
     def _check(self) -> None:
         size = {"n": len(self), "e": len(self.behaviors)}
-        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1  # noqa: PLR2004
+        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
         for name, shape in _SHAPES.items():
             found, expected = getattr(self, name).shape, tuple(size[letter] for letter in shape)
             if found != expected:

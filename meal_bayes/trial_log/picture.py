@@ -75,7 +75,7 @@ def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[
     The object is of a latent class by Pr(class given truth), and its row Dirichlet about the
     class's.
     """
-    prob = momdp.kinds[..., None]  # (N,2,C,1)
+    prob = momdp.latent_classes[..., None]  # (N,2,C,1)
     rows = momdp.confusion[:, None, action]  # (N,1,C,K)
     precision = momdp.precision[:, None, action, :, None]
     mean = (prob * rows).sum(axis=2)

@@ -60,16 +60,16 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
     n, e = len(momdp.query), momdp.n_behaviors
     if not 0 <= belief.x < len(momdp.x_names):
         yield f"{where} is in x {belief.x}, expected 0 to {momdp.terminal}"
-    if belief.weight.shape != (n, momdp.n_kinds):
-        found = belief.weight.shape
-        yield f"{where} has weight of shape {found}, expected {(n, momdp.n_kinds)}"
-    elif np.isnan(belief.weight).any() or not np.isfinite(belief.weight.max(axis=1)).all():
+    if belief.log_prob.shape != (n, momdp.n_classes):
+        found = belief.log_prob.shape
+        yield f"{where} has log_prob of shape {found}, expected {(n, momdp.n_classes)}"
+    elif np.isnan(belief.log_prob).any() or not np.isfinite(belief.log_prob.max(axis=1)).all():
         yield f"{where} has weights that are no logarithms of probabilities"
-    shared = belief.log_share is momdp.log_share
-    if not (shared or np.array_equal(belief.log_share, momdp.log_share)):
-        yield f"{where} has other truths of the kinds than the MOMDP"
-    if belief.seen.shape != (n, e, momdp.levels):
-        found = belief.seen.shape
+    shared = belief.log_truth is momdp.log_truth
+    if not (shared or np.array_equal(belief.log_truth, momdp.log_truth)):
+        yield f"{where} has other truths of the latent classes than the MOMDP"
+    if belief.percept_counts.shape != (n, e, momdp.levels):
+        found = belief.percept_counts.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"
 
 

@@ -112,12 +112,12 @@ def _outcome(step: Step, momdp: MOMDP) -> str:
     if not momdp.legal[step.x, action]:
         return "**not legal here**"
     if step.observation is not None or (
-        momdp.informative[action].max() <= 0 and step.x != step.next_x
+        momdp.observation_probability[action].max() <= 0 and step.x != step.next_x
     ):
         return "succeeded"
     if step.warning:
         return "**no percept**"
-    if step.belief.seen[0, action].sum() >= momdp.limit[action]:
+    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
         return "no recording left"
     return "**failed**, nothing perceived"
 
@@ -125,7 +125,7 @@ def _outcome(step: Step, momdp: MOMDP) -> str:
 def _answer(frame: TrialFrame) -> Sequence[str]:
     trial = frame.trial
     if not frame.last:
-        best = report_text(trial, frame.positive > 0.5)  # noqa: PLR2004
+        best = report_text(trial, frame.positive > 0.5)
         probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
         return [f"now it would answer **{best}** ({percent(probability)} sure)"]
     truth = plain_text(truth_text(trial.task.query.attributes, trial.truth))

@@ -32,6 +32,6 @@ def series_color(index: int) -> Color:
 
 def level_color(level: int, levels: int) -> Color:
     """Return the color of a percept level: blue for no, orange for yes."""
-    if levels == 2:  # noqa: PLR2004
+    if levels == 2:
         return (BLUE, RED)[level]
     return _LEVELS[min(int(level * len(_LEVELS) / levels), len(_LEVELS) - 1)]

@@ -50,7 +50,7 @@ def belief_bars(frame: TrialFrame) -> Picture:
     for i, name in enumerate(names):
         now, before = float(frame.positive[i]), float(frame.before[i])
         top = i * _LANE + (_LANE - _THICK) // 2
-        color = GREEN if now > 0.5 else SKY  # noqa: PLR2004
+        color = GREEN if now > 0.5 else SKY
         lane = np.tile(np.array(_BACK, float), (_BAR, 1))
         full, rest = divmod(now * _BAR, 1)
         lane[: int(full)] = unpacked(color)
@@ -162,7 +162,7 @@ def _cell_width(k: int) -> int:
 
 def _level_labels(k: int, left: float, y: float) -> list[Label]:
     """Return the names of the levels below the columns of a block, long ones in two rows."""
-    rows = 1 if k == 2 else 2  # noqa: PLR2004
+    rows = 1 if k == 2 else 2
     return [
         Label(name, left + (z + 0.5) * _cell_width(k), y + (_MIDDLE + z % rows) * _CELL_HIGH, TEXT)
         for z, name in enumerate(level_names(k))

@@ -92,7 +92,7 @@ class Recorder:
 
 @lru_cache(maxsize=64)
 def _image_format(height: int, width: int, channels: int) -> rr.components.ImageFormat:
-    model = rr.ColorModel.RGB if channels == 3 else rr.ColorModel.RGBA  # noqa: PLR2004
+    model = rr.ColorModel.RGB if channels == 3 else rr.ColorModel.RGBA
     return rr.components.ImageFormat(
         width=width, height=height, color_model=model, channel_datatype="U8"
     )

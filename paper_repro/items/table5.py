@@ -39,7 +39,7 @@ def run(setting: Setting) -> Result:
         Statement(f"after the last shake (no) the belief is {printed[5]:.2f}", fact(inside, rule)),
         Statement(
             f"the report is {paper['report']}",
-            fact(report == paper["report"] and high < 0.5, "the belief is below one half"),  # noqa: PLR2004
+            fact(report == paper["report"] and high < 0.5, "the belief is below one half"),
         ),
     ]
     title = "belief that the bottle is empty"

@@ -153,7 +153,7 @@ class TestPreparing:
             one, other = (
                 OfflineRunner(t, fast(name), 0).prepare(task)[0] for t in (table, changed)
             )
-            for field in ("confusion", "precision", "prior", "kinds"):
+            for field in ("confusion", "precision", "prior", "latent_classes"):
                 np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
             near = OfflineRunner(make.change_object(table, 4), fast(name), 0).prepare(task)[0]
             assert not np.array_equal(one.confusion, near.confusion)
@@ -161,7 +161,7 @@ class TestPreparing:
     def test_the_paper_s_agent_has_eq_8_and_a_uniform_prior(self, table, make):
         momdp, _ = OfflineRunner(table, fast("morc"), 0).prepare(make.task(table, 1))
         assert np.isinf(momdp.precision).all()
-        assert momdp.n_kinds == 2
+        assert momdp.n_classes == 2
         np.testing.assert_array_equal(momdp.prior, 0.5)
         assert momdp.discount == 0.99
 

@@ -77,7 +77,7 @@ def facts(trial):
         None if trial.report is None else trial.report.tolist(),
         trial.cost,
         trial.reward,
-        last.weight.tolist(),
+        last.log_prob.tolist(),
     )
 
 

@@ -60,7 +60,7 @@ def momdp_of(name="toy", attributes=("red", "heavy"), mistaken=0.0, **options):
     rows = np.array([[0.8, 0.2], [0.3, 0.7]])
     if mistaken:  # the kinds are what an object seems to be
         share = [[1 - mistaken, mistaken], [mistaken, 1 - mistaken]]
-        options["kinds"] = np.broadcast_to(share, (len(attributes), 2, 2))
+        options["latent_classes"] = np.broadcast_to(share, (len(attributes), 2, 2))
     confusion = np.tile(rows, (len(attributes), len(domain.behaviors), 1, 1))
     return build_momdp(domain, Query(attributes), confusion, **options)
 
@@ -122,7 +122,7 @@ class TestAWholeTrial:
             belief = update_belief(belief, trial.momdp, transition)
             assert step.belief.x == next_x
             np.testing.assert_array_equal(step.belief.log_odds, belief.log_odds)
-            np.testing.assert_array_equal(step.belief.seen, belief.seen)
+            np.testing.assert_array_equal(step.belief.percept_counts, belief.percept_counts)
         np.testing.assert_array_equal(trial.last_belief.log_odds, belief.log_odds)
         assert trial.last_belief.x == trial.momdp.terminal
 

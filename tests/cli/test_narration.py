@@ -43,9 +43,9 @@ def momdp():
 
 def step(momdp, action, x, next_x, observation=None, seen=0):
     belief = initial_belief(momdp)
-    counts = belief.seen.copy()
+    counts = belief.percept_counts.copy()
     counts[:, action, 0] = seen
-    after = Belief(next_x, belief.weight, counts, belief.log_share)
+    after = Belief(next_x, belief.log_prob, counts, belief.log_truth)
     return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
 
 

@@ -49,22 +49,22 @@ def offline_solvers() -> list[Solver]:
 
 
 def momdp_of(
-    domain: Domain, n: int, levels: int, seed: int, *, kinds: int = 1, **options: object
+    domain: Domain, n: int, levels: int, seed: int, *, n_classes: int = 1, **options: object
 ) -> MOMDP:
     rng, e = np.random.default_rng(seed), len(domain.behaviors)
-    confusion = rng.dirichlet(np.ones(levels), (n, e, max(2, kinds)))
+    confusion = rng.dirichlet(np.ones(levels), (n, e, max(2, n_classes)))
     chosen = rng.permutation(len(domain.attributes))[:n]
     query = Query(tuple(domain.attributes[i] for i in chosen))
-    shares = rng.dirichlet(np.ones(kinds), (n, 2)) if kinds > 1 else None
-    return build_momdp(domain, query, confusion, kinds=shares, **options)
+    shares = rng.dirichlet(np.ones(n_classes), (n, 2)) if n_classes > 1 else None
+    return build_momdp(domain, query, confusion, latent_classes=shares, **options)
 
 
 def mistaken(domain: Domain, rows: np.ndarray, error: float, **options: object) -> MOMDP:
     """Of the objects, a share `error` seem to have the other value; rows (2,K) of the others."""
     confusion = np.tile(rows[[0, 1, 1, 0]], (2, len(domain.behaviors), 1, 1))
-    kinds = np.tile([[1 - error, error, 0, 0], [0, 0, 1 - error, error]], (2, 1, 1))
+    latent_classes = np.tile([[1 - error, error, 0, 0], [0, 0, 1 - error, error]], (2, 1, 1))
     query = Query(domain.attributes[:2])
-    return build_momdp(domain, query, confusion, kinds=kinds, **options)
+    return build_momdp(domain, query, confusion, latent_classes=latent_classes, **options)
 
 
 def equal(one: Decision, other: Decision) -> bool:
@@ -95,10 +95,10 @@ def walk(momdp: MOMDP, solver: Solver, seed: int, steps: int = 12) -> None:
     policy, again = (solver.solve(momdp, np.random.default_rng(1)) for _ in range(2))
     history = History(initial_belief(momdp))
     for step in range(steps):
-        luck = int(rng.integers(2**31))
-        decision = policy.decide(history, np.random.default_rng(luck))
+        seed = int(rng.integers(2**31))
+        decision = policy.decide(history, np.random.default_rng(seed))
         check(momdp, history, decision)
-        assert equal(decision, again.decide(history, np.random.default_rng(luck)))
+        assert equal(decision, again.decide(history, np.random.default_rng(seed)))
         x, action = history.belief.x, decision.action
         legal = np.flatnonzero(momdp.legal[x])
         if not len(legal):
@@ -114,7 +114,7 @@ def execute(momdp: MOMDP, history: History, action: int, rng: np.random.Generato
     belief = history.belief
     x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
     percept = None
-    if momdp.informative[action, belief.x, x] > rng.random():
+    if momdp.observation_probability[action, belief.x, x] > rng.random():
         percept = possible_percept(momdp, history, action, rng)
     return History(
         update_belief(belief, momdp, Transition(action, x, percept)),
@@ -129,9 +129,9 @@ def possible_percept(
     momdp: MOMDP, history: History, action: int, rng: np.random.Generator
 ) -> np.ndarray | None:
     belief = history.belief
-    if belief.seen[0, action].sum() >= momdp.limit[action]:
+    if belief.percept_counts[0, action].sum() >= momdp.limit[action]:
         return None
-    rows = np.einsum("nc,nck->nk", np.exp(belief.weight), momdp.confusion[:, action])
+    rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
     return np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
 
 
@@ -153,7 +153,7 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
 def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
     domain = load_domain(name)
-    hard = {"precision": 4.0, "kinds": 2, "discount": 1.0}
+    hard = {"precision": 4.0, "n_classes": 2, "discount": 1.0}
     for seed, solver in enumerate(solvers(domain)):
         for options in (
             (hard, {}) if isinstance(solver, POMCP | OpenLoop) else ((hard, {})[seed % 2],)
@@ -171,7 +171,9 @@ def test_offline_solvers(name: str, n: int, levels: int) -> None:
             walk(momdp_of(domain, n, levels, seed, **options), solver, seed)
 
 
-@pytest.mark.parametrize("options", [{"precision": 4.0}, {"kinds": 2}, {"kinds": 3, "limit": 2}])
+@pytest.mark.parametrize(
+    "options", [{"precision": 4.0}, {"n_classes": 2}, {"n_classes": 3, "limit": 2}]
+)
 def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]) -> None:
     momdp = momdp_of(load_domain("toy"), 2, 2, 0, **options)
     for solver in offline_solvers():

@@ -16,7 +16,7 @@ def test_shipped_rows_are_distributions(name):
     arrays = load_domain(name).transitions()
     assert (arrays.transition >= 0).all()
     np.testing.assert_allclose(arrays.transition.sum(axis=2), 1.0)
-    assert ((arrays.informative >= 0) & (arrays.informative <= 1)).all()
+    assert ((arrays.observation_probability >= 0) & (arrays.observation_probability <= 1)).all()
     assert not arrays.legal[-1].any()
     np.testing.assert_array_equal(arrays.transition[:, -1, -1], 1.0)
 
@@ -24,11 +24,11 @@ def test_shipped_rows_are_distributions(name):
 def test_failure_keeps_x_and_shows_nothing():
     arrays = diagram(Effect("a", "grasp", "b", 0.9), LOOP).compile(["grasp", "look"])
     np.testing.assert_allclose(arrays.transition[0, 0], [0.1, 0.9, 0.0])
-    assert arrays.informative[0, 0, 0] == 0.0
-    assert arrays.informative[0, 0, 1] == 1.0
+    assert arrays.observation_probability[0, 0, 0] == 0.0
+    assert arrays.observation_probability[0, 0, 1] == 1.0
     # The loop's own failure looks the same as its success, so a percept comes only sometimes.
     np.testing.assert_allclose(arrays.transition[1, 0], [1.0, 0.0, 0.0])
-    np.testing.assert_allclose(arrays.informative[1, 0, 0], 0.8)
+    np.testing.assert_allclose(arrays.observation_probability[1, 0, 0], 0.8)
 
 
 @pytest.mark.parametrize(("illegal", "target"), [("terminate", 2), ("stay", 1)])
@@ -36,14 +36,14 @@ def test_illegal_behaviors_end_the_trial_or_stay(illegal, target):
     arrays = diagram(Effect("a", "grasp", "b"), illegal=illegal).compile(["grasp"])
     assert not arrays.legal[1, 0]
     assert arrays.transition[0, 1, target] == 1.0
-    assert arrays.informative[0, 1].sum() == 0.0
+    assert arrays.observation_probability[0, 1].sum() == 0.0
 
 
 def test_senseless_arrows_give_no_percept():
     effects = (Effect("a", "shake", "a", 0.95, senses=False), Effect("a", "shake", "b", 0.05))
     arrays = diagram(*effects).compile(["shake"])
     np.testing.assert_allclose(arrays.transition[0, 0], [0.95, 0.05, 0.0])
-    np.testing.assert_array_equal(arrays.informative[0, 0], [0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(arrays.observation_probability[0, 0], [0.0, 1.0, 0.0])
 
 
 def test_stars_stand_for_every_state_and_for_staying():

@@ -148,7 +148,7 @@ def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     learner = make.learner(dataclasses.replace(dataset, labels=labels))
     knowledge, momdp = learner.knowledge(), learner.ask("red, full", make.arm()).momdp
     assert momdp.levels == 4
-    assert momdp.n_kinds == len(knowledge.trait.points)
+    assert momdp.n_classes == len(knowledge.trait.points)
     np.testing.assert_array_equal(momdp.prior, [5 / 10, 7 / 14])
     known = labels[:, 0] >= 0
     counted = knowledge.posterior.evidence[0, 0]

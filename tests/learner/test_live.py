@@ -177,7 +177,7 @@ def test_a_kill_at_every_step_loses_no_earlier_step(dataset, make, tmp_path, ste
     for one, other in zip(trial.steps, expected.steps, strict=False):
         assert one.decision.action == other.decision.action
         np.testing.assert_array_equal(one.observation, other.observation)
-        np.testing.assert_array_equal(one.belief.weight, other.belief.weight)
+        np.testing.assert_array_equal(one.belief.log_prob, other.belief.log_prob)
     (again,) = read_trials(recover_log(active))
     assert (len(again.steps), again.ended) == (step, trial.ended)
 

@@ -59,7 +59,7 @@ def test_everything_comes_back(taught, saved, agent, make):
     ]
     asked = [one.ask("red", make.arm(seed=9), object_name="mug") for one in (learner, again)]
     learner.asked -= 1
-    np.testing.assert_array_equal(asked[0].last_belief.weight, asked[1].last_belief.weight)
+    np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])

@@ -81,9 +81,11 @@ def test_six_equal_percepts(follow, scale, expected):
 
 def test_no_belief_is_cut_off_at_the_ends(follow):
     """Log-odds far beyond what a probability can tell from 1, of a kind and of its truth."""
-    kinds = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
+    latent_classes = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
     rows = np.tile([[0.99, 0.01], [0.01, 0.99]], (2, 3, 1, 1))
-    momdp = build_momdp(load_domain("toy"), Query(("red", "heavy")), rows, kinds=kinds)
+    momdp = build_momdp(
+        load_domain("toy"), Query(("red", "heavy")), rows, latent_classes=latent_classes
+    )
     yes, no = (follow(momdp, [("look", [z, z])] * 40)[-1].log_odds for z in (1, 0))
     far = 40 * np.log(99)
     np.testing.assert_allclose(yes, [far, 30 * np.log(10)], rtol=1e-12)
@@ -95,9 +97,9 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     domain = load_domain(name)
     no, yes = [1 - fpr, fpr], [1 - tpr, tpr]
     rows = np.tile([no, yes, yes, no], (1, len(domain.behaviors), 1, 1))
-    kinds = [[[1 - error, error, 0, 0], [0, 0, 1 - error, error]]]
+    latent_classes = [[[1 - error, error, 0, 0], [0, 0, 1 - error, error]]]
     attribute = "red" if name == "toy" else "heavy"
-    return build_momdp(domain, Query((attribute,)), rows, kinds=kinds, **options)
+    return build_momdp(domain, Query((attribute,)), rows, latent_classes=latent_classes, **options)
 
 
 def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind(follow):
@@ -123,7 +125,7 @@ def test_an_answer_tells_of_the_truth_whatever_the_object_seems(follow):
 def test_a_kind_that_is_ruled_out_leaves_the_others(follow):
     momdp = mistaken("toy", 0.05, tpr=1.0, fpr=0.0)
     belief = follow(momdp, [("look", [1])] * 5)[-1]
-    np.testing.assert_allclose(np.exp(belief.weight[0]), [0, 0.05, 0.95, 0], atol=1e-15)
+    np.testing.assert_allclose(np.exp(belief.log_prob[0]), [0, 0.05, 0.95, 0], atol=1e-15)
     assert belief.positive[0] == pytest.approx(0.95)
     with pytest.raises(ImpossibleObservation, match="'red' by 'look' has probability zero"):
         follow(momdp, [("look", [1]), ("look", [0])])
@@ -132,22 +134,22 @@ def test_a_kind_that_is_ruled_out_leaves_the_others(follow):
 def test_a_truth_may_lack_a_kind(follow):
     """Nothing is undefined."""
     rows = np.tile([[0.8, 0.2], [0.3, 0.7]], (1, 3, 1, 1))
-    kinds = np.array([[[1.0, 0.0], [0.25, 0.75]]])
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
+    latent_classes = np.array([[[1.0, 0.0], [0.25, 0.75]]])
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
     belief = follow(momdp, [("look", [1]), ("lift", [0])])[-1]
     false, true = 0.2 * 0.8, 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
     assert belief.positive[0] == pytest.approx(true / (true + false))
-    assert belief.log_share[0, 0, 1] == -np.inf
+    assert belief.log_truth[0, 0, 1] == -np.inf
 
 
 def test_moving_leaves_what_is_believed(follow):
     belief = follow(momdp_of("toy", {"red": {"look": (0.9, 0.2)}}), [("look", [1])])[-1]
     moved = belief.at(1)
     assert (belief.x, moved.x) == (0, 1)
-    np.testing.assert_array_equal(moved.weight, belief.weight)
-    np.testing.assert_array_equal(moved.seen, belief.seen)
+    np.testing.assert_array_equal(moved.log_prob, belief.log_prob)
+    np.testing.assert_array_equal(moved.percept_counts, belief.percept_counts)
     with pytest.raises(ValueError, match="read-only"):
-        moved.weight[0] = 0.0
+        moved.log_prob[0] = 0.0
 
 
 def test_sure_weights_are_sure_beliefs():

@@ -23,17 +23,17 @@ def problems(draw, levels=(2, 4)):
     k, c = draw(st.sampled_from(levels)), draw(st.sampled_from([2, 3, 4, 6]))
     finite = st.floats(0.1, 300.0)
     precision = draw(hnp.arrays(float, (2, 3, c), elements=finite | st.just(np.inf)))
-    kinds = draw(rows_of((2, 2, c)))
+    latent_classes = draw(rows_of((2, 2, c)))
     if c % 2 == 0 and draw(st.booleans()):  # kinds of its own for each truth
-        kinds = kinds * np.eye(2).repeat(c // 2, axis=1)
-        kinds /= kinds.sum(axis=-1, keepdims=True)
+        latent_classes = latent_classes * np.eye(2).repeat(c // 2, axis=1)
+        latent_classes /= latent_classes.sum(axis=-1, keepdims=True)
     momdp = build_momdp(
         load_domain("toy"),
         Query(("red", "heavy")),
         draw(rows_of((2, 3, c, k))),
         precision,
         prior=draw(hnp.arrays(float, 2, elements=st.floats(0.05, 0.95))),
-        kinds=kinds,
+        latent_classes=latent_classes,
     )
     percept = st.lists(st.integers(0, k - 1), min_size=2, max_size=2)
     step = st.tuples(st.sampled_from(["look", "lift"]), percept)
@@ -46,7 +46,7 @@ def test_order_of_percepts_does_not_matter(follow, problem, random):
     shuffled = random.sample(steps, len(steps))
     one, other = follow(momdp, steps)[-1], follow(momdp, shuffled)[-1]
     np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
-    np.testing.assert_array_equal(one.seen, other.seen)
+    np.testing.assert_array_equal(one.percept_counts, other.percept_counts)
 
 
 @given(problems())
@@ -57,8 +57,8 @@ def test_beliefs_stay_finite_and_count_percepts(follow, problem):
         assert ((belief.positive >= 0) & (belief.positive <= 1)).all()
         assert belief.joint.sum() == pytest.approx(1.0)
         assert belief.joint.max() == pytest.approx(belief.certainty)
-        np.testing.assert_allclose(np.exp(belief.weight).sum(axis=1), 1.0)
-        np.testing.assert_array_equal(belief.seen.sum(axis=(1, 2)), number)
+        np.testing.assert_allclose(np.exp(belief.log_prob).sum(axis=1), 1.0)
+        np.testing.assert_array_equal(belief.percept_counts.sum(axis=(1, 2)), number)
 
 
 @given(problems())
@@ -68,16 +68,16 @@ def test_no_percept_leaves_the_belief(follow, problem):
     after = update_belief(belief, momdp, Transition(0, 1, None))
     assert after.x == 1
     np.testing.assert_array_equal(after.log_odds, belief.log_odds)
-    np.testing.assert_array_equal(after.seen, belief.seen)
+    np.testing.assert_array_equal(after.percept_counts, belief.percept_counts)
 
 
 @given(problems())
 def test_the_filter_is_the_dirichlet_multinomial(follow, problem):
     momdp, steps = problem
     belief = follow(momdp, steps)[-1]
-    score = np.zeros((2, momdp.n_kinds))
-    for i, e, c in np.ndindex(2, 2, momdp.n_kinds):
-        counts, row = belief.seen[i, e], momdp.confusion[i, e, c]
+    score = np.zeros((2, momdp.n_classes))
+    for i, e, c in np.ndindex(2, 2, momdp.n_classes):
+        counts, row = belief.percept_counts[i, e], momdp.confusion[i, e, c]
         if counts.sum() == 0:
             continue
         if np.isinf(momdp.precision[i, e, c]):
@@ -85,7 +85,7 @@ def test_the_filter_is_the_dirichlet_multinomial(follow, problem):
         else:
             weight = momdp.precision[i, e, c] * row
             score[i, c] += dirichlet_multinomial.logpmf(counts, weight, counts.sum())
-    false, true = logsumexp(score[:, None], b=momdp.kinds, axis=2).T
+    false, true = logsumexp(score[:, None], b=momdp.latent_classes, axis=2).T
     prior = np.log(momdp.prior) - np.log1p(-momdp.prior)
     np.testing.assert_allclose(belief.log_odds, prior + true - false, atol=1e-8)
 
@@ -99,7 +99,7 @@ def test_swapping_attributes_swaps_the_belief(follow, problem):
         momdp.confusion[::-1],
         momdp.precision[::-1],
         prior=momdp.prior[::-1],
-        kinds=momdp.kinds[::-1],
+        latent_classes=momdp.latent_classes[::-1],
     )
     one = follow(momdp, steps)[-1]
     other = follow(swapped, [(name, levels[::-1]) for name, levels in steps])[-1]
@@ -115,7 +115,7 @@ def test_complementing_an_attribute_complements_the_belief(follow, problem):
         momdp.confusion[:, :, ::-1],
         momdp.precision[:, :, ::-1],
         prior=1 - momdp.prior,
-        kinds=momdp.kinds[:, ::-1, ::-1],
+        latent_classes=momdp.latent_classes[:, ::-1, ::-1],
     )
     one, other = follow(momdp, steps)[-1], follow(negated, steps)[-1]
     np.testing.assert_allclose(one.log_odds, -other.log_odds, atol=1e-9)
@@ -130,7 +130,8 @@ def test_kinds_that_are_alike_are_one(follow, problem):
         momdp.confusion.repeat(2, axis=2),
         momdp.precision.repeat(2, axis=2),
         prior=momdp.prior,
-        kinds=momdp.kinds.repeat(2, axis=2) * np.tile([0.3, 0.7], momdp.n_kinds),
+        latent_classes=momdp.latent_classes.repeat(2, axis=2)
+        * np.tile([0.3, 0.7], momdp.n_classes),
     )
     one, other = follow(momdp, steps)[-1], follow(doubled, steps)[-1]
     np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-9)
@@ -138,15 +139,19 @@ def test_kinds_that_are_alike_are_one(follow, problem):
 
 def split(momdp):
     """The same problem, every kind split into a false one and a true one."""
-    nobody = np.zeros_like(momdp.kinds[:, 0])
+    nobody = np.zeros_like(momdp.latent_classes[:, 0])
     return build_momdp(
         load_domain("toy"),
         momdp.query,
         np.tile(momdp.confusion, (1, 1, 2, 1)),
         np.tile(momdp.precision, (1, 1, 2)),
         prior=momdp.prior,
-        kinds=np.stack(
-            [np.hstack([momdp.kinds[:, 0], nobody]), np.hstack([nobody, momdp.kinds[:, 1]])], axis=1
+        latent_classes=np.stack(
+            [
+                np.hstack([momdp.latent_classes[:, 0], nobody]),
+                np.hstack([nobody, momdp.latent_classes[:, 1]]),
+            ],
+            axis=1,
         ),
     )
 
@@ -157,5 +162,5 @@ def test_kinds_that_truths_share_may_as_well_be_split(follow, problem):
     for one, other in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
         np.testing.assert_allclose(one.log_odds, other.log_odds, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(one.joint, other.joint, rtol=1e-12)
-        kinds = np.exp(other.weight).reshape(2, 2, -1).sum(axis=1)
-        np.testing.assert_allclose(np.exp(one.weight), kinds, rtol=1e-10, atol=1e-300)
+        latent_classes = np.exp(other.log_prob).reshape(2, 2, -1).sum(axis=1)
+        np.testing.assert_allclose(np.exp(one.log_prob), latent_classes, rtol=1e-10, atol=1e-300)

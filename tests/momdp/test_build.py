@@ -54,13 +54,17 @@ def test_kinds_are_split_where_someone_answers():
     """An answer tells of the truth, other percepts of the kind alone."""
     domain, rng = load_domain("ispy32"), np.random.default_rng(0)
     rows = rng.dirichlet(np.ones(2), (2, len(domain.behaviors), 3))
-    kinds = rng.dirichlet(np.ones(3), (2, 2))
+    latent_classes = rng.dirichlet(np.ones(3), (2, 2))
     query = Query(domain.attributes[:2])
-    momdp = build_momdp(domain, query, rows, 4.0, kinds=kinds)
-    assert momdp.n_kinds == 6
+    momdp = build_momdp(domain, query, rows, 4.0, latent_classes=latent_classes)
+    assert momdp.n_classes == 6
     assert momdp.precision.shape == (*rows.shape[:2], 6)
-    np.testing.assert_array_equal(momdp.kinds[:, 0], np.hstack([kinds[:, 0], np.zeros((2, 3))]))
-    np.testing.assert_array_equal(momdp.kinds[:, 1], np.hstack([np.zeros((2, 3)), kinds[:, 1]]))
+    np.testing.assert_array_equal(
+        momdp.latent_classes[:, 0], np.hstack([latent_classes[:, 0], np.zeros((2, 3))])
+    )
+    np.testing.assert_array_equal(
+        momdp.latent_classes[:, 1], np.hstack([np.zeros((2, 3)), latent_classes[:, 1]])
+    )
     look, ask = (momdp.behavior_names.index(name) for name in ("look", "ask"))
     np.testing.assert_array_equal(momdp.confusion[:, look], np.tile(rows[:, look], (1, 2, 1)))
     right = np.sqrt(0.7)
@@ -68,52 +72,59 @@ def test_kinds_are_split_where_someone_answers():
     np.testing.assert_allclose(momdp.confusion[:, ask], [answers] * 2)
     assert np.isinf(momdp.precision[:, ask]).all()
     for i, v in np.ndindex(2, 2):
-        mean = sum(kinds[i, v, j] * rows[i, look, j] for j in range(3))
+        mean = sum(latent_classes[i, v, j] * rows[i, look, j] for j in range(3))
         np.testing.assert_allclose(momdp.rows[i, look, v], mean)
-    np.testing.assert_array_equal(uninformed("ispy32", 2).kinds, [np.eye(2)] * 2)
-    again = build_momdp(domain, query, momdp.confusion, momdp.precision, kinds=momdp.kinds)
+    np.testing.assert_array_equal(uninformed("ispy32", 2).latent_classes, [np.eye(2)] * 2)
+    again = build_momdp(
+        domain, query, momdp.confusion, momdp.precision, latent_classes=momdp.latent_classes
+    )
     np.testing.assert_array_equal(again.confusion, momdp.confusion)  # split already
 
 
 def test_truths_may_share_kinds():
     rng = np.random.default_rng(0)
-    rows, kinds = rng.dirichlet(np.ones(2), (2, 3, 5)), rng.dirichlet(np.ones(5), (2, 2))
-    momdp = build_momdp(load_domain("toy"), Query(("red", "heavy")), rows, kinds=kinds)
-    assert momdp.n_kinds == 5
-    assert not momdp.kind_is_truth
-    np.testing.assert_array_equal(momdp.kinds, kinds)
+    rows, latent_classes = rng.dirichlet(np.ones(2), (2, 3, 5)), rng.dirichlet(np.ones(5), (2, 2))
+    momdp = build_momdp(
+        load_domain("toy"), Query(("red", "heavy")), rows, latent_classes=latent_classes
+    )
+    assert momdp.n_classes == 5
+    assert not momdp.class_is_truth
+    np.testing.assert_array_equal(momdp.latent_classes, latent_classes)
     np.testing.assert_array_equal(momdp.confusion[:, :2], rows[:, :2])
-    expected = kinds / kinds.sum(axis=1, keepdims=True)  # Bayes, at even odds
-    np.testing.assert_allclose(np.exp(momdp.log_share), expected)
+    expected = latent_classes / latent_classes.sum(axis=1, keepdims=True)  # Bayes, at even odds
+    np.testing.assert_allclose(np.exp(momdp.log_truth), expected)
     sure = replace(momdp, prior=[0.0, 1.0])
-    np.testing.assert_array_equal(np.exp(sure.log_share), [[[1.0] * 5, [0.0] * 5],
+    np.testing.assert_array_equal(np.exp(sure.log_truth), [[[1.0] * 5, [0.0] * 5],
                                                            [[0.0] * 5, [1.0] * 5]])  # fmt: skip
 
 
 def test_a_kind_that_the_prior_rules_out_keeps_its_truth():
     momdp = uninformed("toy", 2, prior=[0.0, 1.0])
-    assert momdp.kind_is_truth
-    np.testing.assert_array_equal(np.exp(momdp.log_share), [np.eye(2)] * 2)
+    assert momdp.class_is_truth
+    np.testing.assert_array_equal(np.exp(momdp.log_truth), [np.eye(2)] * 2)
 
 
 @pytest.mark.parametrize(
-    ("kinds", "says"),
+    ("latent_classes", "says"),
     [
-        (np.full((2, 2, 4), 0.4), "Rows of MOMDP.kinds must be >= 0 and sum to 1"),
-        (np.tile([1.5, -0.5, 0.0, 0.0], (2, 2, 1)), "Rows of MOMDP.kinds must be >= 0"),
-        (np.full((1, 2, 4), 0.25), r"kinds has shape \(1, 2, 4\); expected \(2,2,C\)"),
-        (np.full((2, 2), 0.5), r"kinds has shape \(2, 2\); expected \(2,2,C\)"),
-        (0.5, r"kinds has shape \(\); expected \(2,2,C\)"),
+        (np.full((2, 2, 4), 0.4), "Rows of MOMDP.latent_classes must be >= 0 and sum to 1"),
+        (np.tile([1.5, -0.5, 0.0, 0.0], (2, 2, 1)), "Rows of MOMDP.latent_classes must be >= 0"),
+        (np.full((1, 2, 4), 0.25), r"latent_classes has shape \(1, 2, 4\); expected \(2,2,C\)"),
+        (np.full((2, 2), 0.5), r"latent_classes has shape \(2, 2\); expected \(2,2,C\)"),
+        (0.5, r"latent_classes has shape \(\); expected \(2,2,C\)"),
         (
             np.tile(np.eye(2), (2, 1, 1)),
-            r"\(2, 3, 4, 2\); expected \(2 queried, 3 behaviors, 2 kinds of object",
+            r"\(2, 3, 4, 2\); expected \(2 queried, 3 behaviors, 2 latent classes",
         ),
     ],
 )
-def test_kinds_that_are_none_are_refused(kinds, says):
+def test_kinds_that_are_none_are_refused(latent_classes, says):
     with pytest.raises(SettingsError, match=says):
         build_momdp(
-            load_domain("toy"), Query(("red", "heavy")), np.full((2, 3, 4, 2), 0.5), kinds=kinds
+            load_domain("toy"),
+            Query(("red", "heavy")),
+            np.full((2, 3, 4, 2), 0.5),
+            latent_classes=latent_classes,
         )
 
 
@@ -126,8 +137,8 @@ def test_reports_are_paid_all_or_nothing():
 def test_behaviors_without_modalities_never_give_a_percept():
     momdp = uninformed("roc36", 1)
     reinit = momdp.behavior_names.index("reinit")
-    assert momdp.informative[reinit].sum() == 0
-    assert (momdp.informative.sum(axis=(1, 2))[:reinit] > 0).all()
+    assert momdp.observation_probability[reinit].sum() == 0
+    assert (momdp.observation_probability.sum(axis=(1, 2))[:reinit] > 0).all()
 
 
 def test_arrays_cannot_be_written_to():
@@ -175,7 +186,13 @@ def test_confusion_that_is_none_is_refused(confusion, says):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("cost", np.inf), ("cost", np.nan), ("cost", -1.0), ("bonus", np.inf), ("informative", 1.5)],
+    [
+        ("cost", np.inf),
+        ("cost", np.nan),
+        ("cost", -1.0),
+        ("bonus", np.inf),
+        ("observation_probability", 1.5),
+    ],
 )
 def test_arrays_out_of_range_are_refused(name, value):
     momdp = uninformed("toy", 2)

@@ -48,10 +48,10 @@ def test_the_dense_filter_is_the_factored_filter(name, levels):
     flat, rng = flatten(momdp), np.random.default_rng(1)
     for _ in range(30):
         belief, dense, truth = initial_belief(momdp), flat.start, rng.integers(4)
-        while belief.x != momdp.terminal and belief.seen.sum() < 10:
+        while belief.x != momdp.terminal and belief.percept_counts.sum() < 10:
             action = int(rng.integers(momdp.n_behaviors))
             next_x = int(rng.choice(momdp.terminal + 1, p=momdp.transition[action, belief.x]))
-            comes = rng.random() < momdp.informative[action, belief.x, next_x]
+            comes = rng.random() < momdp.observation_probability[action, belief.x, next_x]
             z = rng.choice(levels**2, p=percept_probabilities(momdp, action)[truth])
             percept = np.array(divmod(z, levels), dtype=np.int8) if comes else None
             z = z if comes else -1
@@ -91,7 +91,9 @@ def test_what_does_not_fit_is_refused():
         flatten(momdp_of("ispy32", 5))
     with pytest.raises(SettingsError, match="precision=inf"):
         flatten(momdp_of("toy", 1, precision=4.0))
-    kinds = np.full((1, 2, 4), 0.25)
+    latent_classes = np.full((1, 2, 4), 0.25)
     rows = np.full((1, 3, 4, 2), 0.5)
-    with pytest.raises(SettingsError, match="one kind of object a truth"):
-        flatten(build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds))
+    with pytest.raises(SettingsError, match="one latent class a truth"):
+        flatten(
+            build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
+        )

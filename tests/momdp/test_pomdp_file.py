@@ -141,9 +141,9 @@ def test_many_attributes_without_percepts_are_told(tmp_path):
 def test_kinds_of_object_are_told(tmp_path):
     domain = load_domain("toy")
     momdp = build_momdp(
-        domain, Query(("red",)), np.full((1, 3, 4, 2), 0.5), kinds=np.full((1, 2, 4), 0.25)
+        domain, Query(("red",)), np.full((1, 3, 4, 2), 0.5), latent_classes=np.full((1, 2, 4), 0.25)
     )
-    with pytest.raises(SettingsError, match="several kinds of object"):
+    with pytest.raises(SettingsError, match="several latent classes"):
         write_pomdp(momdp, tmp_path / "own.pomdp")
 
 

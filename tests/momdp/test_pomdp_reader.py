@@ -139,7 +139,7 @@ def test_no_file_and_no_text_are_told(tmp_path):
 
 
 def test_short_statements_cannot_keep_a_reader_busy(tmp_path, monkeypatch):
-    monkeypatch.setattr("meal_bayes.momdp.pomdp_reader._WORK", 1000)
+    monkeypatch.setattr("meal_bayes.momdp.pomdp_reader._ASSIGNED", 1000)
     with pytest.raises(DataError, match="set more than 1e\\+03 entries"):
         read(TIGER + "T: * : * : * 0.5\n" * 100, tmp_path)
 

@@ -167,12 +167,17 @@ def test_what_a_file_cannot_hold_is_told(tmp_path):
 def test_a_branching_diagram_is_written_as_x_is_observed(tmp_path):
     """What .pomdp has to refuse: two x' that look alike."""
     momdp = momdp_of("toy", 1)
-    transition, informative = momdp.transition.copy(), momdp.informative.copy()
+    transition, observation_probability = (
+        momdp.transition.copy(),
+        momdp.observation_probability.copy(),
+    )
     transition[0, 0] = [0.5, 0.5, 0.0]
-    informative[0, 0] = 1.0
+    observation_probability[0, 0] = 1.0
     legal = momdp.legal.copy()
     transition[0, 1], legal[1, 0] = [0.0, 0.0, 1.0], False
-    branching = replace(momdp, transition=transition, informative=informative, legal=legal)
+    branching = replace(
+        momdp, transition=transition, observation_probability=observation_probability, legal=legal
+    )
     np.testing.assert_array_equal(written(branching, tmp_path).x[0, 0], [0.5, 0.5, 0.0])
 
 

@@ -33,7 +33,7 @@ def test_every_model_is_what_the_file_says(reference):
             assert momdp.behavior_names[e] == behavior["behavior"]
             assert momdp.cost[e] == behavior["cost_s"]
             assert momdp.transition[e, source, target] == behavior["success"]
-            assert momdp.informative[e, source, target] == behavior["informative"]
+            assert momdp.observation_probability[e, source, target] == behavior["informative"]
             np.testing.assert_array_equal(np.flatnonzero(momdp.legal[:, e]), [source])
             illegal = np.arange(5) != source
             assert (momdp.transition[e, :-1, -1][illegal] == 1).all()

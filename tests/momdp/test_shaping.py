@@ -69,11 +69,11 @@ def test_levels_are_summed_to_yes_and_no():
 
 
 def test_kinds_of_objects_are_mixed():
-    kinds = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]] * 2
+    latent_classes = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]] * 2
     rows = np.tile([[0.8, 0.2], [0.3, 0.7], [0.1, 0.9], [0.6, 0.4]], (2, E, 1, 1))
     mean = np.tile([[0.75, 0.25], [0.35, 0.65]], (2, E, 1, 1))
     expected = observation_entropy(build_momdp(ISPY32, QUERY, mean))
-    found = observation_entropy(build_momdp(ISPY32, QUERY, rows, kinds=kinds))
+    found = observation_entropy(build_momdp(ISPY32, QUERY, rows, latent_classes=latent_classes))
     np.testing.assert_allclose(found, expected)
 
 

@@ -39,15 +39,15 @@ def momdp_of(
     return build_momdp(domain, Query(tuple(rates)), confusion, precision, **options)
 
 
-def split(shares: np.ndarray) -> np.ndarray:
-    """Give each truth J kinds of its own: Pr(kind | truth) (N,2,J) -> (N,2,2J)."""
-    nobody = np.zeros_like(shares[:, 0])
-    return np.stack([np.hstack([shares[:, 0], nobody]), np.hstack([nobody, shares[:, 1]])], axis=1)
+def split(classes: np.ndarray) -> np.ndarray:
+    """Split J classes by truth: Pr(class | truth) (N,2,J) -> (N,2,2J)."""
+    none = np.zeros_like(classes[:, 0])
+    return np.stack([np.hstack([classes[:, 0], none]), np.hstack([none, classes[:, 1]])], axis=1)
 
 
-def random_kinds(n: int, kinds: int, shared: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw Pr(kind | truth): so many kinds a truth, or so many that both share."""
-    own = rng.dirichlet(np.ones(shared or kinds), (n, 2))
+def random_classes(n: int, own_classes: int, shared: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw Pr(class | truth): so many classes of each truth, or so many that both share."""
+    own = rng.dirichlet(np.ones(shared or own_classes), (n, 2))
     return own if shared else split(own)
 
 
@@ -58,29 +58,30 @@ def random_toy(
     *,
     finite: bool,
     mistaken: ArrayLike | None = None,
-    kinds: int = 1,
+    own_classes: int = 1,
     shared: int = 0,
     **options: object,
 ) -> MOMDP:
     """Build a `toy` problem with random rows (and precisions).
 
-    Objects are of so many random kinds a truth, or that both share; or of two a truth, of which
-    one, a share `mistaken` of the objects, follows the other truth's rows.
+    Objects are of so many random classes of each truth, or that both share; or of two of each, of
+    which one, a fraction `mistaken` of the objects, follows the other truth's rows.
     """
     rng, domain = np.random.default_rng(seed), load_domain("toy")
-    c = shared or 2 * kinds
+    c = shared or 2 * own_classes
     confusion = rng.dirichlet(np.ones(levels), (n, 3, c))
     precision = rng.uniform(0.5, 20.0, (n, 3, c)) if finite else np.inf
     prior = rng.uniform(0.2, 0.8, n)
-    shares = random_kinds(n, kinds, shared, rng)
+    classes = random_classes(n, own_classes, shared, rng)
     if mistaken is not None:
         swapped = [0, 1, 1, 0]
         confusion = confusion[:, :, swapped]
         precision = precision[:, :, swapped] if finite else np.inf
         error = np.broadcast_to(mistaken, (n,))[:, None]
-        shares = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
+        classes = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
     query = Query(domain.attributes[:n])
-    return build_momdp(domain, query, confusion, precision, prior=prior, kinds=shares, **options)
+    options |= {"prior": prior, "latent_classes": classes}
+    return build_momdp(domain, query, confusion, precision, **options)
 
 
 def random_momdp(
@@ -89,16 +90,17 @@ def random_momdp(
     levels: int,
     rng: np.random.Generator,
     *,
-    kinds: int = 1,
+    own_classes: int = 1,
     shared: int = 0,
     precision: float = np.inf,
     **options: object,
 ) -> MOMDP:
-    """Build a problem of a domain with random rows of so many kinds a truth, or that both share."""
+    """Build a problem of a domain with random rows, of classes as in `random_classes`."""
     domain = load_domain(name)
-    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), shared or 2 * kinds))
-    query, shares = Query(domain.attributes[:n]), random_kinds(n, kinds, shared, rng)
-    return build_momdp(domain, query, confusion, precision, kinds=shares, **options)
+    shape = n, len(domain.behaviors), shared or 2 * own_classes
+    confusion, query = rng.dirichlet(np.ones(levels), shape), Query(domain.attributes[:n])
+    classes = random_classes(n, own_classes, shared, rng)
+    return build_momdp(domain, query, confusion, precision, latent_classes=classes, **options)
 
 
 def ispy32_of(n: int, rate: tuple[float, float] = (0.9, 0.1), **options: object) -> MOMDP:
@@ -132,9 +134,9 @@ class Expectimax:
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
         """Pr(is v, of kind c, percepts), [v][c]."""
-        prior, kinds = float(self.momdp.prior[i]), self.momdp.kinds[i].tolist()
+        prior, classes = float(self.momdp.prior[i]), self.momdp.latent_classes[i].tolist()
         return [
-            [p * share * self._likelihood(i, c, seen) for c, share in enumerate(kinds[v])]
+            [p * share * self._likelihood(i, c, seen) for c, share in enumerate(classes[v])]
             for v, p in enumerate((1 - prior, prior))
         ]
 
@@ -175,7 +177,7 @@ class Expectimax:
         """Legal behaviors that are of any use."""
         m = self.momdp
         for e in range(m.n_behaviors):
-            senses = m.informative[e].any()
+            senses = m.observation_probability[e].any()
             if m.legal[x, e] and not (senses and sum(seen[0][e]) >= m.limit[e]):
                 yield e
 
@@ -184,7 +186,7 @@ class Expectimax:
         m, idle, total = self.momdp, 0.0, 0.0
         left = sum(seen[0][e]) < m.limit[e]
         for target, p in enumerate(m.transition[e, x].tolist()):
-            felt = p * float(m.informative[e, x, target]) * left
+            felt = p * float(m.observation_probability[e, x, target]) * left
             silent = p - felt
             if target == x:
                 idle, silent = silent, 0.0
@@ -275,31 +277,29 @@ def noisy_roc36(n: int) -> MOMDP:
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
-    """Give the belief that an answer leads to which is worth so much, without percepts.
+    """Build the belief after an answer of these log-likelihood ratios, without percepts.
 
-    Where truths share no kinds these are its log-odds, whatever the prior.
+    Where truths share no class these are its log-odds, whatever the prior.
     """
     odds = np.asarray(log_odds, dtype=float)
     truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
     with np.errstate(divide="ignore"):
-        weight = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.kinds), axis=1)
-    return Belief(x, weight, initial_belief(momdp).seen, momdp.log_share)
+        log_prob = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.latent_classes), axis=1)
+    return Belief(x, log_prob, initial_belief(momdp).percept_counts, momdp.log_truth)
 
 
 @entry_kernel
-def _first_error(percepts, uses, prob, scratch):
-    return plan_error(percepts, uses, 0, 0, prob, scratch)
+def _first_error(percepts, counts, prob, scratch):
+    return plan_error(percepts, counts, 0, 0, prob, scratch)
 
 
-def error_of(
-    problem: Compiled, uses: ArrayLike, weight: np.ndarray, seen: ArrayLike | None = None
-) -> float:
+def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) -> float:
     """Compute by the kernel the Bayes error of the first attribute after a plan's percepts (E,)."""
     scratch = make_scratch(problem.percepts, 1)
     if seen is not None:
         scratch.counts[:] = seen
         scratch.total[:] = np.sum(seen, axis=2)[0]
-    return float(_first_error(problem.percepts, np.array([uses], np.int64), weight, scratch))
+    return float(_first_error(problem.percepts, np.array([counts], np.int64), prob, scratch))
 
 
 def search(
@@ -340,7 +340,7 @@ def small(compiled: None) -> SimpleNamespace:
         random=random_momdp,
         expectimax=Expectimax,
         believing=believing,
-        weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).weight),
+        weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).log_prob),
         split=split,
         error=error_of,
         search=search,

@@ -24,16 +24,12 @@ def decide(momdp, belief, vectors, x, action):
 
 
 def test_the_best_vector_of_x_is_taken():
-    alpha = AlphaVectors([[1.0, 5.0], [4.0, 2.0], [9.0, 9.0]], [0, 0, 1], [7, 3, 2])
-    assert alpha.value([1.0, 0.0]) == 4.0
-    assert alpha.value([0.5, 0.5]) == 3.0
-    assert alpha.value([0.25, 0.75]) == 4.0
-    assert alpha.best_action([0.9, 0.1]) == 3
-    assert alpha.best_action([0.1, 0.9]) == 7
-    assert alpha.value([0.0, 1.0], x=1) == 9.0
-    assert not alpha.vectors.flags.writeable
-    with pytest.raises(SettingsError, match="V at least 1"):
-        alpha.at(2)
+    vectors, x = np.array([[100.0, 500.0], [400.0, 200.0], [900.0, 900.0]]), [0, 0, 1]
+    for prior, action in ((0.9, LOOK), (0.1, LIFT)):
+        momdp = momdp_of(prior=prior)
+        found = decide(momdp, initial_belief(momdp), vectors, x, [LOOK, LIFT, LIFT])
+        assert found.action == action
+        np.testing.assert_allclose(found.values[:2], vectors[:2] @ [1 - prior, prior])
 
 
 @pytest.mark.parametrize(

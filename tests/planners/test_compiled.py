@@ -137,14 +137,14 @@ def test_outcomes_are_distributions(small, name):
     assert ((discount > 0) & (discount <= 0.99 + 1e-12)).all()
 
 
-@pytest.mark.parametrize("options", [{"kinds": 2}, {"shared": 3}])
+@pytest.mark.parametrize("options", [{"own_classes": 2}, {"shared": 3}])
 def test_latent_classes_and_their_prior(small, options):
     momdp = small.toy(2, 2, 2, finite=False, **options)
     percepts = compile_momdp(momdp).percepts
-    np.testing.assert_allclose(class_prior(momdp), np.exp(initial_belief(momdp).weight))
-    np.testing.assert_array_equal(percepts.classes, momdp.kinds)
-    np.testing.assert_allclose(percepts.truth, np.exp(momdp.log_share))
-    assert percepts.class_is_truth == momdp.kind_is_truth
+    np.testing.assert_allclose(class_prior(momdp), np.exp(initial_belief(momdp).log_prob))
+    np.testing.assert_array_equal(percepts.classes, momdp.latent_classes)
+    np.testing.assert_allclose(percepts.truth, np.exp(momdp.log_truth))
+    assert percepts.class_is_truth == momdp.class_is_truth
     sure = class_prior(replace(momdp, prior=[0.0, 1.0]))
     assert (sure > 0).all()  # plans are made for beliefs that percepts can still move
     np.testing.assert_allclose(sure.sum(axis=1), 1.0)
@@ -180,8 +180,8 @@ def test_what_tells_of_the_latent_class_is_planned_with():
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
     look = [honest[0], mistaken[0], honest[1], mistaken[1]]
     rows = np.array([[look, lift, [[0.5, 0.5]] * 4]])
-    kinds = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
+    latent_classes = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
     assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
     informative = compile_momdp(momdp).percepts.informative
     np.testing.assert_array_equal(informative, [[True, True, False]])

@@ -108,9 +108,9 @@ class TestRefusals:
         with pytest.raises(SettingsError, match="differs between the truths"):
             upper_bound(dispersed)
         with pytest.raises(SettingsError, match="one latent class"):
-            solve(small.toy(0, 1, 2, finite=False, kinds=2))
+            solve(small.toy(0, 1, 2, finite=False, own_classes=2))
         with pytest.raises(SettingsError):
-            upper_bound(small.toy(0, 1, 2, finite=False, kinds=2))
+            upper_bound(small.toy(0, 1, 2, finite=False, own_classes=2))
 
     def test_more_attributes_than_points(self, small):
         with pytest.raises(SettingsError, match=r"POMCP"):

@@ -29,16 +29,16 @@ def any_momdp(seed):
     levels = int(rng.choice([2, 4])) if n < 3 else 2
     legal = rng.random((x, e)) < 0.7
     legal[-1] = False
-    transition, informative = np.zeros((e, x, x)), np.zeros((e, x, x))
+    transition, observation_probability = np.zeros((e, x, x)), np.zeros((e, x, x))
     for b, here in product(range(e), range(x)):
         transition[b, here, -1] = 1.0
         if legal[here, b]:
             fails = 0.5 * rng.random() * (rng.random() < 0.6)
             transition[b, here] = [*(1 - fails) * rng.dirichlet(np.full(x - 1, 0.4)), 0.0]
-            informative[b, here, :-1] = rng.random(x - 1) < 0.8
+            observation_probability[b, here, :-1] = rng.random(x - 1) < 0.8
             moved = transition[b, here, here]
             transition[b, here, here] += fails
-            informative[b, here, here] *= moved / max(transition[b, here, here], 1e-300)
+            observation_probability[b, here, here] *= moved / max(transition[b, here, here], 1e-300)
     confusion = rng.dirichlet(np.full(levels, rng.choice([0.3, 1.0, 3.0])), (n, e, 2))
     dull = rng.random((n, e)) < 0.25
     confusion[dull, 1] = confusion[dull, 0]
@@ -51,12 +51,12 @@ def any_momdp(seed):
         behavior_names=tuple(f"b{i}" for i in range(e)),
         start=int(rng.integers(x - 1)),
         transition=transition,
-        informative=informative,
+        observation_probability=observation_probability,
         legal=legal,
         confusion=confusion,
         precision=np.full((n, e, 2), np.inf),
         prior=prior,
-        kinds=np.tile(np.eye(2), (n, 1, 1)),
+        latent_classes=np.tile(np.eye(2), (n, 1, 1)),
         cost=rng.uniform(0.2, 5.0, e),
         correct=float(rng.choice([10, 100, 500])),
         incorrect=float(rng.choice([-500, -100, -10, 0])),
@@ -75,14 +75,14 @@ def attainable(momdp, x, b, depth):
     attributes = np.arange(len(b))
     for e in np.flatnonzero(momdp.legal[x]) if depth else ():
         rows = momdp.confusion[:, e]
-        idle = momdp.transition[e, x, x] * (1 - momdp.informative[e, x, x])
+        idle = momdp.transition[e, x, x] * (1 - momdp.observation_probability[e, x, x])
         if idle >= 1:  # to wait is no choice
             continue
         pay = (1 - b) * momdp.bonus[:, e, 0] + b * momdp.bonus[:, e, 1]
         value = float(pay.sum() - momdp.cost[e])
         for target in np.flatnonzero(momdp.transition[e, x]):
             p = momdp.transition[e, x, target]
-            senses = momdp.informative[e, x, target]
+            senses = momdp.observation_probability[e, x, target]
             if senses < 1:
                 after = attainable(momdp, target, b, depth - 1)
                 value += momdp.discount * p * (1 - senses) * after
@@ -135,7 +135,7 @@ class TestTheBound:
     def test_it_is_tight_where_percepts_may_fail_to_come(self):
         """One behavior to and fro, half of the time without a percept."""
         momdp = replace(to_and_fro(1), prior=[0.5], discount=0.5)
-        momdp = replace(momdp, informative=0.4 * momdp.informative)
+        momdp = replace(momdp, observation_probability=0.4 * momdp.observation_probability)
         best = attainable(momdp, 0, momdp.prior, 8)
         bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
         assert best - 1e-6 <= bound <= best + 0.5**8 * (momdp.correct - best) + 0.02
@@ -212,12 +212,12 @@ def to_and_fro(n):
         behavior_names=("cross",),
         start=0,
         transition=transition,
-        informative=(transition > 0).astype(float),
+        observation_probability=(transition > 0).astype(float),
         legal=np.array([[True], [True], [False]]),
         confusion=np.array([[[[0.8, 0.2], [0.3, 0.7]]]] * n),
         precision=np.full((n, 1, 2), np.inf),
         prior=np.array([0.2, 0.9])[:n],
-        kinds=np.tile(np.eye(2), (n, 1, 1)),
+        latent_classes=np.tile(np.eye(2), (n, 1, 1)),
         cost=np.array([0.5]),
         correct=20.0,
         incorrect=-20.0,
@@ -232,7 +232,7 @@ def without_failures(momdp):
     transition, states = momdp.transition.copy(), np.arange(len(momdp.x_names))
     for e in range(momdp.n_behaviors):
         for x in states[momdp.legal[:, e]]:
-            fails = transition[e, x, x] * (1 - momdp.informative[e, x, x])
+            fails = transition[e, x, x] * (1 - momdp.observation_probability[e, x, x])
             if 0 < fails < 1:
                 transition[e, x, x] -= fails
                 transition[e, x] /= transition[e, x].sum()

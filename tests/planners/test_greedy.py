@@ -43,7 +43,7 @@ def test_dispersed_rows_tell_less_the_second_time(small):
     assert information_gain(momdp, belief)[0] < information_gain(independent, belief)[0]
 
 
-@pytest.mark.parametrize("options", [{"kinds": 3}, {"shared": 3}, {"mistaken": [0.1, 0.3]}])
+@pytest.mark.parametrize("options", [{"own_classes": 3}, {"shared": 3}, {"mistaken": [0.1, 0.3]}])
 def test_information_gain_of_kinds_is_that_of_the_truth(small, options):
     """Against the definition: Pr(truth, level) by the exact solution's percepts."""
     momdp = small.toy(3, 2, 4, finite=True, **options)
@@ -63,8 +63,8 @@ def test_information_gain_of_kinds_is_that_of_the_truth(small, options):
 def test_a_mistaken_kind_is_worth_no_second_look(small):
     """Percepts that all err together tell at most of the kind."""
     rows = np.tile([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]], (1, 3, 1, 1))
-    kinds = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.9, 0.1]]]
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, kinds=kinds)
+    latent_classes = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.9, 0.1]]]
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
     belief = initial_belief(momdp)
     assert information_gain(momdp, belief)[0] == pytest.approx(1 - entropy(0.9, 0.1))
     belief = update_belief(belief, momdp, Transition(0, 0, np.array([1])))

@@ -23,15 +23,18 @@ def with_bonus(momdp, pay):
 
 def values_of(problem, plans, belief):
     """Values (J,) of every plan from x, each as if it were the only one."""
-    values, rows = [], ("plan", "uses", "executions", "row")
+    values, rows = [], ("plan", "observation_counts", "executions", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
         first = np.array([0] * (belief.x + 1) + [1] * (len(plans.first) - belief.x - 1))
         one = plans._replace(
             first=first, **{name: getattr(plans, name)[j : j + 1] for name in rows}
         )
         scratch = make_scratch(problem.percepts, 1)
-        scratch.counts[:], scratch.total[:] = belief.seen, belief.seen[0].sum(axis=1)
-        prob = np.exp(belief.weight)
+        scratch.counts[:], scratch.total[:] = (
+            belief.percept_counts,
+            belief.percept_counts[0].sum(axis=1),
+        )
+        prob = np.exp(belief.log_prob)
         values.append(evaluate_plans(problem, one, belief.x, prob, scratch, -np.inf, False))
     return np.array(values)
 
@@ -41,8 +44,8 @@ def bonuses_of(momdp, pay, paid, belief=None):
     shaped, plain = compile_momdp(with_bonus(momdp, pay), paid), compile_momdp(momdp)
     plans = plan_library(momdp, shaped)
     belief = initial_belief(momdp) if belief is None else belief
-    uses = plans.uses[plans.first[belief.x] : plans.first[belief.x + 1]]
-    return values_of(shaped, plans, belief) - values_of(plain, plans, belief), uses
+    counts = plans.observation_counts[plans.first[belief.x] : plans.first[belief.x + 1]]
+    return values_of(shaped, plans, belief) - values_of(plain, plans, belief), counts
 
 
 def decide(momdp, belief=None, **settings):
@@ -55,17 +58,17 @@ def decide(momdp, belief=None, **settings):
 @pytest.mark.parametrize("paid", [1, 2, np.inf])
 def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
     momdp = small.momdp("toy", small.rates, limit=5, discount=1.0)
-    added, uses = bonuses_of(momdp, [7.0, 0.0, 0.0], paid)
-    assert uses[:, 0].max() >= 3
-    np.testing.assert_allclose(added, 7.0 * np.minimum(uses[:, 0], paid))
+    added, counts = bonuses_of(momdp, [7.0, 0.0, 0.0], paid)
+    assert counts[:, 0].max() >= 3
+    np.testing.assert_allclose(added, 7.0 * np.minimum(counts[:, 0], paid))
 
 
 def test_what_was_perceived_in_the_trial_is_not_paid_again(small):
     momdp = small.momdp("toy", small.rates, limit=5, discount=1.0)
     after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1, 0], np.int8)))
-    added, uses = bonuses_of(momdp, [7.0, 20.0, 0.0], 1, after)
+    added, counts = bonuses_of(momdp, [7.0, 20.0, 0.0], 1, after)
     # Eq. 11 pays executions: a lift that succeeds with 0.9 takes 1 / 0.9 of them.
-    np.testing.assert_allclose(added, 20.0 * np.minimum(uses[:, 1], 1) / 0.9)
+    np.testing.assert_allclose(added, 20.0 * np.minimum(counts[:, 1], 1) / 0.9)
 
 
 @pytest.mark.parametrize("prior", [0.5, 0.2])
@@ -91,7 +94,7 @@ def test_shared_plans_are_judged_by_the_percepts_of_the_new_problem(small):
     np.testing.assert_array_equal(same.table[same.row], first.plans.table[first.plans.row])
     blind = small.momdp("toy", {"red": {"look": (0.5, 0.5)}}, limit=4)
     shared = first.sharing_plans(blind).plans
-    np.testing.assert_array_equal(shared.uses, first.plans.uses)
+    np.testing.assert_array_equal(shared.observation_counts, first.plans.observation_counts)
     stop = shared.table[shared.row[:, 0]]  # whatever is executed, an even rule errs by a half
     np.testing.assert_allclose(stop.mean(axis=2), 0.5)
 
@@ -124,7 +127,7 @@ def test_one_plan_fetches_every_bonus(small):
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
 
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}, {"abstain": True}])
+@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
 @pytest.mark.parametrize("finite", [False, True])
 def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
     """Exactly, by brute force; what is left of a plan is a plan, so it is never put off."""

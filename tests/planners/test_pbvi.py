@@ -11,32 +11,16 @@ from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
     MOMDP,
-    FlatPOMDP,
     Transition,
     build_momdp,
-    flatten,
     initial_belief,
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.pomdp_reader import read_pomdp
 from meal_bayes.momdp.reference import load_reference
 from meal_bayes.planners import History
 from meal_bayes.planners.point_based.pbvi import PBVI
 
-TIGER = """discount: 0.95
-values: reward
-states: left right
-actions: listen open-left open-right
-observations: left right
-T: * uniform
-T: listen identity
-O: * uniform
-O: listen 0.85 0.15 0.15 0.85
-R: listen : * : * : * -1
-R: open-left : left : * : * -100   R: open-left : right : * : * 10
-R: open-right : left : * : * 10    R: open-right : right : * : * -100
-"""
 QUICK = PBVI(points=40, rounds=2, sweeps=30, trials=30, steps=20)
 
 
@@ -48,49 +32,6 @@ def momdp_of(name, n, levels=2, seed=0, **options):
 
 def solve(momdp, solver=QUICK, seed=0):
     return solver.solve(momdp, np.random.default_rng(seed))
-
-
-def upper_bound_of_one_bit(pomdp: FlatPOMDP, sweeps: int) -> float:
-    """Iterate from above on a grid of Pr(second state): with linear interpolation never below V."""
-    grid = np.linspace(0.0, 1.0, 4001)
-    beliefs = np.stack([1 - grid, grid], axis=1)
-    value = np.full(len(grid), pomdp.reward.max() / (1 - pomdp.discount))
-    for _ in range(sweeps):
-        best = np.full(len(grid), -np.inf)
-        for a in range(len(pomdp.action_names)):
-            total = beliefs @ pomdp.reward[:, a]
-            for z in range(len(pomdp.observation_names)):
-                joint = beliefs @ (pomdp.transition[a] * pomdp.observation[a, :, :, z])
-                p = joint.sum(axis=1)
-                after = np.interp(joint[:, 1] / np.maximum(p, 1e-300), grid, value)
-                total = total + pomdp.discount * p * after
-            best = np.maximum(best, total)
-        value = best
-    return float(np.interp(pomdp.start[1], grid, value))
-
-
-def test_the_tigers_optimum(tmp_path):
-    """19.37 at even odds: published for tiger.95, and here between two bounds of our own."""
-    (tmp_path / "tiger.pomdp").write_text(TIGER)
-    tiger = read_pomdp(tmp_path / "tiger.pomdp")
-    solver = PBVI(tolerance=1e-6, sweeps=400, rounds=2, spacing=0.01)
-    alpha = solver.solve_flat(tiger, np.random.default_rng(0))
-    lower, upper = alpha.value(tiger.start), upper_bound_of_one_bit(tiger, 400)
-    assert 19.37 < lower <= upper < 19.373
-    assert alpha.best_action([0.5, 0.5]) == 0  # listen
-    assert alpha.best_action([0.99, 0.01]) == 2  # the tiger is left: open right
-    assert alpha.best_action([0.01, 0.99]) == 1
-
-
-def test_a_flat_query_has_the_value_of_its_momdp():
-    """Failures unfolded, x hidden in the state: another way to the same optimum."""
-    momdp = momdp_of("toy", 1, abstain=True)
-    solver = PBVI(points=300, rounds=3, sweeps=300, tolerance=1e-4, spacing=0.02)
-    folded = solve(momdp, solver).lower_bound
-    flat = flatten(momdp)
-    plain = solver.solve_flat(flat, np.random.default_rng(0)).value(flat.start)
-    assert plain == pytest.approx(folded, abs=0.05)
-    assert folded > report_value(momdp, initial_belief(momdp)) + 1
 
 
 def acyclic(n, levels, seed, **options) -> MOMDP:
@@ -132,7 +73,7 @@ def optimum(momdp: MOMDP) -> float:
             bonus = np.stack([1 - belief.positive, belief.positive], axis=1) * momdp.bonus[:, e]
             total, idle = bonus.sum() - momdp.cost[e], 0.0
             for target, p in enumerate(momdp.transition[e, x]):
-                felt = p * momdp.informative[e, x, target]
+                felt = p * momdp.observation_probability[e, x, target]
                 if target == x:
                     idle += p
                 elif p:
@@ -248,7 +189,9 @@ def test_decisions_are_legal_everywhere(name, levels):
             action = decision.action if decision.action in legal else int(rng.choice(legal))
             x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
             percept = (
-                rng.choice([0, levels - 1], n) if momdp.informative[action, belief.x, x] else None
+                rng.choice([0, levels - 1], n)
+                if momdp.observation_probability[action, belief.x, x]
+                else None
             )
             belief = update_belief(belief, momdp, Transition(action, x, percept))
 
@@ -275,7 +218,7 @@ def test_certain_attributes_and_deciding_percepts():
                 load_domain("toy"),
                 Query(("red",)),
                 np.full((1, 3, 4, 2), 0.5),
-                kinds=np.full((1, 2, 4), 0.25),
+                latent_classes=np.full((1, 2, 4), 0.25),
             ),
             "several latent classes",
         ),
@@ -285,11 +228,6 @@ def test_certain_attributes_and_deciding_percepts():
 def test_what_vectors_cannot_hold_is_told(momdp, found):
     with pytest.raises(SettingsError, match=found):
         solve(momdp)
-
-
-def test_a_flat_problem_needs_a_discount():
-    with pytest.raises(SettingsError, match="discount below 1"):
-        QUICK.solve_flat(flatten(momdp_of("toy", 1, discount=1.0)), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

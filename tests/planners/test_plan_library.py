@@ -43,25 +43,26 @@ def exact_values(problem, plans, x, weights):
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=3)
 
     @cache
-    def counts(i, e, k):  # (C,k+1)
+    def yes_counts(i, e, k):  # (C,k+1)
         s, p = percepts.precision[i, e, :, None], yes[i, e, :, None].clip(0.0, 1.0)
         urn = betabinom.pmf(range(k + 1), k, s * p, s * (1 - p))
         return np.where(np.isinf(s), binom.pmf(range(k + 1), k, p), urn)
 
     @cache
-    def outcomes(i, uses):  # Pr(yes-percepts | class) of all that a plan may perceive, (C,M)
+    def outcomes(i, counts):  # Pr(yes-percepts | class) of all that a plan may perceive, (C,M)
         joint = np.ones((percepts.rows.shape[2], 1))
-        for e, used in enumerate(uses):
+        for e, used in enumerate(counts):
             k = int(min(used * percepts.informative[i, e], percepts.limit[e], MOST))
             if k:
-                joint = (joint[:, :, None] * counts(i, e, k)[:, None]).reshape(len(joint), -1)
+                joint = (joint[:, :, None] * yes_counts(i, e, k)[:, None]).reshape(len(joint), -1)
         return joint
 
     out = np.empty((len(weights), plans.first[x + 1] - plans.first[x]))
     for row, j in enumerate(range(plans.first[x], plans.first[x + 1])):
         right = np.empty(weights.shape[:2])
         for i in range(right.shape[1]):
-            joint = weights[:, i, :, None] * outcomes(i, tuple(plans.uses[j].tolist()))  # (B,C,M)
+            gathered = tuple(plans.observation_counts[j].tolist())
+            joint = weights[:, i, :, None] * outcomes(i, gathered)  # (B,C,M)
             right[:, i] = 1 - (percepts.truth[i] @ joint).min(axis=1).sum(axis=1)
         gained = problem.incorrect + problem.gap * right.prod(axis=1)
         out[:, row] = plans.plan["discount"][j] * gained - plans.plan["cost"][j]
@@ -76,32 +77,32 @@ def by_behavior(problem, plans, x, values):
 
 
 def plans_of(problem, walks):
-    """Plans from the first x, by (first behavior, cost, discount, uses), without tables."""
+    """Build plans from the first x by (action, cost, discount, observation counts); no tables."""
     size, n_behaviors = problem.dynamics.step["legal"].shape
     n, _, classes, _ = problem.percepts.rows.shape
     return Plans(
         first=np.array([0] + [len(walks)] * size),
         plan=np.array([walk[:3] for walk in walks], PLAN),
-        uses=np.array([walk[3] for walk in walks], dtype=np.int64),
+        observation_counts=np.array([walk[3] for walk in walks], dtype=np.int64),
         executions=np.zeros((len(walks), n_behaviors)),
         row=np.zeros((len(walks), n), dtype=np.int64),
         table=np.zeros((1, 3, classes)),
     )
 
 
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}])
+@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}])
 @pytest.mark.parametrize("precision", [3.0, np.inf])
 def test_merging_outcomes_raises_the_error_a_little(small, options, precision):
     """More joint outcomes than are held: 4^9, against all of them."""
     rng = np.random.default_rng(2)
     momdp = small.random("cy101", 1, 2, rng, precision=precision, **options)
-    weight, uses = small.weights(momdp, [0.3]), [3] * 9 + [0] * 2
+    weight, counts = small.weights(momdp, [0.3]), [3] * 9 + [0] * 2
     problem = compile_momdp(momdp)
     free = replace(momdp, correct=0.0, incorrect=-1.0)  # a plan is worth minus its error
     exact = -exact_values(
-        compile_momdp(free), plans_of(problem, [(0, 0.0, 1.0, uses)]), 0, weight[None]
+        compile_momdp(free), plans_of(problem, [(0, 0.0, 1.0, counts)]), 0, weight[None]
     )
-    found = small.error(problem, uses, weight)
+    found = small.error(problem, counts, weight)
     assert exact - 1e-12 <= found <= exact + COARSE
     assert found < small.error(problem, [3, 3, 3, 1, 0, 0, 0, 0, 0, 0, 0], weight)
 
@@ -111,7 +112,7 @@ def test_certain_beliefs_have_no_error(small, precision):
     momdp = small.momdp("toy", small.rates, precision)
     problem, plans = made(momdp)
     for log_odds in ([np.inf, -np.inf], [40.0, -800.0]):
-        weight = np.exp(small.believing(momdp, log_odds).weight)
+        weight = np.exp(small.believing(momdp, log_odds).log_prob)
         values = exact_values(problem, plans, 0, weight[None])[0]
         ends = momdp.correct * plans.plan["discount"] - plans.plan["cost"]
         np.testing.assert_allclose(values, ends[: len(values)])
@@ -121,7 +122,7 @@ def test_certain_beliefs_have_no_error(small, precision):
 
 @pytest.mark.parametrize("name", DOMAINS)
 @pytest.mark.parametrize(
-    ("levels", "options"), [(2, {}), (4, {}), (2, {"kinds": 2}), (2, {"shared": 3})]
+    ("levels", "options"), [(2, {}), (4, {}), (2, {"own_classes": 2}), (2, {"shared": 3})]
 )
 @pytest.mark.parametrize("precision", [5.0, np.inf])
 def test_tables_are_close_to_exact_and_never_above(small, name, levels, options, precision):
@@ -183,7 +184,7 @@ def test_plans_are_judged_by_the_beliefs_at_which_they_are_best(small):
 @pytest.mark.parametrize("name", DOMAINS)
 @pytest.mark.parametrize("precision", [5.0, np.inf])
 @pytest.mark.parametrize(
-    ("n", "options"), [(1, {}), (2, {}), (1, {"kinds": 2}), (1, {"shared": 3})]
+    ("n", "options"), [(1, {}), (2, {}), (1, {"own_classes": 2}), (1, {"shared": 3})]
 )
 def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
     rng = np.random.default_rng(4)
@@ -194,32 +195,37 @@ def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
         np.testing.assert_array_equal(np.isfinite(values), problem.dynamics.step["legal"][x])
 
 
-def toy_paths(problem, x, uses_left):
+def toy_paths(problem, x, counts_left):
     """All open-loop plans of `toy` from x that gather at most so many percepts: (path, x after)."""
     yield (), x
     for a in np.flatnonzero(problem.dynamics.step["legal"][x]):
-        if a < 2 and not uses_left[a]:
+        if a < 2 and not counts_left[a]:
             continue
-        left = tuple(u - (a == e) for e, u in enumerate(uses_left))
+        left = tuple(u - (a == e) for e, u in enumerate(counts_left))
         for path, end in toy_paths(problem, int(problem.dynamics.branch["x"][x, a, 0]), left):
             yield (int(a), *path), end
 
 
 def account(problem, x, path):
-    """(first behavior, cost, discount, uses) of a plan, term by term."""
-    cost, discount, uses = 0.0, 1.0, [0, 0, 0]
+    """(first behavior, cost, discount, observation counts) of a plan, term by term."""
+    cost, discount, counts = 0.0, 1.0, [0, 0, 0]
     for a in path:
         cost += discount * problem.dynamics.step["cost"][x, a]
         discount *= problem.dynamics.step["discount"][x, a]
-        uses[a] += a < 2
+        counts[a] += a < 2
         x = int(problem.dynamics.branch["x"][x, a, 0])
-    return path[0], round(cost, 9), round(discount, 9), tuple(uses)
+    return path[0], round(cost, 9), round(discount, 9), tuple(counts)
 
 
 def library(plans, x):
     for j in range(plans.first[x], plans.first[x + 1]):
         action, cost, discount = plans.plan[j].item()
-        yield action, round(cost, 9), round(discount, 9), tuple(plans.uses[j].tolist())
+        yield (
+            action,
+            round(cost, 9),
+            round(discount, 9),
+            tuple(plans.observation_counts[j].tolist()),
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -233,7 +239,7 @@ def test_plans_are_walks_of_the_diagram(small, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}])
+@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}])
 def test_the_library_holds_nearly_the_best_plan(small, seed, options):
     momdp = small.toy(seed, 2, 2, finite=True, limit=3, **options)
     problem, plans = made(momdp)
@@ -255,7 +261,7 @@ def test_the_library_holds_nearly_the_best_plan(small, seed, options):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"mistaken": 0.1}, {"kinds": 3}, {"shared": 3}, {"abstain": True}],
+    [{}, {"mistaken": 0.1}, {"own_classes": 3}, {"shared": 3}, {"abstain": True}],
 )
 @pytest.mark.parametrize(
     ("n", "levels", "finite"), [(1, 2, False), (2, 2, False), (2, 2, True), (1, 4, True)]
@@ -269,7 +275,7 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite, options):
     assert {x for x, _ in reached} == {0, 1}
     for x, seen in reached:
         belief = optimum.belief(x, seen)
-        values = values_at(problem, plans, x, np.exp(belief.weight), belief.seen)
+        values = values_at(problem, plans, x, np.exp(belief.log_prob), belief.percept_counts)
         assert values.max() <= optimum.value(x, seen) + 1e-9
 
 
@@ -304,7 +310,7 @@ def test_ways_to_a_percept_are_cheapest(small, name):
     assert (ways.cost[reached] >= price[reached] * 0.9).all()
     for x, e in np.argwhere(reached):
         assert problem.dynamics.step["legal"][x, ways.hop[x, e]]
-        assert ways.uses[x, e, e] >= 1
+        assert ways.observation_counts[x, e, e] >= 1
 
 
 def test_ways_are_found_once_for_a_diagram(small):

@@ -26,7 +26,7 @@ PROBLEMS = {
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "misperceived": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2}
     | {"mistaken": [0.05, 0.2]},
-    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
+    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
     "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
 }
 
@@ -194,7 +194,7 @@ class TestWithoutThese:
         momdp = small.noisy_roc36(3)
         policy = POMCP(300, points=0).solve(momdp, np.random.default_rng(0))
         simple = diagram_of(policy.problem.dynamics).simple
-        single = simple.take(np.flatnonzero(simple.path[:, 1] < 0))
+        single = simple.select(np.flatnonzero(simple.path[:, 1] < 0))
         plans = _tabulated(policy.problem, single, OUTCOMES)
         blind = POMCPPolicy(momdp, policy.settings)
         blind.plans = plans
@@ -229,7 +229,7 @@ def test_latent_classes_that_truths_share_are_worth_what_split_ones_are(small):
     momdp = small.toy(6, 2, 4, finite=True, shared=5)
     twice = {"confusion": (1, 1, 2, 1), "precision": (1, 1, 2)}
     halves = {name: np.tile(getattr(momdp, name), times) for name, times in twice.items()}
-    problems = momdp, replace(momdp, kinds=small.split(momdp.kinds), **halves)
+    problems = momdp, replace(momdp, latent_classes=small.split(momdp.latent_classes), **halves)
     shared = POMCP(200).solve(momdp, np.random.default_rng(0))
     split = shared.sharing_plans(problems[1])
     steps = (0, np.array([3, 0])), (1, np.array([2, 2])), (0, np.array([0, 1]))

@@ -13,6 +13,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.open_loop.policy import plan_values
 from meal_bayes.planners.pomcp.search import search
 
 
@@ -131,8 +132,10 @@ def test_a_full_tree_keeps_a_node_free(small):
     momdp, options = small.ispy32(6), np.array([0.0, 0.0])
     for capacity in range(1, 130, 3):
         policy = POMCP(simulations=200, capacity=capacity).solve(momdp, np.random.default_rng(0))
-        tree, leaf, sampled = policy._prepare(initial_belief(momdp))
-        search(policy.problem, leaf, tree, sampled, 200, options, np.random.default_rng(1))
+        belief = initial_belief(momdp)
+        scratch = plan_values(policy.problem, policy.plans, belief)
+        tree, evaluator, sampled = policy._prepare(belief, scratch)
+        search(policy.problem, evaluator, tree, sampled, 200, options, np.random.default_rng(1))
         assert 1 < tree.size[0] < len(tree.node)
 
 

@@ -17,7 +17,7 @@ PROBLEMS = {
     "dispersed": {"seed": 1, "n": 2, "levels": 2, "finite": True, "limit": 3},
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "mistaken": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2, "mistaken": 0.2},
-    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "kinds": 3},
+    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
     "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
     "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
     | {"discount": 1.0},
@@ -32,7 +32,7 @@ class Gather:
 
     def decide(self, history, rng):
         belief = history.belief
-        looked, lifted = belief.seen[0, 0].sum(), belief.seen[0, 1].sum()
+        looked, lifted = belief.percept_counts[0, 0].sum(), belief.percept_counts[0, 1].sum()
         action = best_report(self.momdp, belief)
         if looked < self.looks:
             action = 0
@@ -94,8 +94,8 @@ def test_rows_are_drawn_once_an_episode(small):
 
     class Watch(Gather):
         def decide(self, history, rng):
-            if history.belief.seen[0, 0].sum() == 4:
-                shown.append(tuple(history.belief.seen[0, 0]))
+            if history.belief.percept_counts[0, 0].sum() == 4:
+                shown.append(tuple(history.belief.percept_counts[0, 0]))
                 return Decision(best_report(momdp, history.belief), *[np.zeros(4)] * 3)
             return Decision(0, *[np.zeros(4)] * 3)
 
@@ -142,7 +142,7 @@ def test_percepts_run_out(small):
 
     class Insist(Gather):
         def decide(self, history, rng):
-            most.append(history.belief.seen.sum(axis=2).max())
+            most.append(history.belief.percept_counts.sum(axis=2).max())
             assert history.perceived == (True,) * min(3, len(history.perceived)) + (False,) * max(
                 0, len(history.perceived) - 3
             )
@@ -176,7 +176,7 @@ def test_the_history_is_what_happened(small):
             belief = initial_belief(momdp)
             assert history.cost == pytest.approx(sum(momdp.cost[a] for a in history.actions))
             assert len(history.actions) == len(history.perceived) == len(history.moved)
-            assert history.belief.seen[0].sum() == sum(history.perceived)
+            assert history.belief.percept_counts[0].sum() == sum(history.perceived)
             assert history.belief.x == (history.moved[-1] if history.moved else belief.x)
             return super().decide(history, rng)
 
@@ -202,12 +202,14 @@ def test_believing_in_another_model_costs(small):
     np.testing.assert_array_equal(wrong.cost, right.cost)
     assert (wrong.returns <= right.returns + 1e-9).all()
     assert wrong.value < right.value
-    last = max(seen, key=lambda belief: belief.seen.sum())
+    last = max(seen, key=lambda belief: belief.percept_counts.sum())
     again = initial_belief(believed)
-    orders = [[z for z, k in enumerate(last.seen[i, 0]) for _ in range(k)] for i in (0, 1)]
+    orders = [
+        [z for z, k in enumerate(last.percept_counts[i, 0]) for _ in range(k)] for i in (0, 1)
+    ]
     for percept in zip(*orders, strict=True):
         again = update_belief(again, believed, Transition(0, 0, np.array(percept)))
-    lifted = last.seen[:, 1].argmax(axis=1)
+    lifted = last.percept_counts[:, 1].argmax(axis=1)
     again = update_belief(again, believed, Transition(1, 1, lifted))
     np.testing.assert_allclose(last.log_odds, again.log_odds)
 

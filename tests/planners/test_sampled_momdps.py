@@ -28,9 +28,9 @@ def draw_percepts(percepts, sampled, behaviors, rng, out):
 def sequence_probabilities(momdp, belief, behaviors):
     """Pr(percept levels) of every sequence, from the predictive: (N, K^T)."""
     out = []
-    for i, log_prob in enumerate(belief.weight):
+    for i, log_prob in enumerate(belief.log_prob):
         for levels in itertools.product(range(momdp.levels), repeat=len(behaviors)):
-            counts, prob = belief.seen[i].astype(float), np.exp(log_prob)  # a copy; (C,)
+            counts, prob = belief.percept_counts[i].astype(float), np.exp(log_prob)  # a copy; (C,)
             for e, z in zip(behaviors, levels, strict=True):
                 mean, s = momdp.confusion[i, e, :, z], momdp.precision[i, e]
                 prob = prob * predictive(mean, s, counts[e, z], counts[e].sum())
@@ -50,8 +50,8 @@ def test_sampled_momdps_show_what_the_predictive_says(small, precision, options,
     belief = initial_belief(momdp)
     for e, levels in ((0, [1, 0]), (1, [1, 1])):
         belief = update_belief(belief, momdp, Transition(e, 0, np.array(levels)))
-    counts = belief.seen.astype(float)
-    sampled = make_sampled(compile_momdp(momdp).percepts, np.exp(belief.weight), counts)
+    counts = belief.percept_counts.astype(float)
+    sampled = make_sampled(compile_momdp(momdp).percepts, np.exp(belief.log_prob), counts)
     shown = np.zeros((DRAWS, 3, 2), np.int64)
     draw_percepts(compile_momdp(momdp).percepts, sampled, np.array(behaviors), rng, shown)
     cells = np.ravel_multi_index(tuple(shown.transpose(1, 2, 0).reshape(6, -1)), (2,) * 6)

@@ -128,7 +128,7 @@ def test_a_program_that_fails_is_told_with_its_last_words(program):
         "print('x' * 5000)", "print('\\x1b[31mno memory\\n\\x00left', flush=True)", "sys.exit(3)"
     )
     with pytest.raises(
-        SettingsError, match=r"ended with code 3; its last words: .*no memory left$"
+        SettingsError, match=r"ended with code 3; its output ends: .*no memory left$"
     ):
         solve(momdp_of(), program=path)
 
@@ -143,7 +143,7 @@ def test_a_program_that_is_none_is_told(program):
 @pytest.mark.parametrize(
     ("line", "kind", "found"),
     [
-        ("pass", SettingsError, "wrote no policy; its last words: none"),
+        ("pass", SettingsError, "wrote no policy; its output ends: none"),
         ("os.symlink('/dev/zero', 'out.policy')", SettingsError, "wrote no policy"),
         ("pathlib.Path('out.policy').write_bytes(os.urandom(4000))", DataError, "is no policy"),
         ("pathlib.Path('out.policy').write_text('')", DataError, "is no policy"),

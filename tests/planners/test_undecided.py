@@ -19,7 +19,7 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
     assert np.nanmax(decision.values) <= np.nanmax(searched.values) + 1e-9
 
 
-@pytest.mark.parametrize("options", [{}, {"kinds": 2}, {"shared": 3}, {"abstain": True}])
+@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
 def test_what_is_certain_is_better_than_ending_for_certain(small, options):
     found = 0
     for seed in range(4):

@@ -79,7 +79,7 @@ def test_moves_only_where_the_diagram_leads(make: Maker, name: str) -> None:
                 kind = domain.behaviors[behavior]
                 assert kind.senses
                 assert execution.instance.behavior == kind.name
-                assert arrays.informative[behavior, x, execution.next_x] > 0
+                assert arrays.observation_probability[behavior, x, execution.next_x] > 0
             x = execution.next_x
 
 

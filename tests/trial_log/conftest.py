@@ -20,9 +20,11 @@ def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4
     confusion = rng.dirichlet(np.ones(levels), (n, e, c))
     precision = rng.gamma(2.0, 5.0, (n, e, c))
     precision[rng.random(precision.shape) < 0.3] = np.inf
-    kinds = None if c == 2 else rng.dirichlet(np.ones(c), (n, 2))
+    latent_classes = None if c == 2 else rng.dirichlet(np.ones(c), (n, 2))
     prior = rng.uniform(0.05, 0.95, n)
-    return build_momdp(domain, query, confusion, precision, prior=prior, kinds=kinds, limit=5.0)
+    return build_momdp(
+        domain, query, confusion, precision, prior=prior, latent_classes=latent_classes, limit=5.0
+    )
 
 
 def make_tree(momdp: MOMDP, edges: int, rng: np.random.Generator) -> tuple[TreeEdge, ...]:
@@ -63,7 +65,7 @@ def make_trial(
         action, x = int(rng.integers(e)), belief.x
         next_x = int(rng.integers(momdp.terminal))
         percept = rng.integers(momdp.levels, size=n).astype(np.int8)
-        senses = momdp.informative[action].any() and rng.random() < 0.8
+        senses = momdp.observation_probability[action].any() and rng.random() < 0.8
         percept = percept if senses else None
         if senses and (momdp.confusion[np.arange(n), action, :, percept] == 0).any():
             percept = None

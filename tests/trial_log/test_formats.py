@@ -133,11 +133,11 @@ def test_the_picture_is_bright_where_a_percept_is_likely(make):
 def test_rows_by_truth_are_those_of_drawn_objects(make):
     rng = np.random.default_rng(4)
     momdp = make.momdp(load_domain("toy"), 1, rng)
-    while momdp.kind_is_truth:
+    while momdp.class_is_truth:
         momdp = make.momdp(load_domain("toy"), 1, rng)
     mean, sd = truth_rows(momdp, 1)
     for truth in (0, 1):
-        kinds = rng.choice(momdp.n_kinds, 20_000, p=momdp.kinds[0, truth])
+        kinds = rng.choice(momdp.n_classes, 20_000, p=momdp.latent_classes[0, truth])
         drawn = []
         for kind in kinds:
             row, weight = momdp.confusion[0, 1, kind], momdp.precision[0, 1, kind]

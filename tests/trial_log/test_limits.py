@@ -250,7 +250,9 @@ def test_numbers_that_nothing_can_cost_are_refused(messages, topic, name, value,
 def test_they_are_not_written_either(make, tmp_path):
     (trial,) = make.trials(1)
     first = trial.first_belief
-    broken = Belief(first.x, np.full_like(first.weight, np.nan), first.seen, first.log_share)
+    broken = Belief(
+        first.x, np.full_like(first.log_prob, np.nan), first.percept_counts, first.log_truth
+    )
     with (
         TrialWriter(tmp_path / "a.mcap", {}) as log,
         pytest.raises(LogError, match="no logarithms of probabilities"),

@@ -57,13 +57,13 @@ def decisions(draw, momdp):
 def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
-    kinds = n * momdp.n_kinds
+    kinds = n * momdp.n_classes
     weight = np.array(draw(st.lists(LOGS, min_size=kinds, max_size=kinds))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
     x = draw(st.integers(0, momdp.terminal))
-    return Belief(x, weight, seen.reshape(shape), momdp.log_share)
+    return Belief(x, weight, seen.reshape(shape), momdp.log_truth)
 
 
 @st.composite
@@ -117,7 +117,7 @@ def test_arrays_come_back_read_only_and_momdps_shared(make, tmp_path):
     assert back[0].momdp is back[1].momdp
     assert back[1].momdp is not back[2].momdp
     assert log_info(tmp_path / "a.mcap").momdps == 2
-    assert not back[0].steps[0].belief.seen.flags.writeable
+    assert not back[0].steps[0].belief.percept_counts.flags.writeable
     percepts = [s.observation for t in back for s in t.steps if s.observation is not None]
     assert percepts
     assert not any(percept.flags.writeable for percept in percepts)
@@ -136,7 +136,7 @@ def test_equal_momdps_are_stored_once_within_the_memory(make, tmp_path):
 def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     trial = make.trials(1, 2, steps=5)[0]
     belief = trial.steps[2].belief
-    strange = Belief(0, belief.weight, belief.seen + 3, belief.log_share)
+    strange = Belief(0, belief.log_prob, belief.percept_counts + 3, belief.log_truth)
     steps = list(trial.steps)
     steps[2] = dataclasses.replace(steps[2], belief=strange)
     odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
@@ -232,8 +232,8 @@ def test_a_log_without_trials_is_whole(tmp_path):
 def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_path):
     good = make.trials(1)[0]
     momdp, first = good.momdp, initial_belief(good.momdp)
-    percept, first_of = np.array([0, 9], np.int8), (first.seen, first.log_share)
-    other = first.log_share + 1.0
+    percept, first_of = np.array([0, 9], np.int8), (first.percept_counts, first.log_truth)
+    other = first.log_truth + 1.0
     bad = [
         Step(0, unvalued(momdp, momdp.n_actions), 0, None, 0.0, 0.0, first),
         Step(0, Decision(0, [0.0], [0.0], [0]), 0, None, 0.0, 0.0, first),
@@ -241,8 +241,10 @@ def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_p
         Step(0, unvalued(momdp, 0), 0, percept, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept[:1], 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], *first_of)),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, [1], first_of[1])),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.weight, first_of[0], other)),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, [1], first_of[1])),
+        Step(
+            0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, first_of[0], other)
+        ),
         Step(0, unvalued(momdp, 0), 0, None, "free", 0.0, first),
     ]
     path = tmp_path / "a.mcap"

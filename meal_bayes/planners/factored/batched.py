@@ -1,4 +1,4 @@
-"""Optimal values of many problems of one attribute at once: what a better table would be worth.
+"""Optimal values of many problems of one attribute at once: the value of better rates.
 
 Each asks the same question of the same robot with yes/no percepts of known rates (Eq. 8); only the
 rates and the prior differ. Beliefs lie on an even grid of log-odds, so a percept shifts them all by
@@ -24,8 +24,8 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
 
     Parameters
     ----------
-    momdp : of one attribute; its diagram, costs, discount and rewards hold for all, what it says
-        of percepts for none. It must not be shaped.
+    momdp : of one attribute; its diagram, costs, discount and rewards hold for all, its
+        rows for none. It must not be shaped.
     rates : (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : (B,) Pr(the attribute is true).
 
@@ -55,9 +55,9 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
             break
     at = (np.log(start / (1 - start)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
     low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
-    share, row = np.clip(at - low, 0.0, 1.0), np.arange(len(start))
+    fraction, row = np.clip(at - low, 0.0, 1.0), np.arange(len(start))
     first = value[momdp.start]
-    return np.asarray((1 - share) * first[row, low] + share * first[row, low + 1])
+    return np.asarray((1 - fraction) * first[row, low] + fraction * first[row, low + 1])
 
 
 class _Percept:
@@ -70,22 +70,22 @@ class _Percept:
         at = np.arange(len(grid)) + np.log(rates[..., 1:] / rates[..., :1]) / step
         at = np.clip(at, 0, len(grid) - 1)
         self.low = np.minimum(at.astype(np.intp), len(grid) - 2)
-        self.share = at - self.low
+        self.fraction = at - self.low
 
     def expectation(self, value: Floats) -> Floats:
         """Compute the expected value (B,G) after the percept."""
         total = np.zeros_like(value)
-        for prob, low, share in zip(self.prob, self.low, self.share, strict=True):
+        for prob, low, fraction in zip(self.prob, self.low, self.fraction, strict=True):
             below = np.take_along_axis(value, low, axis=1)
             above = np.take_along_axis(value, low + 1, axis=1)
-            total += prob * (below + share * (above - below))
+            total += prob * (below + fraction * (above - below))
         return total
 
 
 def _back_up(
     dynamics: Dynamics, percepts: list[_Percept], floor: Floats, value: Floats, x: int
 ) -> float:
-    """Back one x up, in place; return the largest change."""
+    """Update the values of one x in place; return the largest change."""
     new = np.broadcast_to(floor[x], value[x].shape).copy()
     for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
         step, ahead = dynamics.step[x, e], np.zeros_like(new)

@@ -65,11 +65,11 @@ def make_table(axes: Sequence[Floats], value: Floats) -> Table:
 def refine(table: Table, attribute: int, axis: Floats) -> Table:
     """Interpolate the values of a table on another axis of one attribute."""
     axes = table.axes
-    low, share = between(axes[attribute], axis)
+    low, fraction = between(axes[attribute], axis)
     high = np.minimum(low + 1, len(axes[attribute]) - 1)
     left = len(table.value) * int(table.size[:attribute].prod())
     old = table.value.reshape(left, len(axes[attribute]), -1)
-    new = old[:, low] * (1 - share)[:, None] + old[:, high] * share[:, None]
+    new = old[:, low] * (1 - fraction)[:, None] + old[:, high] * fraction[:, None]
     axes[attribute] = axis
     return make_table(axes, new.reshape(len(table.value), -1))
 
@@ -78,14 +78,14 @@ def between(axis: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the point below each belief, and the weight of the point above it."""
     low = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, max(len(axis) - 2, 0))
     width = axis[np.minimum(low + 1, len(axis) - 1)] - axis[low]
-    share = np.divide(at - axis[low], width, out=np.zeros_like(at), where=width > 0)
-    return low, share.clip(0.0, 1.0)
+    fraction = np.divide(at - axis[low], width, out=np.zeros_like(at), where=width > 0)
+    return low, fraction.clip(0.0, 1.0)
 
 
 def informative_pairs(momdp: MOMDP) -> NDArray[np.bool_]:
     """Return which behaviors' percepts can move the belief in which attributes, (N,E)."""
     differ = (np.abs(momdp.confusion[:, :, 1] - momdp.confusion[:, :, 0]) > _EQUAL).any(axis=-1)
-    comes = (momdp.transition * momdp.informative).any(axis=2).T & momdp.legal  # (X,E)
+    comes = (momdp.transition * momdp.observation_probability).any(axis=2).T & momdp.legal  # (X,E)
     unsure = (momdp.prior > 0) & (momdp.prior < 1)
     return np.asarray(differ & comes.any(axis=0) & (momdp.limit > 0) & unsure[:, None])
 
@@ -97,13 +97,13 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     not pay any more, and half as dense beyond; 0, 1/2 (where the best report changes) and 1 are
     points too.
     """
-    worth = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
-    reach = float(np.clip(np.log(max(worth, 1.0)), _WIDEST / 2, _WIDEST))
+    ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
+    reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
     log_odds = _prior_log_odds(momdp, attribute) + np.concatenate([-half[:0:-1], half])
-    if np.abs(log_odds).min() > 1e-6:  # noqa: PLR2004  no point of the axis yet
+    if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
         log_odds = np.sort(np.append(log_odds, 0.0))
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 
@@ -185,11 +185,11 @@ def value_after(
                 if p <= 0.0:
                     continue
                 after = joint / p
-            low, share = _locate(table, i, after)
-            scratch[0, axis + beside], scratch[1, axis + beside] = low, p * (1.0 - share)
+            low, fraction = _locate(table, i, after)
+            scratch[0, axis + beside], scratch[1, axis + beside] = low, p * (1.0 - fraction)
             beside += 1
-            if share > 0.0:
-                scratch[0, axis + beside], scratch[1, axis + beside] = low + 1, p * share
+            if fraction > 0.0:
+                scratch[0, axis + beside], scratch[1, axis + beside] = low + 1, p * fraction
                 beside += 1
         for k in range(count - 1, -1, -1):  # from the end, as each makes way for several
             offset, part = scratch[0, k] * table.size[i], scratch[1, k]

@@ -80,13 +80,13 @@ class ValueIteration:
             best = next(iter(tried))
             if len(tried) > 1:
                 tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
-                best = max(tried, key=lambda i: self._gain(grid, tried[i]))
+                best = max(tried, key=lambda i: self._fall_rate(grid, tried[i]))
             chosen = self._lowered(tried[best])
             fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
             grid = chosen
 
     def lowered(self, table: Table, sweeps: int = _SWEEPS) -> Table:
-        """Lower upper bounds, on their own grid, until a sweep changes none of them."""
+        """Iterate upper bounds, on their own grid, until a sweep changes none of them."""
         return self._swept(table, sweeps, _SETTLED, smooth=False)
 
     def estimate(self, bounds: Table, points: int) -> Table:
@@ -106,7 +106,7 @@ class ValueIteration:
             bounds = refine(bounds, i, even_axis(self.momdp, i, inner))
         return self._swept(bounds, _SMOOTHED, _SMOOTH_SETTLED, smooth=True)
 
-    def worth_at_most(self) -> float:
+    def constant_bound(self) -> float:
         """Bound every value by a constant: the best ending, or the best pay for ever.
 
         Raises
@@ -126,7 +126,7 @@ class ValueIteration:
         return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
 
     def forget_grids(self) -> None:
-        """Free what was kept of all grids; it is built again when needed."""
+        """Clear what was kept of all grids; it is built again when needed."""
         self._percepts.clear()
 
     def _swept(self, table: Table, sweeps: int, settled: float, *, smooth: bool) -> Table:
@@ -138,8 +138,8 @@ class ValueIteration:
             percepts.append(self._percepts[key])
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
-        work = np.zeros((4, value.shape[1]))
-        sweep(backups, value, work, settled * self.tolerance, sweeps, smooth)
+        scratch = np.zeros((4, value.shape[1]))
+        sweep(backups, value, scratch, settled * self.tolerance, sweeps, smooth)
         return table._replace(value=value)
 
     def _lowered(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:
@@ -157,11 +157,11 @@ class ValueIteration:
                 f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
                 f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
             )
-        value = np.full((momdp.terminal, size), self.worth_at_most())
+        value = np.full((momdp.terminal, size), self.constant_bound())
         return _Grid(make_table(axes, value), (0,) * len(axes))
 
     def _finer(self, grid: _Grid, attributes: Sequence[int], points: int) -> _Grid | None:
-        """Halve the steps of some axes, unless the grid would have too many points."""
+        """Divide the steps of some axes by two; None if the grid would have too many points."""
         table, levels, size = grid.table, list(grid.levels), grid.table.size.copy()
         axes = {i: make_axis(self.momdp, i, levels[i] + 1) for i in attributes}
         for i, axis in axes.items():
@@ -178,7 +178,7 @@ class ValueIteration:
         one, other = (t.value[x, t.position(prior)] for t in (grid.table, finer.table))
         return float(one - other)
 
-    def _gain(self, grid: _Grid, finer: _Grid) -> float:
+    def _fall_rate(self, grid: _Grid, finer: _Grid) -> float:
         growth = finer.table.value.shape[1] / grid.table.value.shape[1]
         return self._fall(grid, finer) / math.log(growth)
 
@@ -189,7 +189,7 @@ def _inner_points(n: int, points: int) -> int:
 
 
 def spans_percepts(momdp: MOMDP, points: int) -> bool:
-    """Whether the even axes of an estimate reach as far as a percept moves the log-odds.
+    """Test whether the even axes of an estimate reach as far as a percept moves the log-odds.
 
     Where the sharpest behavior moves an attribute further in the mean, beliefs soon lie between the
     last point and certainty, where the estimate is a straight line and says little.

@@ -13,8 +13,8 @@ along one axis lies above V, and the mixture it makes over that axis is still co
 of any U >= V on the grid lies above V everywhere. (3) A Bellman backup T is monotone and T V = V,
 so T I U >= V on the grid, and so is min(U, T I U). Started from a constant that no reward exceeds,
 every table is therefore an upper bound, however coarse the grid and however few the sweeps, and so
-is what a finer grid reads off it. Bonuses of shaping are linear in each b_i; failures are folded
-into their behavior, and abstaining is worth a constant. As the grid grows, the bound gets tight.
+is what a finer grid reads off it. Bonuses of shaping are linear in each b_i; geometric failures
+are summed out, and abstaining is worth a constant. As the grid grows, the bound gets tight.
 
 *The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid
 that is too coarse the bound promises information that is not there, and its policy puts the report
@@ -76,7 +76,7 @@ class Factored:
         SettingsError : finite precision, several latent classes a truth, more attributes than
             `points` allow, or rewards without a bound.
         """
-        if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+        if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
             raise SettingsError(
                 "Factored value iteration needs percepts that are independent given the truth, "
                 "with known rates (Eq. 8: infinite precision, one latent class a truth); plan with "
@@ -141,7 +141,7 @@ class FactoredPolicy:
     def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
         """Return iteration and table without the behaviors whose percepts have run out."""
         momdp = self.iteration.momdp
-        gone = (belief.seen[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
+        gone = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
         gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
         if not gone.any():
             return self.iteration, self.estimate
@@ -151,20 +151,20 @@ class FactoredPolicy:
             iteration = replace(self.iteration, momdp=rest, problem=compile_momdp(rest))
             start = self.bound
             if self.iteration.problem.shaped:  # what is gone may have taken pay away
-                top = np.full_like(start.value, iteration.worth_at_most())
+                top = np.full_like(start.value, iteration.constant_bound())
                 start = start._replace(value=top)
             self._rest[key] = iteration, _rounded_up(iteration.lowered(start))
         return self._rest[key]
 
 
 def _without_percepts(momdp: MOMDP, gone: NDArray[np.bool_]) -> MOMDP:
-    """Take percepts and bonus from some behaviors (E,)."""
+    """Remove percepts and bonus from some behaviors (E,)."""
     limit, bonus = np.where(gone, 0.0, momdp.limit), np.where(gone[:, None], 0.0, momdp.bonus)
     return replace(momdp, limit=limit, bonus=bonus)
 
 
 def _rounded_up(table: Table) -> Table:
-    """Halve a table's memory; it stays an upper bound."""
+    """Convert a table to float32, rounded up: it stays an upper bound."""
     return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 

@@ -84,9 +84,9 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     joint = true * axis
     p = joint + false * (1 - axis)  # (E,K,G)
     after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
-    low, share = between(axis, after)
+    low, fraction = between(axis, after)
     point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
-    weight = np.stack([1 - share, share], axis=-1)
+    weight = np.stack([1 - fraction, fraction], axis=-1)
     if smooth:
         point, weight = _cubic(axis, after, low, point, weight)
     shape = (len(p), len(axis), -1)
@@ -102,7 +102,7 @@ def _cubic(
     point = np.concatenate([point, point], axis=-1)
     weight = np.concatenate([weight, np.zeros_like(weight)], axis=-1)
     inner = (low > 0) & (low < last - 1)
-    if last < 5 or not inner.any():  # noqa: PLR2004  four points and certainty on both sides
+    if last < 5 or not inner.any():  # four points and certainty on both sides
         return point, weight
     log_odds = np.log(axis[1:-1]) - np.log1p(-axis[1:-1])
     four = np.clip(low[inner] - 1, 1, last - 4)[:, None] + np.arange(4)
@@ -133,9 +133,9 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Pe
 
 @entry_kernel
 def sweep(
-    backups: Backups, value: Floats, work: Floats, settled: float, sweeps: int, smooth: bool
+    backups: Backups, value: Floats, scratch: Floats, settled: float, sweeps: int, smooth: bool
 ) -> None:
-    """Back up the values of every x, latest first, until a sweep changes none by `settled`.
+    """Update the values of every x, latest first, until a sweep changes none by `settled`.
 
     Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
     behaviors that keep it lower its values; not if smooth.
@@ -154,20 +154,20 @@ def sweep(
         largest = 0.0
         for x in range(value.shape[0] - 1, -1, -1):
             for b in range(points):
-                work[0, b] = backups.floor[x, b]
+                scratch[0, b] = backups.floor[x, b]
             fallen, keeps, loops = 0.0, min(0, x), False
             while True:  # once those that leave x, then those that may keep it
                 for m in range(edge.shape[0]):
                     if edge[m, 0] == x and edge[m, 2] == keeps:
                         loops = keeps == 1
-                        _back_up(backups, value, m, work, keeps)
+                        _back_up(backups, value, m, scratch, keeps)
                 fall = 0.0
                 for b in range(points):
                     if keeps == 1:
-                        new = work[1, b] if smooth else min(work[1, b], value[x, b])
+                        new = scratch[1, b] if smooth else min(scratch[1, b], value[x, b])
                         fall = max(fall, abs(value[x, b] - new))
                         value[x, b] = new
-                    work[1, b] = work[0, b]
+                    scratch[1, b] = scratch[0, b]
                 fallen = max(fallen, fall)
                 if keeps == 1 and (smooth or not loops or fall <= max(settled, _LOOPED * fallen)):
                     break
@@ -178,12 +178,12 @@ def sweep(
 
 
 @kernel
-def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) -> None:
+def _back_up(backups: Backups, value: Floats, m: int, scratch: Floats, row: int) -> None:
     """Raise work[row] to the value of edge m, one step ahead of the values."""
     outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
-    source = min(2, work.shape[0])  # not a literal, for which there would be a second kernel
+    source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
     for b in range(points):
-        work[2, b] = 0.0
+        scratch[2, b] = 0.0
     for percept in range(1, -1, -1):
         comes = False
         for x in range(value.shape[0]):
@@ -191,28 +191,28 @@ def _back_up(backups: Backups, value: Floats, m: int, work: Floats, row: int) ->
             if p > 0.0:
                 comes = True
                 for b in range(points):
-                    work[source, b] += p * value[x, b]
+                    scratch[source, b] += p * value[x, b]
         if percept == 1 and comes:
             left = min(1, points)  # no literal either
             for i in range(backups.size.shape[0]):
                 if backups.point[i, backups.edge[m, 1], 0, 0] >= 0:
-                    _expect(backups, i, backups.edge[m, 1], left, work, source)
+                    _expect(backups, i, backups.edge[m, 1], left, scratch, source)
                     source = 5 - source
                 left *= backups.size[i]
     for b in range(points):
         pay = reward[m, b if reward.shape[1] > 1 else 0]
-        work[row, b] = max(work[row, b], work[source, b] + pay)
+        scratch[row, b] = max(scratch[row, b], scratch[source, b] + pay)
 
 
 @kernel
-def _expect(backups: Backups, i: int, e: int, left: int, work: Floats, source: int) -> None:
+def _expect(backups: Backups, i: int, e: int, left: int, scratch: Floats, source: int) -> None:
     """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
 
     Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
     for the last one, over a block of the earlier ones.
     """
     point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
-    right = work.shape[1] // (left * size)
+    right = scratch.shape[1] // (left * size)
     rows, step = (1, 1) if right > 1 else (_BLOCK, size)
     for first in range(0, left, rows):
         width = right if right > 1 else min(rows, left - first) * step
@@ -227,7 +227,11 @@ def _expect(backups: Backups, i: int, e: int, left: int, work: Floats, source: i
                 s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
                 u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
                 for r in range(0, width, step):
-                    one = s * work[source, np.uintp(a + r)] + t * work[source, np.uintp(b + r)]
-                    two = u * work[source, np.uintp(c + r)] + v * work[source, np.uintp(d + r)]
+                    one = (
+                        s * scratch[source, np.uintp(a + r)] + t * scratch[source, np.uintp(b + r)]
+                    )
+                    two = (
+                        u * scratch[source, np.uintp(c + r)] + v * scratch[source, np.uintp(d + r)]
+                    )
                     here = np.uintp(to + r)
-                    work[target, here] = keep * work[target, here] + (one + two)
+                    scratch[target, here] = keep * scratch[target, here] + (one + two)

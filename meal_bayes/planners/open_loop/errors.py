@@ -1,7 +1,7 @@
 """Kernels of the exact Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-Percepts are cut to yes/no, and outcomes of like likelihood ratio merged once there is no room for
-more; both can only raise the error, so what a plan is said to be worth stays a lower bound.
+Percepts are cut to yes/no, and outcomes of like likelihood ratio merged at the
+capacity; both can only raise the error, so the value of a plan stays a lower bound.
 """
 
 from typing import NamedTuple
@@ -15,10 +15,10 @@ from meal_bayes.planners.kernels import entry_kernel, kernel
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
-_MERGED = 16  # outcomes are merged to a share of 1/16 of what is held
+_MERGED = 16  # outcomes are merged to 1/16 of the capacity
 _WIDEST = 12.0  # log likelihood ratios beyond are merged
-SPAN = 16.0  # log-odds covered by the tables of decision rules
-RULES = 65  # thresholds of a table, even in log-odds
+SPAN = 16.0  # log-odds covered by the error tables
+THRESHOLDS = 65  # thresholds of a table, even in log-odds
 
 predictive = kernel(observation_predictive)
 
@@ -34,10 +34,10 @@ class Scratch(NamedTuple):
     bins : (C,M) the same, while it is merged or counted.
     truths : (2,M) Pr(what a plan's percepts show, truth).
     chance : (N,) Pr(attribute is true).
-    rule : (N,) the decision threshold that was best last.
-    guess : (J,) what tables say of plans that must be computed.
+    threshold : (N,) the decision threshold that was best last.
+    guess : (J,) tabulated values of plans that must be computed.
     tried : (E,) plans computed, by first behavior.
-    value : (E,) what it is worth; -inf where there is none.
+    value : (E,) value of the best plan, by first behavior; -inf where there is none.
     best : (E,) the best plan, by first behavior.
     """
 
@@ -47,7 +47,7 @@ class Scratch(NamedTuple):
     bins: NDArray[np.float64]
     truths: NDArray[np.float64]
     chance: NDArray[np.float64]
-    rule: NDArray[np.int64]
+    threshold: NDArray[np.int64]
     guess: NDArray[np.float64]
     tried: NDArray[np.int64]
     value: NDArray[np.float64]
@@ -55,7 +55,7 @@ class Scratch(NamedTuple):
 
 
 def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Scratch:
-    """Make the buffers for a MOMDP and so many plans of one x; nothing perceived so far."""
+    """Create the buffers for a MOMDP and so many plans of one x; no percepts so far."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
         counts=np.zeros((n, e, k)),
@@ -64,7 +64,7 @@ def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Sc
         bins=np.empty((c, held)),
         truths=np.empty((2, held)),
         chance=np.zeros(n),
-        rule=np.zeros(n, np.int64),
+        threshold=np.zeros(n, np.int64),
         guess=np.zeros(plans),
         tried=np.zeros(e, np.int64),
         value=np.zeros(e),
@@ -74,7 +74,7 @@ def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Sc
 
 @kernel
 def _count_yes(percepts, i, c, e, k, scratch):
-    """Pr(j of the next k percepts say yes | latent class), j = 0..k -> row c of `bins`."""
+    """Compute Pr(j of the next k percepts are yes | class), j = 0..k -> row c of `bins`."""
     levels, out = percepts.rows.shape[3], scratch.bins
     mean, yes = 0.0, 0.0
     for z in range(levels // 2, levels):
@@ -107,7 +107,7 @@ def _sum_classes(weights, i, m, scratch):
 
 @kernel
 def _log_ratio(truths, a):
-    """Log likelihood ratio of an outcome."""
+    """Compute the log likelihood ratio of an outcome."""
     return np.log((truths[1, a] + 1e-300) / (truths[0, a] + 1e-300))
 
 
@@ -137,19 +137,19 @@ def _merge(weights, i, m, scratch):
 
 
 @kernel
-def _enumerate(percepts, weights, uses, plan, i, scratch):
+def _enumerate(percepts, weights, counts, plan, i, scratch):
     """Multiply column 0 of `outcomes` by all that a plan may perceive; return how many there are.
 
-    `weights` (N,2,C) is what the truths weigh in each latent class, or the classes in each truth.
+    `weights` (N,2,C) is Pr(truth | latent class), or Pr(latent class | truth).
     """
     outcomes, bins = scratch.outcomes, scratch.bins
     classes, held = outcomes.shape
     m = min(1, held)
-    for e in range(uses.shape[1]):
-        if uses[plan, e] == 0 or not percepts.informative[i, e]:
+    for e in range(counts.shape[1]):
+        if counts[plan, e] == 0 or not percepts.informative[i, e]:
             continue
         left = percepts.limit[e] - scratch.total[e]
-        k = int(min(float(uses[plan, e]), left, _MERGED - 1.0))
+        k = int(min(float(counts[plan, e]), left, _MERGED - 1.0))
         if k <= 0:
             continue
         if m * (k + 1) > held:
@@ -165,11 +165,11 @@ def _enumerate(percepts, weights, uses, plan, i, scratch):
 
 
 @kernel
-def plan_error(percepts, uses, plan, i, prob, scratch):
-    """Bayes error of attribute i after a plan, from a belief (N,C) and the percepts so far."""
+def plan_error(percepts, counts, plan, i, prob, scratch):
+    """Compute attribute i's Bayes error after a plan, from a belief (N,C) and percepts so far."""
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]
-    m, error = _enumerate(percepts, percepts.truth, uses, plan, i, scratch), 0.0
+    m, error = _enumerate(percepts, percepts.truth, counts, plan, i, scratch), 0.0
     _sum_classes(percepts.truth, i, m, scratch)
     for a in range(m):
         error += min(scratch.truths[0, a], scratch.truths[1, a])
@@ -177,34 +177,36 @@ def plan_error(percepts, uses, plan, i, prob, scratch):
 
 
 @entry_kernel
-def tabulate_errors(percepts, uses, attribute, scratch, table):
-    """Tabulate Pr(error | latent class) of decision rules -> table (T,G,C).
+def tabulate_errors(percepts, counts, attribute, scratch, table):
+    """Tabulate Pr(error | latent class) at decision thresholds -> table (T,G,C).
 
-    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Rule g says yes where the
-    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. Any rule's error is never
-    below the Bayes error; where the class is the truth, the rules next to the log-odds of a belief
-    are the best ones.
+    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Threshold g decides yes where the
+    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. No threshold's
+    error is below the Bayes error; where the class is the truth, the best thresholds are those
+    next to the log-odds of a belief.
     """
-    rules, classes, bins = table.shape[1], table.shape[2], scratch.bins
+    thresholds, classes, bins = table.shape[1], table.shape[2], scratch.bins
     for t in range(table.shape[0]):
         i = attribute[t]
         for c in range(classes):
             scratch.outcomes[c, 0] = 1.0
-        m = _enumerate(percepts, percepts.classes, uses, t, i, scratch)
+        m = _enumerate(percepts, percepts.classes, counts, t, i, scratch)
         _sum_classes(percepts.classes, i, m, scratch)
         for c in range(classes):
-            for g in range(rules + 1):
+            for g in range(thresholds + 1):
                 bins[c, g] = 0.0
         for a in range(m):  # from this threshold on an outcome speaks for yes
-            g = int(np.ceil((SPAN - _log_ratio(scratch.truths, a)) * ((rules - 1) / (2.0 * SPAN))))
-            g = min(max(g, 0), rules)
+            g = int(
+                np.ceil((SPAN - _log_ratio(scratch.truths, a)) * ((thresholds - 1) / (2.0 * SPAN)))
+            )
+            g = min(max(g, 0), thresholds)
             for c in range(classes):
                 bins[c, g] += scratch.outcomes[c, a]
         for c in range(classes):
             yes, no = 0.0, 0.0
-            for g in range(rules):
+            for g in range(thresholds):
                 yes += bins[c, g]
                 table[t, g, c] = percepts.truth[i, 0, c] * yes
-            for g in range(rules - 1, -1, -1):
+            for g in range(thresholds - 1, -1, -1):
                 no += bins[c, g + 1]
                 table[t, g, c] += percepts.truth[i, 1, c] * no

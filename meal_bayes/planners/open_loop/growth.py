@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from meal_bayes.planners.compiled import Dynamics
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
-_SURE = 0.6  # Pr(right) from which a plan must be worth its cost
-_WORTH = 0.5  # and gain at least this share of what its next step costs
+_SURE = 0.6  # Pr(right) from which a plan must repay its cost
+_RETURN = 0.5  # and gain at least this fraction of the cost of its next step
 
 
 class Ways(NamedTuple):
@@ -25,7 +25,7 @@ class Ways(NamedTuple):
     end : (X,E) x afterwards.
     cost : (X,E) s, discounted.
     discount : (X,E) factor on what comes afterwards.
-    uses : (X,E,E) percepts gathered on the way, the last included.
+    observation_counts : (X,E,E) percepts gathered on the way, the last included.
     """
 
     target: NDArray[np.int64]
@@ -34,10 +34,10 @@ class Ways(NamedTuple):
     end: NDArray[np.int64]
     cost: NDArray[np.float64]
     discount: NDArray[np.float64]
-    uses: NDArray[np.int64]
+    observation_counts: NDArray[np.int64]
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
-        """Behaviors from x to the percept of one of them, executed; empty where there is no way."""
+        """Return the behaviors from x to a percept of one of them; empty where there is no way."""
         path: tuple[int, ...] = ()
         while self.hop[x, behavior] >= 0:
             a = int(self.hop[x, behavior])
@@ -75,10 +75,10 @@ def find_ways(dynamics: Dynamics) -> Ways:
 
 
 def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...]) -> None:
-    """Write down the way along a path, which ends with a percept."""
+    """Record the way along a path, which ends with a percept."""
     x, scale, goal = start, 1.0, path[-1]
     for a in path:
-        ways.uses[start, goal, a] += ways.senses[x, a]
+        ways.observation_counts[start, goal, a] += ways.senses[x, a]
         ways.cost[start, goal] += scale * step["cost"][x, a]
         scale *= step["discount"][x, a]
         x = int(ways.target[x, a])
@@ -86,19 +86,19 @@ def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...])
 
 
 @kernel
-def _probable(affinity, uses, chance, b):
-    """Estimate Pr(right report) after the percepts of a plan (E,), from their affinity.
+def _probable(bhattacharyya, counts, chance, b):
+    """Estimate Pr(right report) after a plan's percepts (E,) by their Bhattacharyya coefficient.
 
-    Percepts of affinity r = sum_z sqrt(p1 p0) leave an error of about
-    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; affinities multiply.
+    Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of about
+    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; coefficients multiply.
     """
-    right, last = 1.0, affinity.shape[2] - 1
-    for i in range(affinity.shape[0]):
+    right, last = 1.0, bhattacharyya.shape[2] - 1
+    for i in range(bhattacharyya.shape[0]):
         log_r = 0.0
-        for e in range(uses.shape[0]):
-            k = uses[e]
+        for e in range(counts.shape[0]):
+            k = counts[e]
             if k > 0:
-                log_r += affinity[i, e, min(k, last)] * max(1.0, k / last)
+                log_r += bhattacharyya[i, e, min(k, last)] * max(1.0, k / last)
         p = chance[b, i]
         error = 0.5 - 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * p * (1.0 - p) * np.exp(2.0 * log_r)))
         right *= 1.0 - error
@@ -106,12 +106,12 @@ def _probable(affinity, uses, chance, b):
 
 
 @kernel
-def _next_percept(ways, here, affinity, chance, b, uses, right):
+def _next_percept(ways, here, bhattacharyya, chance, b, counts, right):
     """Choose the percept (or two or three of it) that adds most log Pr(right) per second.
 
     Returns behavior (-1 for none), how many of it, and the rate.
     """
-    n, best, best_e, best_k = uses.shape[1], 1e-12, -1, 1
+    n, best, best_e, best_k = counts.shape[1], 1e-12, -1, 1
     for e in range(n):
         if ways.hop[here, e] < 0:
             continue
@@ -119,9 +119,9 @@ def _next_percept(ways, here, affinity, chance, b, uses, right):
         repeats = 3 if ways.end[end, e] == end and ways.hop[end, e] == e else 1
         for k in range(1, repeats + 1):
             for other in range(n):
-                uses[1, other] = uses[0, other] + ways.uses[here, e, other]
-            uses[1, e] += k - 1
-            gained = _probable(affinity, uses[1], chance, b)
+                counts[1, other] = counts[0, other] + ways.observation_counts[here, e, other]
+            counts[1, e] += k - 1
+            gained = _probable(bhattacharyya, counts[1], chance, b)
             price = ways.cost[here, e] + (k - 1) * ways.cost[end, e] + 1e-6
             rate = np.log(gained / right) / price
             if rate > best:
@@ -130,23 +130,24 @@ def _next_percept(ways, here, affinity, chance, b, uses, right):
 
 
 @entry_kernel
-def grow_plans(ways, affinity, limit, chance, gap, uses, out):
+def grow_plans(ways, bhattacharyya, limit, chance, gap, counts, out):
     """Grow a plan for each x, belief (B,N) and first percept -> out (X,B,E,L), padded by -1.
 
     Rows hold the behaviors executed. To fix the first percept in turn keeps expensive beginnings in
     play. A plan is grown until it is more right than not and a step costs twice what it gains.
-    `affinity` (N,E,U) is 0 where percepts tell nothing; `uses` (2,E) is scratch.
+    `bhattacharyya` (N,E,U) is the log coefficient, 0 where percepts carry no information;
+    `counts` (2,E) is scratch.
     """
     size, n_beliefs, n, length = out.shape
     for row in range(size * n_beliefs * n):
         x, b, e = row // (n_beliefs * n), row // n % n_beliefs, row % n
         useful = 0.0
-        for i in range(affinity.shape[0]):
-            useful += affinity[i, e, 1]
+        for i in range(bhattacharyya.shape[0]):
+            useful += bhattacharyya[i, e, 1]
         if ways.hop[x, e] < 0 or useful == 0.0:
             continue
         for other in range(n):
-            uses[0, other] = 0
+            counts[0, other] = 0
         here, filled, k, goal = x, 0, 1, e
         while goal >= 0:
             for _ in range(k):
@@ -154,22 +155,22 @@ def grow_plans(ways, affinity, limit, chance, gap, uses, out):
                 while not arrived and filled < length:
                     a = ways.hop[here, goal]
                     arrived = a == goal and ways.senses[here, a]
-                    uses[0, a] += ways.senses[here, a]
+                    counts[0, a] += ways.senses[here, a]
                     out[x, b, e, filled] = a
                     filled += 1
                     here = ways.target[here, a]
-            right = _probable(affinity, uses[0], chance, b)
-            goal, k, rate = _next_percept(ways, here, affinity, chance, b, uses, right)
-            enough = right > _SURE and rate * gap * right < _WORTH
-            if enough or filled == length or (goal >= 0 and uses[0, goal] + k > limit[goal]):
+            right = _probable(bhattacharyya, counts[0], chance, b)
+            goal, k, rate = _next_percept(ways, here, bhattacharyya, chance, b, counts, right)
+            enough = right > _SURE and rate * gap * right < _RETURN
+            if enough or filled == length or (goal >= 0 and counts[0, goal] + k > limit[goal]):
                 break
 
 
 @entry_kernel
-def follow(step, ways, start, path, plan, uses, executions, reached):
+def follow(step, ways, start, path, plan, counts, executions, reached):
     """Sum up what every beginning of a path comes to.
 
-    From start (R,) along path (R,L), padded by -1 -> `plan` (R,L) records of `PLAN`, `uses` and
+    From start (R,) along path (R,L), padded by -1 -> `plan` (R,L) records of `PLAN`, `counts` and
     `executions` (R,L,E), and the x `reached` (R,L).
     """
     for r in range(path.shape[0]):
@@ -178,10 +179,10 @@ def follow(step, ways, start, path, plan, uses, executions, reached):
             a = path[r, t]
             if a < 0:
                 break
-            for e in range(uses.shape[2]):
-                uses[r, t, e] = uses[r, t - 1, e] if t > 0 else 0
+            for e in range(counts.shape[2]):
+                counts[r, t, e] = counts[r, t - 1, e] if t > 0 else 0
                 executions[r, t, e] = executions[r, t - 1, e] if t > 0 else 0.0
-            uses[r, t, a] += ways.senses[x, a]
+            counts[r, t, a] += ways.senses[x, a]
             executions[r, t, a] += discount * step[x, a].bonus_scale
             cost += discount * step[x, a].cost
             discount *= step[x, a].discount

@@ -1,4 +1,4 @@
-"""The library of open-loop plans of a MOMDP: grown, screened, judged, and tabulated."""
+"""The library of open-loop plans of a MOMDP: grown, selected, compared, and tabulated."""
 
 import itertools
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from meal_bayes.planners.kernels import records
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
-    RULES,
+    THRESHOLDS,
     make_scratch,
     tabulate_errors,
 )
@@ -28,7 +28,7 @@ _MANY = 5
 _ROUNDS = 6  # of moving them apart
 _LENGTH = 24  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
-_SCREENED = 10  # times N: candidates an x and a belief that are looked at closely
+_CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 _DIAGRAMS = 16  # whose ways are remembered
@@ -44,17 +44,17 @@ class Candidates(NamedTuple):
     ----------
     x : (J,) where they start.
     path : (J,L) behaviors, padded by -1.
-    plan, uses, executions : as in `Plans`.
+    plan, observation_counts, executions : as in `Plans`.
     """
 
     x: Integers
     path: Integers
     plan: NDArray[np.void]
-    uses: Integers
+    observation_counts: Integers
     executions: Floats
 
-    def take(self, rows: NDArray[np.intp]) -> "Candidates":
-        """Take some of them."""
+    def select(self, rows: NDArray[np.intp]) -> "Candidates":
+        """Select some of them."""
         return Candidates._make(part[rows] for part in self)
 
 
@@ -103,7 +103,7 @@ def diagram_of(dynamics: Dynamics) -> Diagram:
 
 
 def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
-    """Make the plan library of a MOMDP.
+    """Build the plan library of a MOMDP.
 
     For a spread of beliefs, plans are grown from every x; they and their beginnings compete at
     further beliefs, and the winners are kept. Every legal behavior keeps its best plan, so that
@@ -116,25 +116,25 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         -4.0, 4.0, (_JUDGED * min(n, _MANY), n)
     )
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
-    affinity = _affinity(problem)
-    parts = [_grown(problem, diagram, beliefs[:_GROWN], affinity), diagram.simple]
+    bhattacharyya = _log_bhattacharyya(problem)
+    parts = [_grown(problem, diagram, beliefs[:_GROWN], bhattacharyya), diagram.simple]
     if problem.shaped:
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    candidates = candidates.take(_promising(problem, candidates, beliefs, affinity))
+    candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
     wins = np.zeros((len(plans.plan), 2), np.int64)
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
     judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
-    winners = candidates.take(_kept(plans.first, wins))
-    return _tabulated(problem, _cheapest(_with_rests(diagram, winners)), OUTCOMES)
+    winners = candidates.select(_kept(plans.first, wins))
+    return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
 
 
 def retabulate(plans: Plans, problem: Compiled) -> Plans:
     """Tabulate the errors of the same plans in another MOMDP of the query."""
     x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
     unread = np.empty((len(x), 0), np.int64)
-    same = Candidates(x, unread, plans.plan, plans.uses, plans.executions)
+    same = Candidates(x, unread, plans.plan, plans.observation_counts, plans.executions)
     return _tabulated(problem, same, OUTCOMES)
 
 
@@ -148,7 +148,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
-        yes, no = ((beliefs * share).sum(axis=-1).clip(1e-300) for share in (true, false))
+        yes, no = ((beliefs * given).sum(axis=-1).clip(1e-300) for given in (true, false))
         return np.asarray(np.log(yes / no))
 
     wanted, beliefs = log_odds(prior) + spread, prior[None]
@@ -159,10 +159,10 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     return np.ascontiguousarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
-def _affinity(problem: Compiled) -> Floats:
+def _log_bhattacharyya(problem: Compiled) -> Floats:
     """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U.
 
-    It is 0 where percepts tell nothing.
+    It is 0 where percepts carry no information.
     """
     percepts = problem.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
@@ -180,14 +180,16 @@ def _affinity(problem: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grown(problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Floats) -> Candidates:
+def _grown(
+    problem: Compiled, diagram: Diagram, beliefs: Floats, bhattacharyya: Floats
+) -> Candidates:
     """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
     size, n = problem.dynamics.step.shape
     path = np.full((size, len(beliefs), n, _LENGTH), -1)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)
     buffer = np.zeros((2, n), np.int64)
     limit, gap = problem.percepts.limit, problem.gap
-    grow_plans(diagram.ways, affinity, limit, chance, gap, buffer, path)
+    grow_plans(diagram.ways, bhattacharyya, limit, chance, gap, buffer, path)
     start = np.repeat(np.arange(size), len(beliefs) * n)
     row = _distinct(np.column_stack([start, path.reshape(-1, _LENGTH)]) + 1)
     ends = np.arange(_LENGTH)[None]
@@ -195,37 +197,38 @@ def _grown(problem: Compiled, diagram: Diagram, beliefs: Floats, affinity: Float
 
 
 def _promising(
-    problem: Compiled, candidates: Candidates, beliefs: Floats, affinity: Floats
+    problem: Compiled, candidates: Candidates, beliefs: Floats, bhattacharyya: Floats
 ) -> NDArray[np.intp]:
-    """Screen candidates by an estimate of their values at beliefs (B,N,C).
+    """Select candidates by an estimate of their values at beliefs (B,N,C).
 
-    An error is at most sqrt(b (1 - b)) times the affinity of the percepts [Kailath1967]. The best
+    An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
+    [Kailath1967]. The best
     few from each x at each belief stay, and the best two of each first behavior.
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
-    uses = np.minimum(candidates.uses, within)
-    every = np.arange(uses.shape[1])
-    affine = np.exp(affinity[:, every, uses].sum(axis=2))  # (N,J)
+    counts = np.minimum(candidates.observation_counts, within)
+    every = np.arange(counts.shape[1])
+    affine = np.exp(bhattacharyya[:, every, counts].sum(axis=2))  # (N,J)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    right = np.ones((len(beliefs), len(uses)))
+    right = np.ones((len(beliefs), len(counts)))
     for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
         right *= 1.0 - unsure[:, None] * each
     cost, discount = candidates.plan["cost"], candidates.plan["discount"]
     value = discount * (problem.incorrect + problem.gap * right) - cost  # (B,J)
     if problem.shaped:
-        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.uses, 1))
+        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.observation_counts, 1))
         pay = problem.bonus.mean(axis=2).sum(axis=0)
-        value += (paid * (candidates.uses > 0) * candidates.executions) @ pay
+        value += (paid * (candidates.observation_counts > 0) * candidates.executions) @ pay
     peak, action = value.max(axis=0), candidates.plan["action"]
     order = np.lexsort((-peak, action, candidates.x))
-    group = candidates.x[order] * uses.shape[1] + action[order]
+    group = candidates.x[order] * counts.shape[1] + action[order]
     kept = np.zeros(len(peak), np.bool_)
     kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
-    screened = _SCREENED * min(len(affinity), _MANY)
+    most = _CANDIDATES * min(len(bhattacharyya), _MANY)
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     for start, end in itertools.pairwise(first.tolist()):
-        if end - start > screened:
-            best = np.argpartition(-value[:, start:end], screened, axis=1)[:, :screened]
+        if end - start > most:
+            best = np.argpartition(-value[:, start:end], most, axis=1)[:, :most]
             kept[start + best] = True
         else:
             kept[start:end] = True
@@ -243,18 +246,18 @@ def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
     plan = records((rows, length), PLAN)
     reached = np.zeros((rows, length), np.int64)
-    uses, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
-    follow(diagram.dynamics.step, diagram.ways, start, path, plan, uses, executions, reached)
+    counts, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
+    follow(diagram.dynamics.step, diagram.ways, start, path, plan, counts, executions, reached)
     r, t = np.nonzero(
         np.take_along_axis(path, np.broadcast_to(ends, (rows, ends.shape[1])), 1) >= 0
     )
     t = np.broadcast_to(ends, (rows, ends.shape[1]))[r, t]
     cut = np.where(np.arange(length) <= t[:, None], path[r], -1)
-    return Candidates(start[r], cut, plan[r, t], uses[r, t], executions[r, t])
+    return Candidates(start[r], cut, plan[r, t], counts[r, t], executions[r, t])
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
-    """From every first behavior on, go to what pays best for a first percept, while it pays."""
+    """Build tours: after every first behavior, to the best-paid first percept while it pays."""
     ways = diagram.ways
     pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0)
     start, paths = [], []
@@ -265,7 +268,7 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             path = (*path, *ways.path(here, goal))
             here = int(ways.end[here, goal])
             left[list(path)] = False
-            gain = (ways.uses[here] > 0) @ (pay * left) - ways.cost[here]
+            gain = (ways.observation_counts[here] > 0) @ (pay * left) - ways.cost[here]
             gain = np.where(left & (ways.hop[here] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
         start.append(x)
@@ -274,10 +277,12 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
-    """Of plans with the same x, first behavior and percepts keep the cheapest, in order of x."""
+    """Keep the cheapest plan of equal x, first behavior and percepts, in order of x."""
     cost = np.argsort(candidates.plan["cost"], kind="stable")
     x, action = candidates.x[cost], candidates.plan["action"][cost]
-    return candidates.take(cost[_distinct(np.column_stack([x, action, candidates.uses[cost]]))])
+    return candidates.select(
+        cost[_distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))]
+    )
 
 
 def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
@@ -289,7 +294,7 @@ def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
     return np.flatnonzero(kept)
 
 
-def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
+def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
     """Add what is left of plans after each of their steps."""
     start, paths, ways = [], [], diagram.ways
     for x, path in zip(plans.x.tolist(), plans.path.tolist(), strict=True):
@@ -305,26 +310,26 @@ def _with_rests(diagram: Diagram, plans: Candidates) -> Candidates:
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
-    """Tabulate the errors; plans that tell the same of an attribute share a row."""
+    """Tabulate the errors; plans with equal percepts of an attribute share a row."""
     percepts, tables = problem.percepts, 0
-    rows, uses, attribute = [], [], []
+    rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):
-        keys = (candidates.uses * informative).astype(">u2")
+        keys = (candidates.observation_counts * informative).astype(">u2")
         _, first, row = np.unique(
             keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True, return_inverse=True
         )
         rows.append(row + tables)
-        uses.append(candidates.uses[first] * informative)
+        counts.append(candidates.observation_counts[first] * informative)
         attribute += [i] * len(first)
         tables += len(first)
-    table = np.empty((tables, RULES, percepts.rows.shape[2]))
+    table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
     scratch = make_scratch(percepts, 0, held)
-    tabulate_errors(percepts, np.concatenate(uses), np.array(attribute), scratch, table)
+    tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     size = problem.dynamics.step.shape[0]
     return Plans(
         first=np.searchsorted(candidates.x, np.arange(size + 1)),
         plan=candidates.plan,
-        uses=candidates.uses,
+        observation_counts=candidates.observation_counts,
         executions=candidates.executions,
         row=np.column_stack(rows),
         table=table,

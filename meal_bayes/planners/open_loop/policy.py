@@ -22,7 +22,7 @@ class OpenLoop:
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
-        """Make the plan library; nothing in it is random."""
+        """Build the plan library; nothing in it is random."""
         problem = compile_momdp(momdp)
         return OpenLoopPolicy(momdp, problem, plan_library(momdp, problem))
 
@@ -45,9 +45,9 @@ class OpenLoopPolicy:
 
 
 def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
-    """Value the best plan of each first behavior -> `value` (E,) of the buffers that it returns."""
+    """Evaluate the best plan of each first behavior -> `value` (E,) of the returned buffers."""
     scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
-    scratch.counts[:] = belief.seen
-    scratch.total[:] = belief.seen[0].sum(axis=1)
-    evaluate_plans(problem, plans, belief.x, np.exp(belief.weight), scratch, -np.inf, True)
+    scratch.counts[:] = belief.percept_counts
+    scratch.total[:] = belief.percept_counts[0].sum(axis=1)
+    evaluate_plans(problem, plans, belief.x, np.exp(belief.log_prob), scratch, -np.inf, True)
     return scratch

@@ -29,15 +29,15 @@ class Plans(NamedTuple):
     ----------
     first : (X+1,) plans of x are first[x] : first[x+1].
     plan : (J,) records of `PLAN`.
-    uses : (J,E) percepts gathered.
+    observation_counts : (J,E) percepts gathered.
     executions : (J,E) discounted expected executions, for shaping.
     row : (J,N) of the table.
-    table : (T,G,C) Pr(error | latent class) of decision rules, see `tabulate_errors`.
+    table : (T,G,C) Pr(error | latent class) at decision thresholds, see `tabulate_errors`.
     """
 
     first: NDArray[np.int64]
     plan: NDArray[np.void]
-    uses: NDArray[np.int64]
+    observation_counts: NDArray[np.int64]
     executions: NDArray[np.float64]
     row: NDArray[np.int64]
     table: NDArray[np.float64]
@@ -45,7 +45,7 @@ class Plans(NamedTuple):
 
 @kernel
 def true_chance(percepts, prob, i):
-    """Pr(attribute i is true) from Pr(latent class) (N,C)."""
+    """Compute Pr(attribute i is true) from Pr(latent class) (N,C)."""
     total = 0.0
     for c in range(prob.shape[1]):
         total += prob[i, c] * percepts.truth[i, 1, c]
@@ -54,7 +54,7 @@ def true_chance(percepts, prob, i):
 
 @kernel
 def stop_value(model, x, prob):
-    """Value of ending now: the most probable report, or the exit where that is better."""
+    """Compute the value of ending now: of the most probable report or of the exit."""
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -66,10 +66,10 @@ def stop_value(model, x, prob):
 def _bonus(model, plans, j, scratch):
     """Sum what shaping pays along a plan, discounted."""
     total = 0.0
-    for e in range(plans.uses.shape[1]):
-        uses = plans.uses[j, e]
-        if uses > 0:
-            paid = min(1.0, max(0.0, model.paid[e] - scratch.total[e]) / uses)
+    for e in range(plans.observation_counts.shape[1]):
+        counts = plans.observation_counts[j, e]
+        if counts > 0:
+            paid = min(1.0, max(0.0, model.paid[e] - scratch.total[e]) / counts)
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
@@ -79,13 +79,13 @@ def _bonus(model, plans, j, scratch):
 
 @kernel
 def _start(model, plans, j, scratch):
-    """Value of a plan whose report is wrong."""
+    """Compute the value of a plan whose report is wrong."""
     start = plans.plan[j].discount * model.incorrect - plans.plan[j].cost
     return start + _bonus(model, plans, j, scratch) if model.shaped else start
 
 
 @kernel
-def _rule_error(table, t, g, prob, i):
+def _threshold_error(table, t, g, prob, i):
     error = 0.0
     for c in range(table.shape[2]):
         error += prob[i, c] * table[t, g, c]
@@ -94,71 +94,71 @@ def _rule_error(table, t, g, prob, i):
 
 @kernel
 def _table_error(model, table, t, prob, i, scratch):
-    """Error of the best rule; where the class is not the truth, of one near the last one found."""
-    g, rules = scratch.rule[i], table.shape[1]
-    here, above = _rule_error(table, t, g, prob, i), _rule_error(table, t, g + 1, prob, i)
+    """Return the error at the best threshold; if class is not truth, near the last one found."""
+    g, thresholds = scratch.threshold[i], table.shape[1]
+    here, above = _threshold_error(table, t, g, prob, i), _threshold_error(table, t, g + 1, prob, i)
     if not model.percepts.class_is_truth:  # else the best rule is next to the log-odds
         step = 1 if above < here else -1
         if above < here:
             here, g = above, g + 1
-        while 0 <= g + step < rules:
-            above = _rule_error(table, t, g + step, prob, i)
+        while 0 <= g + step < thresholds:
+            above = _threshold_error(table, t, g + step, prob, i)
             if above >= here:
                 break
             here, g = above, g + step
-        scratch.rule[i] = min(g, rules - 2)
+        scratch.threshold[i] = min(g, thresholds - 2)
         above = here
     return min(here, above, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
 @kernel
 def _table_value(model, plans, j, prob, scratch, floor):
-    """Value of a plan by the tables; at most `floor` once that cannot be beaten."""
-    base, gain = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
+    """Compute a plan's value by the tables; at most `floor` once that cannot be beaten."""
+    base, reward = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
     for i in range(prob.shape[0]):
-        if base + gain <= floor:
+        if base + reward <= floor:
             break
-        gain *= 1.0 - _table_error(model, plans.table, plans.row[j, i], prob, i, scratch)
-    return base + gain
+        reward *= 1.0 - _table_error(model, plans.table, plans.row[j, i], prob, i, scratch)
+    return base + reward
 
 
 @kernel
 def _exact_value(model, plans, j, prob, scratch, floor):
-    """Value of a plan from the percepts so far; at most `floor` once that cannot be beaten."""
-    base, gain = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
+    """Compute a plan's value from the percepts so far; at most `floor` once it cannot beat it."""
+    base, reward = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
     for i in range(prob.shape[0]):
-        if base + gain <= floor:
+        if base + reward <= floor:
             break
-        gain *= 1.0 - plan_error(model.percepts, plans.uses, j, i, prob, scratch)
-    return base + gain
+        reward *= 1.0 - plan_error(model.percepts, plans.observation_counts, j, i, prob, scratch)
+    return base + reward
 
 
 @kernel
 def _is_tabled(percepts, plans, j, scratch):
-    """Whether the tables hold a plan: what it perceives is new, or known to come as it does."""
-    for e in range(plans.uses.shape[1]):
-        uses = plans.uses[j, e]
-        if uses > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
+    """Test whether the tables hold a plan: its percepts are new, or of known rows."""
+    for e in range(plans.observation_counts.shape[1]):
+        counts = plans.observation_counts[j, e]
+        if counts > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
             return False
-        if uses > percepts.limit[e] - scratch.total[e]:
+        if counts > percepts.limit[e] - scratch.total[e]:
             return False
     return True
 
 
 @kernel
 def _locate(model, plans, prob, scratch):
-    """Find each attribute's chance, and the rule next to its log-odds."""
-    rules = plans.table.shape[1]
+    """Find each attribute's chance, and the threshold next to its log-odds."""
+    thresholds = plans.table.shape[1]
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
         odds = np.log((b + 1e-300) / (1.0 - b + 1e-300))
-        g = int((odds + SPAN) * ((rules - 1) / (2.0 * SPAN)))
-        scratch.chance[i], scratch.rule[i] = b, min(max(g, 0), rules - 2)
+        g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
+        scratch.chance[i], scratch.threshold[i] = b, min(max(g, 0), thresholds - 2)
 
 
 @kernel
 def _is_idle(model, x, a, total):
-    """Whether a behavior can bring nothing: no other x, no percept that tells, no pay."""
+    """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
         return False
     if total[a] < model.percepts.limit[a]:
@@ -170,14 +170,14 @@ def _is_idle(model, x, a, total):
 
 @entry_kernel
 def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
-    """Value of the best plan from x by first behavior -> `scratch.value`; return the best of all.
+    """Evaluate the best plan from x by first behavior -> `scratch.value`; return the best.
 
     `scratch.best` holds the plans; `scratch.counts` and `total` are the percepts so far. Above a
     `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it.
-    Plans that the tables do not hold are computed in the order of what the tables say of them,
-    which is nearly always too much, COMPUTED a behavior: to leave some out keeps a lower bound.
+    Plans that the tables do not hold are computed in the order of their tabulated values,
+    which are nearly always too high, COMPUTED a behavior: to leave some out keeps a lower bound.
 
-    With `useful`, behaviors that can bring nothing are worth -inf. Their plans, computed in other
+    With `useful`, behaviors that cannot help have the value -inf. Their plans, computed in other
     ways than what is left of them, may seem worth more; who followed them would go round for ever.
     """
     _locate(model, plans, prob, scratch)

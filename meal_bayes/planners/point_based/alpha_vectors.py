@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
@@ -15,8 +15,7 @@ from meal_bayes.planners.solver import Decision, History
 class AlphaVectors:
     """V(x, b) = max over the vectors of x of their product with b; each stands for a plan.
 
-    Plans have a value by truth (V,Y), an x where they begin (V,), and a first action (V,). A POMDP
-    without observed part has x = 0 throughout.
+    Plans have a value by truth (V,Y), an x where they begin (V,), and a first action (V,).
 
     Raises
     ------
@@ -31,25 +30,11 @@ class AlphaVectors:
         x, action = freeze(self.x, np.int64), freeze(self.action, np.int64)
         set_frozen(self, vectors=freeze(self.vectors), x=x, action=action)
         shape = self.vectors.shape
-        if self.vectors.ndim != 2 or not len(x) or not x.shape == action.shape == shape[:1]:  # noqa: PLR2004
+        if self.vectors.ndim != 2 or not len(x) or not x.shape == action.shape == shape[:1]:
             raise SettingsError(
                 f"Alpha vectors of shape {shape} with {x.shape} x and {action.shape} actions; "
                 "expected (V,Y), (V,) and (V,), with V at least 1."
             )
-
-    def at(self, x: int) -> "AlphaVectors":
-        """Select the plans that begin at x; `SettingsError` where there are none."""
-        rows = self.x == x
-        return AlphaVectors(self.vectors[rows], self.x[rows], self.action[rows])
-
-    def value(self, belief: ArrayLike, x: int = 0) -> float:
-        """Compute the value of a belief (Y,) at x."""
-        return float((self.at(x).vectors @ np.asarray(belief)).max())
-
-    def best_action(self, belief: ArrayLike, x: int = 0) -> int:
-        """Return the first action of the best plan for a belief (Y,) at x."""
-        here = self.at(x)
-        return int(here.action[(here.vectors @ np.asarray(belief)).argmax()])
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +97,7 @@ class AlphaVectorPolicy:
         vectors, actions = self._here[belief.x]
         values = np.full(momdp.n_behaviors + 1, -np.inf)
         np.maximum.at(values, actions, vectors @ belief.joint)
-        used_up = belief.seen[0].sum(axis=1) >= momdp.limit
+        used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
         stays = momdp.transition[:, belief.x, belief.x] == 1
         values[:-1][used_up & stays] = -np.inf
         values[-1] = report_value(momdp, belief)

@@ -1,10 +1,10 @@
-"""Point-based value iteration (after [Pineau2003]) of MOMDPs (as in [Ong2010]), or flat POMDPs.
+"""Point-based value iteration (after [Pineau2003]) of MOMDPs (as in [Ong2010]).
 
 A backup keeps one alpha vector for each x and belief point; the points are beliefs that simulated
 trials reach, first at random, then mostly under the plan so far. Every vector is the value of a
 plan that exists, so that what the vectors promise is a lower bound on the optimum.
 
-What departs from the textbook: failures are folded into the behaviors; points are told apart by the
+What departs from the textbook: geometric failures are summed out; points are compared by the
 square roots of their probabilities, which is finer near certainty, where the last percepts pay; a
 sweep's backups see the vectors of the same sweep.
 """
@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, FlatPOMDP
+from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy, AlphaVectors
 from meal_bayes.planners.point_based.problem import (
     Choice,
     Floats,
     Plans,
     Problem,
-    flat_problem,
     problem_of,
 )
 
@@ -77,18 +76,7 @@ class PBVI:
         ------
         SettingsError : finite precision, several latent classes a truth, or too many attributes.
         """
-        return AlphaVectorPolicy(momdp, self._iterate(problem_of(momdp), rng))
-
-    def solve_flat(self, pomdp: FlatPOMDP, rng: np.random.Generator) -> AlphaVectors:
-        """Solve a flat POMDP, such as one that was read from a file.
-
-        Raises
-        ------
-        SettingsError : a discount of 1.
-        """
-        return self._iterate(flat_problem(pomdp), rng)
-
-    def _iterate(self, problem: Problem, rng: np.random.Generator) -> AlphaVectors:
+        problem = problem_of(momdp)
         deadline = time.monotonic() + self.seconds
         plans = list(problem.known)
         points = [np.empty((0, len(problem.start)))] * len(plans)
@@ -97,11 +85,12 @@ class PBVI:
             for _ in range(self.sweeps):
                 if time.monotonic() > deadline or _sweep(problem, plans, points) <= self.tolerance:
                     break
-        return AlphaVectors(
+        alpha = AlphaVectors(
             np.concatenate([plan.vectors for plan in plans]),
             np.repeat(np.arange(len(plans)), [len(plan.actions) for plan in plans]),
             np.concatenate([plan.actions for plan in plans]),
         )
+        return AlphaVectorPolicy(momdp, alpha)
 
     def _collect(
         self,
@@ -130,7 +119,7 @@ class PBVI:
 
 
 def _sweep(problem: Problem, plans: list[Plans], points: list[Floats]) -> float:
-    """Back every point up, replacing `plans`; return the largest gain of any point."""
+    """Update every point, replacing `plans`; return the largest gain of any point."""
     gain = 0.0
     for x in reversed(range(len(plans))):
         beliefs, known = points[x], problem.known[x]

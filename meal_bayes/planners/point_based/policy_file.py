@@ -41,7 +41,7 @@ def read_policy(path: str | Path) -> AlphaVectors:
 
 
 class _Reader:
-    """Gathers the vectors of a file while it is parsed."""
+    """Handlers of expat that collect the vectors of a file."""
 
     def __init__(self) -> None:
         self.parser = expat.ParserCreate()
@@ -49,11 +49,11 @@ class _Reader:
         self.parser.StartDoctypeDeclHandler = self._refuse
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._take
+        self.parser.CharacterDataHandler = self._append
         self.open: list[str] = []
         self.shape = (0, 0, 0)  # vectors, values of each, x
         self.text: list[str] = []
-        self.room = 0  # characters left for it
+        self.capacity = 0  # characters left of the text
         self.vectors: list[NDArray[np.float64]] = []
         self.x: list[int] = []
         self.action: list[int] = []
@@ -90,13 +90,13 @@ class _Reader:
             self.x.append(x)
             self.action.append(_count(attributes, "action"))
         if name in ("Vector", "Entry"):
-            self.text, self.room = [], _DIGITS * (1 + self.shape[1])
+            self.text, self.capacity = [], _DIGITS * (1 + self.shape[1])
 
-    def _take(self, text: str) -> None:
+    def _append(self, text: str) -> None:
         if self.open[-1:] in (["Vector"], ["Entry"]):
             self.text.append(text)
-            self.room -= len(text)
-            if self.room < 0:
+            self.capacity -= len(text)
+            if self.capacity < 0:
                 raise ValueError(f"a vector is longer than {self.shape[1]} numbers can be")
         elif text.strip():
             raise ValueError(f"text {text.strip()[:40]!r} stands where none belongs")
@@ -117,7 +117,7 @@ class _Reader:
 
 def _count(attributes: dict[str, str], key: str) -> int:
     text = attributes.get(key, "")
-    if not text.isdecimal() or len(text) > 9:  # noqa: PLR2004  digits
+    if not text.isdecimal() or len(text) > 9:  # digits
         raise ValueError(f"{key} is {text[:40]!r}; expected a number, 0 or more")
     return int(text)
 

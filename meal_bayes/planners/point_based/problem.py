@@ -1,4 +1,4 @@
-"""A POMDP as point-based solvers read it: observed x, hidden y, discounted outcomes."""
+"""A MOMDP as point-based solvers read it: observed x, hidden y, discounted outcomes."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, FlatPOMDP, initial_belief, percept_probabilities
+from meal_bayes.momdp import MOMDP, initial_belief, percept_probabilities
 from meal_bayes.planners.compiled import Dynamics, dynamics_of
 
 _MAX_ENTRIES = 20_000_000  # of all outcome matrices, 160 MB
@@ -31,7 +31,7 @@ class Plans(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Choices by x, known plans by x (to end, or one action for ever), first x and belief (Y,)."""
+    """Choices by x, known plans by x (to end), first x and belief (Y,)."""
 
     choices: tuple[tuple[Choice, ...], ...]
     known: tuple[Plans, ...]
@@ -40,16 +40,17 @@ class Problem(NamedTuple):
 
 
 def problem_of(momdp: MOMDP) -> Problem:
-    """Build the problem of a MOMDP, failures folded in; nothing comes after `term`, so it is no x.
+    """Build the problem of a MOMDP, failures summed out; nothing comes after `term`, so it is no x.
 
     Raises
     ------
     SettingsError : finite precision, several latent classes a truth, or too many attributes.
     """
-    if not np.isinf(momdp.precision).all() or not momdp.kind_is_truth:
+    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
             "Alpha vectors cannot hold rows of finite precision, or several latent classes a "
-            "truth; build the MOMDP with precision=inf and without `kinds` (Eq. 8), or use POMCP."
+            "truth; build the MOMDP with precision=inf and without "
+            "`latent_classes` (Eq. 8), or use POMCP."
         )
     n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
     size = int(momdp.legal.sum()) * n_z * n_y**2
@@ -58,21 +59,21 @@ def problem_of(momdp: MOMDP) -> Problem:
             f"{len(momdp.query)} attributes make {size:.1g} entries of outcome matrices; "
             f"point-based solving ends at {_MAX_ENTRIES:.0e}. Ask fewer attributes, or use POMCP."
         )
-    folded = dynamics_of(momdp)
+    dynamics = dynamics_of(momdp)
     truth = momdp.query.values.astype(int)  # (Y,N)
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     choices = tuple(
-        tuple(_choice(momdp, folded, x, e, bonus[:, e]) for e in np.flatnonzero(legal).tolist())
-        for x, legal in enumerate(folded.step["legal"][: momdp.terminal])
+        tuple(_choice(momdp, dynamics, x, e, bonus[:, e]) for e in np.flatnonzero(legal).tolist())
+        for x, legal in enumerate(dynamics.step["legal"][: momdp.terminal])
     )
-    known = tuple(_endings(momdp, folded, x) for x in range(momdp.terminal))
+    known = tuple(_endings(momdp, dynamics, x) for x in range(momdp.terminal))
     return Problem(choices, known, momdp.start, initial_belief(momdp).joint)
 
 
-def _choice(momdp: MOMDP, folded: Dynamics, x: int, e: int, bonus: Floats) -> Choice:
+def _choice(momdp: MOMDP, dynamics: Dynamics, x: int, e: int, bonus: Floats) -> Choice:
     n_y = len(bonus)
-    step, weights, next_x = folded.step[x, e], [], []
-    for p, to, senses in folded.outcomes(x, e):
+    step, weights, next_x = dynamics.step[x, e], [], []
+    for p, to, senses in dynamics.outcomes(x, e):
         shown = percept_probabilities(momdp, e).T if senses else np.ones((1, n_y))
         weights.append(step["discount"] * p * shown)  # (outcomes,Y)
         next_x += [to] * len(shown)
@@ -81,34 +82,13 @@ def _choice(momdp: MOMDP, folded: Dynamics, x: int, e: int, bonus: Floats) -> Ch
     return Choice(e, reward, np.array(next_x), outcome)
 
 
-def _endings(momdp: MOMDP, folded: Dynamics, x: int) -> Plans:
+def _endings(momdp: MOMDP, dynamics: Dynamics, x: int) -> Plans:
     """List reports, and the way out where the MOMDP lets a planner abstain."""
     truth = momdp.query.values
     vectors = momdp.report_reward((truth[:, None] == truth).astype(float))  # (reports,Y)
     actions = momdp.n_behaviors + np.arange(len(truth))
-    if folded.exit_value[x] > -np.inf:
+    if dynamics.exit_value[x] > -np.inf:
         way_out = np.where(momdp.legal[x], np.inf, momdp.cost).argmin()
-        vectors = np.concatenate([vectors, np.full((1, len(truth)), folded.exit_value[x])])
+        vectors = np.concatenate([vectors, np.full((1, len(truth)), dynamics.exit_value[x])])
         actions = np.append(actions, way_out)
     return Plans(vectors, actions)
-
-
-def flat_problem(pomdp: FlatPOMDP) -> Problem:
-    """Build the problem of a flat POMDP: one x, and all that is hidden.
-
-    Raises
-    ------
-    SettingsError : no discount, so that repeating an action need not have a value.
-    """
-    if pomdp.discount >= 1:
-        raise SettingsError("A flat POMDP needs a discount below 1 for point-based solving.")
-    n_a, n_s = pomdp.transition.shape[:2]
-    choices = []
-    for a in range(n_a):
-        outcome = pomdp.discount * pomdp.transition[a][..., None] * pomdp.observation[a]  # (S,S,Z)
-        some = outcome.any(axis=(0, 1))
-        zs = outcome[:, :, some].transpose(2, 0, 1)
-        choices.append(Choice(a, pomdp.reward[:, a], np.zeros(len(zs), np.int64), zs))
-    for_ever = np.eye(n_s) - pomdp.discount * pomdp.transition  # (A,S,S)
-    blind = np.asarray(np.linalg.solve(for_ever, pomdp.reward.T[..., None])[..., 0], np.float64)
-    return Problem((tuple(choices),), (Plans(blind, np.arange(n_a)),), 0, pomdp.start)

@@ -21,25 +21,32 @@ from meal_bayes.planners.point_based.policy_file import read_policy
 
 _PROGRAM = "pomdpsol"
 _VARIABLE = "MEAL_BAYES_POMDPSOL"
-_TOLD = 400  # characters of the program's last words that a message repeats
+_QUOTED = 400  # characters of the program's output that a message quotes
 _HOME = "https://github.com/AdaCompNUS/sarsop"
 
 
 @dataclass(frozen=True, slots=True)
 class Sarsop:
-    """Settings; how far it comes in its time depends on the machine.
+    """Settings; the precision that it reaches in its time depends on the machine.
 
     Where the MOMDP lets no planner abstain, illegal behaviors are priced below every report.
+
+    Attributes
+    ----------
+    seconds : of solving; by default the paper's budget.
+    precision : gap between its bounds at which it ends before that.
+    program : by default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
+    patience : s that reading the problem and writing the policy may need besides.
 
     Raises
     ------
     SettingsError : a time or precision that is not above 0.
     """
 
-    seconds: float = 5.0  # of solving; the paper's budget
-    precision: float = 1e-3  # gap between its bounds at which it ends before that
-    program: str | Path | None = None  # by default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH
-    patience: float = 60.0  # s that reading the problem and writing the policy may take besides
+    seconds: float = 5.0
+    precision: float = 1e-3
+    program: str | Path | None = None
+    patience: float = 60.0
 
     def __post_init__(self) -> None:
         times = (self.seconds, self.precision, self.patience)
@@ -70,7 +77,9 @@ class Sarsop:
             ]  # fmt: skip
             _run(command, folder, self.seconds + self.patience)
             if not (folder / "out.policy").is_file():
-                raise SettingsError(f"{program} wrote no policy; its last words: {_words(folder)}")
+                raise SettingsError(
+                    f"{program} wrote no policy; its output ends: {_output(folder)}"
+                )
             alpha = read_policy(folder / "out.policy")
         try:
             return AlphaVectorPolicy(momdp, alpha)
@@ -92,7 +101,7 @@ def _find(program: str | Path | None) -> str:
 
 def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
     """Run a program, without a shell, to its end or the end of patience."""
-    with (folder / "words.txt").open("wb") as words:
+    with (folder / "output.txt").open("wb") as words:
         process = processes.start(
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words, stderr=subprocess.STDOUT,
             start_new_session=True,
@@ -109,12 +118,12 @@ def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
                 _end(process)
     if code != 0:
         raise SettingsError(
-            f"{command[0]} ended with code {code}; its last words: {_words(folder)}"
+            f"{command[0]} ended with code {code}; its output ends: {_output(folder)}"
         )
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill a program with all that it has started."""
+    """Stop a program with all that it has started."""
     with contextlib.suppress(ProcessLookupError):
         if os.name == "posix":
             os.killpg(process.pid, signal.SIGKILL)
@@ -123,9 +132,9 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     process.wait()
 
 
-def _words(folder: Path) -> str:
-    """Give what a program said last, in one line."""
-    with (folder / "words.txt").open("rb") as file:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - _TOLD))
-        text = file.read(_TOLD).decode("utf-8", errors="replace")
+def _output(folder: Path) -> str:
+    """Return the end of a program's output, in one line."""
+    with (folder / "output.txt").open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _QUOTED))
+        text = file.read(_QUOTED).decode("utf-8", errors="replace")
     return " ".join("".join(c if c.isprintable() else " " for c in text).split()) or "none"

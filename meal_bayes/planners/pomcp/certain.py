@@ -21,7 +21,9 @@ def certain_behavior(momdp: MOMDP, belief: Belief) -> Decision | None:
         return None
     ways = diagram_of(dynamics).ways
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
-    used = (ways.uses[belief.x] > 0) & (belief.seen[0].sum(axis=1) < momdp.limit)  # (goal,E)
+    used = (ways.observation_counts[belief.x] > 0) & (
+        belief.percept_counts[0].sum(axis=1) < momdp.limit
+    )  # (goal,E)
     least = np.where(used[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
     value = momdp.report_reward(1.0 - least)
     value = ways.discount[belief.x] * value - ways.cost[belief.x]

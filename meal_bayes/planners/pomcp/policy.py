@@ -6,7 +6,7 @@ departs from textbook POMCP, each because the textbook fails here:
 
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief, no particles.
-- New nodes are not valued by random roll-outs but by open-loop plans and tables (`leaf.py`).
+- New nodes are not valued by random roll-outs but by open-loop plans and tables (`evaluator.py`).
 - `backup="expected"`: sampled MOMDPs decide where the tree grows; values are backed up as exact
   expectations over an edge's outcomes (drawn ones beyond 64), which is what the returns of sampled
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
@@ -32,8 +32,8 @@ from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import plan_values
 from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.pomcp.certain import certain_behavior
-from meal_bayes.planners.pomcp.leaf import Leaf
-from meal_bayes.planners.pomcp.sampled import KEPT, make_sampled
+from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
+from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose
@@ -50,7 +50,7 @@ class POMCP:
     ----------
     simulations : a decision, at most.
     milliseconds : of CPU a decision; then as many simulations as it takes.
-    exploration : UCB1's c, as a share of r+ - r-; with a table at the leaf 0.
+    exploration : UCB1's c, as a fraction of r+ - r-; with a table at the leaf 0.
     capacity : nodes of a tree; the search ends when they are used up.
     points : of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
     backup : "expected" or "sampled", see the module.
@@ -80,7 +80,7 @@ class POMCP:
             raise SettingsError(f"POMCP has backups {_BACKUPS}; found {self.backup!r}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
-        """Make the policy; plans and tables are made when a decision first needs them."""
+        """Return the policy; plans and tables are built when a decision first needs them."""
         return POMCPPolicy(momdp, self)
 
 
@@ -117,7 +117,7 @@ class POMCPPolicy:
         """The tables of the leaf; None where the marginals are not the state, or too many."""
         momdp, points = self.momdp, self.settings.points
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if not points or not known or not momdp.kind_is_truth:
+        if not points or not known or not momdp.class_is_truth:
             return None
         if not spans_percepts(momdp, points):  # plans know better than so coarse a grid
             return None
@@ -141,7 +141,7 @@ class POMCPPolicy:
     def _settled(self, belief: Belief, lower: NDArray[np.float64]) -> Decision | None:
         """Decide by bounds alone, where an action is worth at least what any other is at most."""
         x = belief.x
-        left = np.isfinite(lower)  # what can bring anything
+        left = np.isfinite(lower)  # what can help
         if left.sum() > 1 and self.tables is None:
             return None
         action, values = choose(self.momdp, belief, lower, self._exit_value(x))
@@ -164,15 +164,13 @@ class POMCPPolicy:
     ) -> Decision:
         """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
         settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
-        table = _EMPTY if self.tables is None else self.tables.estimate
-        leaf = Leaf(self.plans, table, scratch, grid.make_scratch(table, momdp.levels))
-        tree = self._planted(belief)
-        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
-        exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
+        tree, evaluator, sampled = self._prepare(belief, scratch)
+        greedy = evaluator.table.value.size > 0
+        exploration = 0.0 if greedy else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
         def grow(simulations: int) -> int:
-            return int(search(self.problem, leaf, tree, sampled, simulations, options, rng))
+            return int(search(self.problem, evaluator, tree, sampled, simulations, options, rng))
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
         if not done:
@@ -186,8 +184,16 @@ class POMCPPolicy:
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
         return Decision(action, values, errors, visits, top_edges(tree), done, rows)
 
+    def _prepare(self, belief: Belief, scratch: Scratch) -> tuple[Tree, LeafEvaluator, Sampled]:
+        """Create a tree of its root, the leaf evaluators, and the buffers of sampled MOMDPs."""
+        table = _EMPTY if self.tables is None else self.tables.estimate
+        reading = grid.make_scratch(table, self.momdp.levels)
+        tree = self._planted(belief)
+        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
+        return tree, LeafEvaluator(self.plans, table, scratch, reading), sampled
+
     def _planted(self, belief: Belief) -> Tree:
-        """Make a tree with its root alone, and room for what one decision may add."""
+        """Create a tree of its root, with the capacity that one decision may need."""
         settings, momdp = self.settings, self.momdp
         branches = self.problem.dynamics.branch.shape[2]
         nodes = settings.capacity
@@ -195,9 +201,9 @@ class POMCPPolicy:
             width = branches * int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
         nodes += branches * ENUMERATE + 1  # that an expansion may take
-        tree = make_tree(nodes, momdp.n_behaviors, *belief.weight.shape)
+        tree = make_tree(nodes, momdp.n_behaviors, *belief.log_prob.shape)
         stop = max(report_value(momdp, belief), self._exit_value(belief.x))
-        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.weight), -1
+        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.log_prob), -1
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
         return tree
 

@@ -1,7 +1,7 @@
 """Kernels of the MOMDPs that simulations run in: each is drawn from the posterior at the root.
 
 A sampled MOMDP has an object of its own: a latent class and a truth for each attribute, drawn from
-the belief, and for each behavior a row, drawn from its Dirichlet given what the object has shown in
+the belief, and for each behavior a row, drawn from its Dirichlet given the percepts of
 this trial, when the behavior is first executed [Katt2017, Guez2012]. Its percepts follow its rows.
 """
 
@@ -27,11 +27,11 @@ class Sampled(NamedTuple):
     counts : (N,E,K) percepts of the trial at the root, by level.
     latent : (N,) the object's latent classes.
     truth : (N,) the object's attributes, 0 or 1.
-    drawn : (E,) are the rows of a behavior drawn yet?
+    drawn : (E,) whether the rows of a behavior are drawn yet.
     rows : (E,N,K) Pr(level).
     kept : (E,KEPT,N,K) rows of the last simulations that began with a behavior.
     path : (DEPTH,2) nodes and behaviors of the simulation.
-    reward : (DEPTH,) what its steps paid.
+    reward : (DEPTH,) rewards of its steps.
     """
 
     prob: NDArray[np.float64]
@@ -48,7 +48,7 @@ class Sampled(NamedTuple):
 def make_sampled(
     percepts: Percepts, prob: NDArray[np.float64], counts: NDArray[np.float64]
 ) -> Sampled:
-    """Make the buffers of sampled MOMDPs, from a belief (N,C) and percept counts (N,E,K)."""
+    """Create the buffers of sampled MOMDPs, from a belief (N,C) and percept counts (N,E,K)."""
     n, e, _, k = percepts.rows.shape
     return Sampled(
         prob=prob,

@@ -1,13 +1,14 @@
 """POMCP's tree search, read from the top: simulate, select, expand, execute, back up.
 
-Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf (`leaf.py`).
+Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf evaluators
+(`evaluator.py`).
 """
 
 import numpy as np
 
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.values import true_chance
-from meal_bayes.planners.pomcp.leaf import add_node, count_percept, open_node, step_reward
+from meal_bayes.planners.pomcp.evaluator import add_node, count_percept, open_node, step_reward
 from meal_bayes.planners.pomcp.sampled import DEPTH, condition, draw_object, draw_percept, note_rows
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
@@ -15,11 +16,11 @@ DRAWN = 24  # children of an edge with more
 
 
 @entry_kernel
-def search(model, leaf, tree, sampled, simulations, options, rng):
-    """Grow a tree by simulations, from its root; return how many there was room for.
+def search(model, evaluator, tree, sampled, simulations, options, rng):
+    """Grow a tree by simulations, from its root; return how many fit the capacity.
 
-    A simulation walks down the tree in a MOMDP sampled from the posterior, until it ends or leaves
-    the tree, and backs up what that came to. `options` (2,): the exploration constant, and whether
+    A simulation descends the tree in a MOMDP sampled from the posterior, until it ends or leaves
+    the tree, and backs up its return. `options` (2,): the exploration constant, and whether
     edges average returns (1) or take the expectation over their outcomes (0).
     """
     width = model.dynamics.branch.shape[2] * ENUMERATE
@@ -27,23 +28,23 @@ def search(model, leaf, tree, sampled, simulations, options, rng):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
         draw_object(model.percepts, sampled, rng)
-        _restart(leaf.scratch, sampled.counts)
+        _restart(evaluator.scratch, sampled.counts)
         node, depth, value = done * 0, 0, 0.0
         while depth < DEPTH:
             if tree.node[node].visits == 0:
-                open_node(model, leaf, tree, node)
+                open_node(model, evaluator, tree, node)
             tree.node[node].visits += 1
             a, value = _select(model, tree, node, options[0]), tree.node[node].stop
             if a < 0:
                 break
             new = tree.edge[node, a].first < 0
             if new:
-                _expand(model, leaf, tree, node, a, rng)
+                _expand(model, evaluator, tree, node, a, rng)
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0], sampled.path[depth, 1] = node, a
-            x, total = tree.node[node].x, leaf.scratch.total
+            x, total = tree.node[node].x, evaluator.scratch.total
             sampled.reward[depth] = step_reward(model, x, a, sampled.truth, total)
-            node = _execute(model, leaf, tree, sampled, node, a, rng)
+            node = _execute(model, evaluator, tree, sampled, node, a, rng)
             depth, value = depth + 1, tree.node[node].value
             if new:
                 break
@@ -60,7 +61,7 @@ def search(model, leaf, tree, sampled, simulations, options, rng):
 
 @kernel
 def _restart(scratch, counts):
-    """Go back to the percepts (N,E,K) of the trial."""
+    """Restore the percept counts (N,E,K) of the trial."""
     for e in range(counts.shape[1]):
         scratch.total[e] = 0.0
         for z in range(counts.shape[2]):
@@ -71,12 +72,12 @@ def _restart(scratch, counts):
 
 @kernel
 def _select(model, tree, node, exploration):
-    """UCB1 over the behaviors; ending has no variance and so gets no bonus. -1 = end."""
+    """Choose by UCB1 among the behaviors; ending has no variance and so no bonus. -1 = end."""
     best, best_score = -1, tree.node[node].stop
     spread = np.log(tree.node[node].visits + 1.0)
     for a in range(tree.edge.shape[1]):
         edge = tree.edge[node, a]
-        if edge.value > -np.inf:  # else it is illegal, or can bring nothing
+        if edge.value > -np.inf:  # else it is illegal, or cannot help
             score = edge.value + exploration * np.sqrt(spread / (edge.visits + 1.0))
             if score > best_score:
                 best, best_score = a, score
@@ -84,12 +85,12 @@ def _select(model, tree, node, exploration):
 
 
 @kernel
-def _expand(model, leaf, tree, node, a, rng):
-    """Make the children of an edge: every outcome, or a sample where there are too many.
+def _expand(model, evaluator, tree, node, a, rng):
+    """Create the children of an edge: every outcome, or a sample where there are too many.
 
-    Percepts that tell nothing of an attribute are not told apart.
+    Percepts without information on an attribute are one outcome.
     """
-    scratch, x = leaf.scratch, tree.node[node].x
+    scratch, x = evaluator.scratch, tree.node[node].x
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
@@ -112,18 +113,18 @@ def _expand(model, leaf, tree, node, a, rng):
                 for c in range(tree.prob.shape[2]):
                     tree.prob[child, i, c] = tree.prob[node, i, c]
             if branch.senses and perceives:
-                _perceive(model, leaf, tree, node, a, outcome if listed else -1, rng)
+                _perceive(model, evaluator, tree, node, a, outcome if listed else -1, rng)
             else:
                 tree.node[child].p = branch.p if outcome == 0 else 0.0
             if tree.node[child].p > 0.0:
-                add_node(model, leaf, tree, child, branch.x, a)
+                add_node(model, evaluator, tree, child, branch.x, a)
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
 @kernel
-def _perceive(model, leaf, tree, node, a, outcome, rng):
-    """Make the belief of the next free node: by percept `outcome` of all, or by one drawn (-1)."""
-    child, scratch, percepts = tree.size[0], leaf.scratch, model.percepts
+def _perceive(model, evaluator, tree, node, a, outcome, rng):
+    """Compute the belief of the next free node, by percept `outcome`, or by a drawn one (-1)."""
+    child, scratch, percepts = tree.size[0], evaluator.scratch, model.percepts
     levels, rest = scratch.counts.shape[2], outcome
     for i in range(tree.level.shape[1]):
         tree.level[child, i] = 0
@@ -143,7 +144,7 @@ def _perceive(model, leaf, tree, node, a, outcome, rng):
 
 
 @kernel
-def _execute(model, leaf, tree, sampled, node, a, rng):
+def _execute(model, evaluator, tree, sampled, node, a, rng):
     """Execute a behavior in the sampled MOMDP; return the child that it leads to.
 
     Where not all outcomes have a child, the percept may have none: then one of them is drawn.
@@ -171,7 +172,7 @@ def _execute(model, leaf, tree, sampled, node, a, rng):
             break
         if rng.random() * here < 1.0:
             found = child
-    count_percept(leaf.scratch, tree.level[found], a, 1.0)
+    count_percept(evaluator.scratch, tree.level[found], a, 1.0)
     return found
 
 

@@ -47,7 +47,7 @@ class Tree(NamedTuple):
 
 
 def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int) -> Tree:
-    """Make an empty tree for so many nodes."""
+    """Create an empty tree for so many nodes."""
     return Tree(
         size=np.zeros(1, np.int64),
         node=records((capacity,), NODE),
@@ -70,7 +70,7 @@ def standard_errors(tree: Tree) -> NDArray[np.float64]:
 
 
 def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
-    """Read off the first two levels of the tree, of the second the most visited edges."""
+    """Return the first two levels of the tree, of the second the most visited edges."""
     visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
     taken = [a for a, n in enumerate(visits) if n]
     edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
@@ -83,7 +83,13 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     child, b = np.nonzero(often)
     most = np.argsort(-often[child, b], kind="stable")[:_LOGGED]
     child, b = child[most], b[most]
-    told = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
+    observations = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
     value = tree.edge["value"][children[child], b]
-    columns = (parent[child].tolist(), b.tolist(), told, often[child, b].tolist(), value.tolist())
+    columns = (
+        parent[child].tolist(),
+        b.tolist(),
+        observations,
+        often[child, b].tolist(),
+        value.tolist(),
+    )
     return (*edges, *(TreeEdge(2, *edge) for edge in zip(*columns, strict=True)))

@@ -1,4 +1,4 @@
-"""What values nodes of the tree: the one place where the leaf evaluators meet.
+"""The leaf evaluators of the tree search, in one place.
 
 Open-loop plans give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few
 enough, a table of factored value iteration estimates the optimum; on a grid that is too coarse for
@@ -16,7 +16,7 @@ from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
 
 
-class Leaf(NamedTuple):
+class LeafEvaluator(NamedTuple):
     """Evaluators of beliefs, and their buffers.
 
     Attributes
@@ -33,26 +33,28 @@ class Leaf(NamedTuple):
 
 
 @kernel
-def add_node(model, leaf, tree, child, x, a):
-    """Add the next free node, valued by ending now, the best plan, or what the table says."""
+def add_node(model, evaluator, tree, child, x, a):
+    """Add the next free node, valued by ending now, the best plan, or the table."""
     tree.size[0] += 1
-    node, prob, table = tree.node[child], tree.prob[child], leaf.table
+    node, prob, table = tree.node[child], tree.prob[child], evaluator.table
     node.x, node.visits = x, 0
-    count_percept(leaf.scratch, tree.level[child], a, 1.0)
+    count_percept(evaluator.scratch, tree.level[child], a, 1.0)
     node.stop = stop_value(model, x, prob)
-    node.value = evaluate_plans(model, leaf.plans, x, prob, leaf.scratch, node.stop, x < 0)
+    node.value = evaluate_plans(
+        model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
+    )
     if table.value.shape[0] > 0:
-        chance, nothing = leaf.scratch.chance, -table.size[0]
-        estimate = value_after(table, model.percepts.rows, x, nothing, chance, leaf.reading)
+        chance, nothing = evaluator.scratch.chance, -table.size[0]
+        estimate = value_after(table, model.percepts.rows, x, nothing, chance, evaluator.reading)
         node.value = max(node.value, estimate)
-    count_percept(leaf.scratch, tree.level[child], a, -1.0)
+    count_percept(evaluator.scratch, tree.level[child], a, -1.0)
 
 
 @kernel
-def open_node(model, leaf, tree, node):
-    """Make the edges of a node that is visited; their values are -inf where nothing can come."""
-    x, scratch, table = tree.node[node].x, leaf.scratch, leaf.table
-    evaluate_plans(model, leaf.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+def open_node(model, evaluator, tree, node):
+    """Create the edges of a visited node; values are -inf where a behavior cannot help."""
+    x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
+    evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
     for a in range(tree.edge.shape[1]):
         value = scratch.value[a]
         if value > -np.inf and table.value.shape[0] > 0:
@@ -61,7 +63,12 @@ def open_node(model, leaf, tree, node):
                 branch = model.dynamics.branch[x, a, k]
                 behavior = a if branch.senses else -table.size[0]
                 mean += branch.p * value_after(
-                    table, model.percepts.rows, branch.x, behavior, scratch.chance, leaf.reading
+                    table,
+                    model.percepts.rows,
+                    branch.x,
+                    behavior,
+                    scratch.chance,
+                    evaluator.reading,
                 )
             reward = step_reward(model, x, a, scratch.chance, scratch.total)
             value = max(value, reward + model.dynamics.step[x, a].discount * mean)
@@ -73,7 +80,7 @@ def open_node(model, leaf, tree, node):
 
 @kernel
 def step_reward(model, x, a, chance, total):
-    """Cost of a behavior, and its bonus where the attributes have chances (N,) to be true."""
+    """Compute minus the cost of a behavior, plus its bonus at Pr(attribute is true) (N,)."""
     reward = -model.dynamics.step[x, a].cost
     if model.shaped and total[a] < model.paid[a]:
         for i in range(chance.shape[0]):
@@ -85,7 +92,7 @@ def step_reward(model, x, a, chance, total):
 
 @kernel
 def count_percept(scratch, level, a, sign):
-    """Count a percept (N,) of a behavior, or take it back; -1 is none."""
+    """Count a percept (N,) of a behavior (sign 1), or remove it (-1); level -1 is none."""
     if level[0] >= 0:
         scratch.total[a] += sign
         for i in range(level.shape[0]):
