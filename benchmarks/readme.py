@@ -241,8 +241,7 @@ def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
             accuracy, cost = of.paper.get(row["agent"], (None, None))
             cells += [_number(accuracy, 3), _number(cost, 2)]
         lines.append(_row(cells))
-    seconds = sum(row["seconds"] for row in rows)
-    lines += ["", f"{rows[0]['trials']} trials an agent; {seconds:.0f} s of computing in all."]
+    lines += ["", f"{rows[0]['trials']} trials an agent."]
     return "\n".join(lines)
 
 

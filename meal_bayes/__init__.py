@@ -43,6 +43,8 @@ Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from meal_bayes.version import package_version
+
 if TYPE_CHECKING:
     from meal_bayes.agents import Trial, run_trial
     from meal_bayes.datasets import Dataset, load_dataset, load_percepts
@@ -107,7 +109,7 @@ _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        return _version()
+        return package_version()
     if name not in _HOME:
         raise AttributeError(
             f"module 'meal_bayes' has no attribute {name!r}; its names are: {', '.join(__all__)}."
@@ -119,12 +121,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, "__version__"})
-
-
-def _version() -> str:
-    from importlib import metadata  # noqa: PLC0415  costs as much as all the rest of this import
-
-    try:
-        return metadata.version("meal-bayes")
-    except metadata.PackageNotFoundError:  # run from a checkout
-        return "unreleased"

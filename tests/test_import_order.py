@@ -9,7 +9,17 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 
-GROUND = {"errors", "arrays", "seeds", "display", "files", "cache", "processes", "untrusted"}
+GROUND = {
+    "errors",
+    "arrays",
+    "seeds",
+    "display",
+    "files",
+    "cache",
+    "processes",
+    "untrusted",
+    "version",
+}
 BELOW_LOG = {
     "domain", "datasets", "robots", "perception", "posterior", "momdp", "planners"
 }  # fmt: skip
@@ -28,6 +38,7 @@ ROOMS: dict[str, set[str]] = {
     "cache": set(),
     "processes": set(),
     "untrusted": set(),
+    "version": set(),
     "domain": set(),
     "datasets": {"domain"},
     "robots": {"datasets", "domain"},
@@ -109,7 +120,7 @@ def test_the_wings_of_the_table_are_apart() -> None:
     [
         ("planners/greedy.py", "from meal_bayes.perception import Perceiver"),
         ("posterior/dirichlet.py", "from meal_bayes.perception.ensemble import Perception"),
-        ("trial_log/reader.py", "import meal_bayes.agents.recipes"),
+        ("trial_log/reader.py", "import meal_bayes.agents.named"),
         ("evaluation/summary.py", "from meal_bayes.experiments import run_offline"),
         ("evaluation/summary.py", "from meal_bayes import ask"),
         ("evaluation/summary.py", "import meal_bayes"),

@@ -1,7 +1,7 @@
-"""Where knowing meets doing: `Knowledge` and a `Solver` make a `Trial`.
+"""Agents: `Knowledge` and a `Solver` make a `Trial`.
 
 Algorithm 1 is `offline.py`, Algorithm 2 `online.py`; the inner loop of both is `run_trial` in
-`trial.py`; the named agents are a table in `recipes.py`.
+`inner_loop.py`; the named agents are a table in `named.py`.
 """
 
 from meal_bayes.agents.agent import Agent
@@ -15,17 +15,19 @@ from meal_bayes.agents.exploration import (
     NoBonus,
     Progress,
 )
+from meal_bayes.agents.inner_loop import Environment, Recorder, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
+from meal_bayes.agents.named import AGENTS, as_agent, distinct, load_agent
 from meal_bayes.agents.offline import OfflineRunner
 from meal_bayes.agents.online import OnlineLearner
 from meal_bayes.agents.origin import Origin, origin_of
-from meal_bayes.agents.recipes import AGENTS, as_agent, distinct, load_agent
-from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial, truth_of
+from meal_bayes.agents.trial import Step, Task, Trial, truth_of
 from meal_bayes.agents.trial_display import trials_frame
 
 __all__ = [
     "AGENTS",
     "Agent",
+    "Environment",
     "Experience",
     "ExplorationBonus",
     "Feedback",

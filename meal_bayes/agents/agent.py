@@ -1,4 +1,4 @@
-"""An agent: how it turns what is known into a decision problem, and how it solves that."""
+"""An agent: how knowledge becomes a decision problem, and how that is solved."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, build_momdp
 from meal_bayes.planners import Policy, Solver, warm_up
 
-TRUST = 0.99  # Pr(what a person told is right)
+TRUST = 0.99  # Pr(a label that a person gave is right)
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
@@ -20,30 +20,43 @@ ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """A recipe. The two wings meet here: two arrays go from the posterior to the planner.
+    """Settings of an agent: its observation model and prior, its planner, how it explores.
 
-    An observation model of one's own takes what is known and the positions of the N queried
-    attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes`
-    (N,2,C), or None for latent classes that are the truth (see `build_momdp`).
+    Attributes
+    ----------
+    name : of the agent.
+    solver : makes the planner of a query.
+    object_level : objects differ (finite precision); otherwise Eq. 8.
+    shared_trait : percepts of an object may err together.
+    base_rates : the prior belief comes from the training objects; otherwise it is uniform.
+    levels : K of its percepts.
+    abstain : its planner may end a trial by an illegal behavior.
+    discount : of a step, in planning only; 1 plans for the reward that is reported.
+    observation_model : of one's own: takes knowledge and the positions of the N queried attributes,
+        returns `confusion` (N,E,C,K), `precision` (N,E,C), and Pr(class given truth) (N,2,C), or
+        None for classes that are the truth (see `build_momdp`). By the flags above otherwise.
+    exploration : bonus of training trials online.
+    memory : it recognizes objects.
+    whiten : it learns from repeats which differences of features do not depend on the object.
+    trained_by : who runs its training trials online; itself by default.
     """
 
     name: str
     solver: Callable[[Domain, Query], Solver]
-    object_level: bool = False  # objects differ (finite precision), or Eq. 8
-    shared_trait: bool = False  # all percepts of an object may err together, or never do
-    base_rates: bool = False  # prior belief from the training objects, or uniform
-    levels: int = 2  # K of its percepts
-    abstain: bool = False  # may its planner end a trial by an illegal behavior?
-    discount: float = 0.99  # of a step, in planning only; 1 plans for the reward that is reported
-    observation_model: ObservationModel | None = None  # what percepts tell; by the flags above
-    # while it learns at work:
+    object_level: bool = False
+    shared_trait: bool = False
+    base_rates: bool = False
+    levels: int = 2
+    abstain: bool = False
+    discount: float = 0.99
+    observation_model: ObservationModel | None = None
     exploration: ExplorationBonus = field(default_factory=NoBonus)
-    memory: bool = False  # does it know objects again?
-    whiten: bool = False  # does it learn, from repeats, which differences say nothing of an object?
-    trained_by: "Agent | None" = None  # who does its training trials; itself by default
+    memory: bool = False
+    whiten: bool = False
+    trained_by: "Agent | None" = None
 
     def warm_up(self, domain: Domain, query: Query) -> None:
-        """Compile the kernels that the solver of a query needs; the first decision does it else."""
+        """Compile the kernels that the solver of a query needs, before the first decision."""
         warm_up(self.solver(domain, query))
 
     def prepare(
@@ -54,10 +67,10 @@ class Agent:
         *,
         limit: ArrayLike = np.inf,
         reward: float | None = None,
-        told: NDArray[np.int8] | None = None,
+        labels: NDArray[np.int8] | None = None,
     ) -> tuple[MOMDP, Policy]:
         """Build the query's MOMDP and solve it (Alg. 1, l. 1-5); see `model`."""
-        momdp = self.model(query, knowledge, limit=limit, reward=reward, told=told)
+        momdp = self.model(query, knowledge, limit=limit, reward=reward, labels=labels)
         return momdp, self.solver(knowledge.domain, query).solve(momdp, rng)
 
     def model(
@@ -67,7 +80,7 @@ class Agent:
         *,
         limit: ArrayLike = np.inf,
         reward: float | None = None,
-        told: NDArray[np.int8] | None = None,
+        labels: NDArray[np.int8] | None = None,
         trust: float = TRUST,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
@@ -78,17 +91,17 @@ class Agent:
         knowledge : learned without the object at hand.
         limit : (E,) or a number: recordings of a behavior that one trial can perceive.
         reward : r+ = -r-, the domain's by default.
-        told : (N,) what people said of this object before; -1 nothing.
-        trust : Pr(what people said is right).
+        labels : (N,) that people gave to this object before; -1 unknown.
+        trust : Pr(such a label is right).
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
-        confusion, precision, latent_classes = (self.observation_model or self._observation)(
+        confusion, precision, classes = (self.observation_model or self._observation)(
             knowledge, columns
         )
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
-        if told is not None:
-            prior = np.where(told < 0, prior, np.where(told == 1, trust, 1.0 - trust))
+        if labels is not None:
+            prior = np.where(labels < 0, prior, np.where(labels == 1, trust, 1.0 - trust))
         return build_momdp(
             domain,
             query,
@@ -98,7 +111,7 @@ class Agent:
             correct=reward,
             incorrect=None if reward is None else -reward,
             limit=limit,
-            latent_classes=latent_classes,
+            latent_classes=classes,
             discount=self.discount,
             abstain=self.abstain,
             counts=knowledge.posterior.counts[columns],

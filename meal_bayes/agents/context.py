@@ -48,7 +48,7 @@ class PublishedVariants:
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """Data, body, and what people say.
+    """The environment of an online run: data, true dynamics, feedback.
 
     Attributes
     ----------
@@ -58,9 +58,10 @@ class RunContext:
     counted : objects whose labelled instances are experience (Eq. 10).
     queries : about each attribute, to come; what a bonus for exploring plans for.
     reward : r+ = -r-.
-    feedback : what a person tells after a trial.
-    body : whose success probabilities the robot has; the agent plans with the data set's.
-    learn_success : are success probabilities learned, or the domain's believed?
+    feedback : what a person says after a trial.
+    true_dynamics : domain with the success probabilities of the robot; the agent plans with those
+        of the data set.
+    learn_success : whether success probabilities are learned, or taken from the domain.
     published : what is done as in the authors' code.
     """
 
@@ -71,13 +72,13 @@ class RunContext:
     queries: float
     reward: float
     feedback: Feedback
-    body: Domain
+    true_dynamics: Domain
     learn_success: bool = False
     published: PublishedVariants = field(default_factory=PublishedVariants)
 
     def labels_of(self, trial: Trial, seed: int) -> NDArray[np.int8]:
-        """Return the labels (N,) that a person's words on a training trial imply; -1 none."""
-        told = self.feedback.told(trial, stream(seed, "feedback", *trial.task.key))
+        """Return the labels (N,) that the feedback on a training trial implies; -1 unknown."""
+        labels = self.feedback.labels(trial, stream(seed, "feedback", *trial.task.key))
         if self.published.joint_label:
-            return np.where(told < 0, told, (told == 1).all()).astype(np.int8)
-        return told
+            return np.where(labels < 0, labels, (labels == 1).all()).astype(np.int8)
+        return labels

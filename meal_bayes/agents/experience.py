@@ -1,8 +1,7 @@
-"""What a robot at work has gathered (Alg. 2): recordings, and what people told of the objects.
+"""The training set D that a robot gathers online (Alg. 2): recordings, and labels by feedback.
 
-The world hands a training object's recordings out in one order, each once; when all are out, they
-come again, but hold nothing new. So the trials of a run tell which recordings the robot has, and D
-is rebuilt from their log alone.
+Recordings of a training object are replayed in one random order, each once; after the last they
+repeat, but add nothing to D. So D can be rebuilt from the log of the trials alone.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
 
@@ -21,15 +20,20 @@ _ANSWERS = ("verdict", "all")
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """What a person tells after a trial.
+    """What a person says after a trial.
+
+    Attributes
+    ----------
+    answers : "verdict", whether the report was right; or "all", every queried attribute.
+    error : probability that a verdict or a label is wrong.
 
     Raises
     ------
     SettingsError : unknown answers, an error rate outside [0, 1).
     """
 
-    answers: str = "verdict"  # "right" or "wrong" of the report; "all": every queried attribute
-    error: float = 0.0  # Pr(a person errs), for each thing told
+    answers: str = "verdict"
+    error: float = 0.0
 
     def __post_init__(self) -> None:
         if self.answers not in _ANSWERS:
@@ -37,12 +41,11 @@ class Feedback:
         if not 0 <= self.error < 1:
             raise SettingsError(f"A person errs with probability {self.error}; give 0 to below 1.")
 
-    def told(self, trial: Trial, rng: np.random.Generator) -> NDArray[np.int8]:
-        """Labels of the queried attributes that a person's words imply, (N,); -1 unknown.
+    def labels(self, trial: Trial, rng: np.random.Generator) -> NDArray[np.int8]:
+        """Return the labels of the queried attributes that the feedback implies, (N,); -1 unknown.
 
-        By a verdict the robot learns v where its report was right, or where it asked for a single
-        attribute (Sect. 7.3); an abstention teaches nothing, nor does what the person does not
-        know.
+        A verdict implies all labels where the report was right, or where a single attribute was
+        queried (Sect. 7.3). It implies none after an abstention, or where the truth is not known.
         """
         if self.answers == "all":
             errs = rng.random(len(trial.truth)) < self.error
@@ -53,19 +56,19 @@ class Feedback:
 
 
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
-    """Labels (N,) that a verdict on a report (N,) implies; -1 unknown.
+    """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
 
-    Of a wrong report of several attributes nobody knows which are wrong.
+    A wrong report of several attributes implies none, as any of them may be wrong.
     """
     if right:
         return report.astype(np.int8)
     return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
 
 
-def replayable(dataset: Dataset) -> NDArray[np.int64]:
+def replayable(dataset: Dataset | PerceptTable) -> NDArray[np.int64]:
     """Return how many recordings of each behavior can be replayed, (O,E); R where it has none.
 
-    So behaviors without modalities, such as asking a person, never run out before the others.
+    Behaviors without modalities, such as asking a person, never run out before the others.
     """
     senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
     return np.where(senses, dataset.recording_counts, dataset.recordings)
@@ -73,25 +76,34 @@ def replayable(dataset: Dataset) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True)
 class Experience:
-    """Recordings gathered and labels told, O objects, E behaviors, R recordings, P attributes.
+    """Recordings and labels gathered, of O objects, E behaviors, R recordings, P attributes.
 
-    With `memory` the robot knows an object again: a label told once holds for all recordings of
-    the object, earlier and later ones. Without, it labels the recordings of its own trial.
+    Attributes
+    ----------
+    order : (O,E,R) the order in which recordings are replayed, absent ones last.
+    used : (O,E) recordings replayed so far, repeats included.
+    labels : (O,E,R,P) of the recordings gathered; -1 unknown.
+    gathered : (O,E,R) whether D holds the recording.
+    object_labels : (O,P) by feedback; -1 unknown.
+    attempts : (E,2) legal executions that failed, and that succeeded.
+    counts : (O,E) recordings of the data set.
+    memory : whether the robot recognizes objects: then a label holds for all recordings of the
+        object, earlier and later ones; otherwise for the recordings of its own trial.
     """
 
-    order: NDArray[np.int64]  # (O,E,R) in which the world hands recordings out, absent ones last
-    used: NDArray[np.int64]  # (O,E) handed out so far, again and again
-    labels: NDArray[np.int8]  # (O,E,R,P) of the recordings gathered; -1 not labelled
-    gathered: NDArray[np.bool_]  # (O,E,R)
-    told: NDArray[np.int8]  # (O,P) -1 unknown
-    attempts: NDArray[np.int64]  # (E,2) legal executions that failed, and that succeeded
-    counts: NDArray[np.int64]  # (O,E) recordings that there are
+    order: NDArray[np.int64]
+    used: NDArray[np.int64]
+    labels: NDArray[np.int8]
+    gathered: NDArray[np.bool_]
+    object_labels: NDArray[np.int8]
+    attempts: NDArray[np.int64]
+    counts: NDArray[np.int64]
     memory: bool = False
 
     def __post_init__(self) -> None:
         for name in ("order", "used", "attempts", "counts"):
             set_frozen(self, **{name: freeze(getattr(self, name), np.int64)})
-        for name in ("labels", "told"):
+        for name in ("labels", "object_labels"):
             set_frozen(self, **{name: freeze(getattr(self, name), np.int8)})
         set_frozen(self, gathered=freeze(self.gathered, np.bool_))
 
@@ -117,23 +129,27 @@ class Experience:
         )
 
     def pretrain(self, dataset: Dataset, objects: NDArray[np.intp]) -> "Experience":
-        """Execute every behavior once on some objects, recording 1, all labels told."""
-        labels, gathered, told = self.labels.copy(), self.gathered.copy(), self.told.copy()
+        """Execute every behavior once on some objects, recording 1, with all labels known."""
+        labels, gathered, known = (
+            self.labels.copy(),
+            self.gathered.copy(),
+            self.object_labels.copy(),
+        )
         sensing = np.flatnonzero([bool(b.modalities) for b in dataset.domain.behaviors])
         o, e = np.nonzero(self.counts[np.ix_(objects, sensing)] > 0)
         o, e = objects[o], sensing[e]
         labels[o, e, 0] = dataset.labels[o]
         gathered[o, e, 0] = True
-        told[objects] = dataset.labels[objects]
-        return replace(self, labels=labels, gathered=gathered, told=told)
+        known[objects] = dataset.labels[objects]
+        return replace(self, labels=labels, gathered=gathered, object_labels=known)
 
-    def absorb(self, domain: Domain, trial: Trial, told: NDArray[np.int8]) -> "Experience":
-        """Add what a training trial showed and what was told of it, (N,) (Alg. 2, l. 18-23)."""
+    def absorb(self, domain: Domain, trial: Trial, feedback: NDArray[np.int8]) -> "Experience":
+        """Add the recordings of a training trial, labeled by feedback (N,) (Alg. 2, l. 18-23)."""
         o = trial.task.object_index
         columns = np.array(domain.columns(trial.task.query.attributes))
-        columns, values = columns[told >= 0], told[told >= 0]
+        columns, values = columns[feedback >= 0], feedback[feedback >= 0]
         used, labels, gathered = self.used.copy(), self.labels.copy(), self.gathered.copy()
-        known, attempts = self.told.copy(), self.attempts.copy()
+        known, attempts = self.object_labels.copy(), self.attempts.copy()
         known[o, columns] = values
         for step in trial.steps:
             e = step.decision.action
@@ -153,11 +169,12 @@ class Experience:
         if self.memory:
             labels[o, gathered[o]] = known[o]
         return replace(
-            self, used=used, labels=labels, gathered=gathered, told=known, attempts=attempts
-        )
+            self, used=used, labels=labels, gathered=gathered, object_labels=known,
+            attempts=attempts,
+        )  # fmt: skip
 
     def supply(self, object_index: int) -> list[list[int]]:
-        """List the recordings of an object that come next, (E,) lists, the next one last."""
+        """Return the recordings of an object yet to come, (E,) lists, the next one last."""
         o = object_index
         rows = zip(self.order[o], self.counts[o], self.used[o], strict=True)
         return [np.roll(order[:count], -used)[::-1].tolist() for order, count, used in rows]

@@ -1,4 +1,4 @@
-"""What a training trial is paid for exploring beyond its own query: bonuses of `MOMDP.bonus`.
+"""Exploration bonuses of training trials, beyond their own query: see `MOMDP.bonus`.
 
 The paper's ITRS pays for percepts of high entropy and charges for experience, with weights that a
 person chose. Ours values what a better table brings: after n objects a table's rates are known to
@@ -121,7 +121,7 @@ class InformationBonus:
     def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""
         domain = progress.knowledge.domain
-        columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+        columns = domain.columns(momdp.query.attributes)
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
         bonus[0] = first_percept_value(progress, object_index, columns)[:, None]
         return replace(momdp, bonus=bonus)
@@ -158,26 +158,26 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
 
 
 def first_percept_value(progress: Progress, object_index: int | None, columns: list[int]) -> Array:
-    """Value a first percept of each behavior to the queries to come, (E,), s.
+    """Compute the value of a first percept of each behavior to the queries to come, (E,), s.
 
     Parameters
     ----------
-    object_index : the object at hand, of which nothing is worth recording twice; None: a new one.
-    columns : the queried attributes; with memory, those told of the object before teach as well.
-        (Those still to be told would too, but to record for them first costs more than it brings.)
+    object_index : the object at hand; recordings of it in D add no value. None: a new object.
+    columns : the queried attributes; with memory, those labeled before count as well. (Those
+        labeled later would too, but to record for them first costs more than it brings.)
     """
     experience = progress.experience
     new = np.zeros(progress.instances.shape, np.bool_)  # (P,E)
     new[columns] = True
     if object_index is not None:
         if experience.memory:
-            new |= experience.told[object_index][:, None] >= 0
+            new |= experience.object_labels[object_index][:, None] >= 0
         new &= ~experience.recorded()[object_index].T
     return np.asarray((_object_value(progress) * new).sum(axis=0))
 
 
 def fitted_weights(progress: Progress) -> ITRS:
-    """Fit alpha and beta of Eq. 11 to what exploring is worth, by nonnegative least squares.
+    """Fit alpha and beta of Eq. 11 to the value of information, by nonnegative least squares.
 
     alpha Ent - beta IE, averaged over the truths, is fitted to the value of a first percept over
     all attributes and behaviors.
@@ -187,21 +187,21 @@ def fitted_weights(progress: Progress) -> ITRS:
     confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
     momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
     entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
-    worth = _object_value(progress)[:, senses]
+    value = _object_value(progress)[:, senses]
     ie = progress.instances[:, senses] / delta
-    (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), worth.ravel())
+    (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), value.ravel())
     return ITRS(float(alpha), float(beta), delta)
 
 
 def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
     domain = progress.knowledge.domain
-    columns = [domain.attribute_index(name) for name in momdp.query.attributes]
+    columns = domain.columns(momdp.query.attributes)
     experience = progress.instances[columns] / weights.delta
     return shape_reward(momdp, experience, weights, domain=domain)
 
 
 def _object_value(progress: Progress) -> Array:
-    """Value one more object in a table, (P,E), s: the more it has, the less another moves it."""
+    """Compute the value of one more object in each table, (P,E), s; it falls with their number."""
     objects = progress.experience.recorded().sum(axis=0).T  # (P,E)
     return np.asarray(progress.queries * progress.valued() / (objects + 1))
 

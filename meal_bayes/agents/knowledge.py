@@ -1,4 +1,4 @@
-"""What a robot knows when it meets an object it has never learned from."""
+"""What a robot knows of an object that it was not trained on."""
 
 from dataclasses import dataclass, replace
 
@@ -15,12 +15,20 @@ from meal_bayes.posterior import ConfusionPosterior, SharedTrait, learn_trait
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Confusion posterior and base rates, learned without the object at hand."""
+    """Confusion posterior and base rates, learned without the object at hand.
+
+    Attributes
+    ----------
+    domain : of the attributes and behaviors.
+    posterior : of the confusion matrices.
+    base_rates : (P,) (n+ + 1) / (n + 2) of the training objects.
+    trait : latent trait that percepts of an object share; None: they share the truth alone.
+    """
 
     domain: Domain
     posterior: ConfusionPosterior
-    base_rates: NDArray[np.float64]  # (P,) (n+ + 1) / (n + 2) of the training objects
-    trait: SharedTrait | None = None  # what all percepts of an object share; None: only the truth
+    base_rates: NDArray[np.float64]
+    trait: SharedTrait | None = None
 
     __repr__ = short_repr
 
@@ -72,7 +80,7 @@ def knowledge_of(
 
     Parameters
     ----------
-    counts : what classifiers said of objects that they never saw.
+    counts : percepts of held-out classifiers.
     labels : (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
     object_level : as in `knowledge_without`.
     """
@@ -85,7 +93,7 @@ def knowledge_of(
 
 
 def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Return the posterior mean share of objects that have each attribute, (P,), of (O,P) labels.
+    """Return the posterior mean Pr(attribute), (P,), of (O,P) labels.
 
     Unknown labels (-1) do not count.
     """

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
+from meal_bayes.agents.experience import replayable
+from meal_bayes.agents.inner_loop import Environment, Recorder, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.trial import Recorder, Step, Streams, Task, Trial, run_trial
+from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
@@ -31,16 +33,26 @@ class OfflineRunner:
 
     With ``percepts="recorded"`` a percept is a held-out classifier's output on a real recording,
     none used twice in a trial. With ``"model"`` it is drawn from the learned confusion matrices,
-    as in the authors' published simulator: then accuracy is the model's opinion of itself.
+    as in the authors' published simulator: then accuracy is the model's own expectation.
+
+    Attributes
+    ----------
+    table : held-out percepts and true labels.
+    agent : who decides.
+    seed : of all random streams.
+    percepts : "recorded" or "model".
+    reward : r+ = -r-, the domain's by default.
+    labels : (O,P) that people gave to objects met before; -1 unknown.
+    given : posterior of one's own, in place of what the table's other objects imply.
     """
 
     table: PerceptTable
     agent: Agent
     seed: int
     percepts: str = "recorded"
-    reward: float | None = None  # r+ = -r-, the domain's by default
-    told: NDArray[np.int8] | None = None  # (O,P) what people told of objects met before; -1 nothing
-    given: ConfusionPosterior | None = None  # of one's own, in place of what the others' say
+    reward: float | None = None
+    labels: NDArray[np.int8] | None = None
+    given: ConfusionPosterior | None = None
     _knowledge: dict[int, Knowledge] = field(default_factory=dict)
     _policies: OrderedDict[tuple[int, tuple[str, ...]], tuple[MOMDP, Policy]] = field(
         default_factory=OrderedDict
@@ -51,8 +63,8 @@ class OfflineRunner:
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
-        if self.told is not None:  # what is told of an unlabelled object teaches of others
-            labels = np.where(self.table.labels < 0, self.told, self.table.labels)
+        if self.labels is not None:  # a label of an object without one is training data of others
+            labels = np.where(self.table.labels < 0, self.labels, self.table.labels)
             self.table = replace(self.table, labels=labels)
 
     def run(
@@ -63,16 +75,12 @@ class OfflineRunner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
-        columns = self.table.domain.columns(task.query.attributes)
         momdp, policy = self.prepare(task)
         return run_trial(
             task,
             momdp,
             policy,
-            self.robot(task),
-            self.perceiver(task),
-            Streams.of(self.seed, task, self.agent.name),
-            truth=self.table.labels[task.object_index, columns],
+            self.environment(task),
             agent=self.agent.name,
             on_step=on_step,
             recorder=recorder,
@@ -82,16 +90,16 @@ class OfflineRunner:
         """Build and solve the query's MOMDP from what is known without the object."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            limit = self._recordings(task) if self.percepts == "recorded" else np.inf
+            counts = replayable(self.table)[task.object_index]
             columns = self.table.domain.columns(key[1])
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
             self._policies[key] = self.agent.prepare(
                 task.query,
                 self.knowledge(task.object_index),
                 rng,
-                limit=limit,
+                limit=counts if self.percepts == "recorded" else np.inf,
                 reward=self.reward,
-                told=None if self.told is None else self.told[task.object_index, columns],
+                labels=None if self.labels is None else self.labels[task.object_index, columns],
             )
             if len(self._policies) > _KEPT:
                 self._policies.popitem(last=False)
@@ -99,7 +107,7 @@ class OfflineRunner:
         return self._policies[key]
 
     def knowledge(self, held_out: int) -> Knowledge:
-        """Learn from all objects but one, once."""
+        """Return what is learned from all objects but one; learned once."""
         if held_out not in self._knowledge:
             known = knowledge_without(
                 self.table,
@@ -112,27 +120,25 @@ class OfflineRunner:
             self._knowledge[held_out] = known
         return self._knowledge[held_out]
 
-    def _recordings(self, task: Task) -> NDArray[np.int64]:
-        """Return how many recordings of each behavior the object has, (E,)."""
-        senses = [bool(behavior.modalities) for behavior in self.table.domain.behaviors]
-        counts = self.table.recording_counts[task.object_index]
-        return np.where(senses, counts, self.table.recordings)
-
-    def robot(self, task: Task) -> CheckedRobot:
-        """Return the body of a trial, with random streams of the trial's own."""
+    def environment(self, task: Task) -> Environment:
+        """Return the environment of a trial, with random streams of the trial's own."""
         domain = self.table.domain
         robot = RecordedRobot(
             domain,
             task.object_index,
-            self._recordings(task),
+            replayable(self.table)[task.object_index],
             stream(self.seed, "recordings", *task.key),
             stream(self.seed, "robot", *task.key),
             repeats=self.percepts == "model",
         )
-        return CheckedRobot(robot, domain, object_index=task.object_index)
+        return Environment(
+            CheckedRobot(robot, domain, object_index=task.object_index),
+            self._perceiver(task),
+            Streams.of(self.seed, task, self.agent.name),
+            self.table.labels[task.object_index, domain.columns(task.query.attributes)],
+        )
 
-    def perceiver(self, task: Task) -> Perceiver:
-        """Return the perceiver of a trial."""
+    def _perceiver(self, task: Task) -> Perceiver:
         if self.percepts == "recorded":
             return recorded_percepts(self.table, self.agent.levels)
         every = range(len(self.table.domain.attributes))

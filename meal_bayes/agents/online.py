@@ -1,4 +1,4 @@
-"""Algorithm 2: a robot that learns while it works, from its own trials alone.
+"""Algorithm 2: a robot that learns online, from its own trials alone.
 
 After every training trial D grows, and the posterior by the percepts of objects that no classifier
 has seen (Alg. 2, l. 18-23); after every batch classifiers and tables are fitted anew on D (l. 6).
@@ -21,8 +21,9 @@ from meal_bayes.agents.exploration import (
     Progress,
     information_value,
 )
+from meal_bayes.agents.inner_loop import Environment, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
-from meal_bayes.agents.trial import Streams, Task, Trial, run_trial
+from meal_bayes.agents.trial import Task, Trial
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain
 from meal_bayes.momdp import MOMDP
@@ -53,6 +54,10 @@ class OnlineLearner:
     knowledge : fitted on D, updated by `tell`.
     perceiver : the classifiers, or draws from the tables.
     valued : returns (P,E) `information_value` at the refit.
+    _levels : (O,R,E,P) percepts of all recordings.
+    _unseen : (O,E,P) whether the object was in no classifier's training set.
+    _answering : model and policy of each query without a bonus.
+    _exploring : searches of training trials, by query.
     """
 
     agent: Agent
@@ -62,8 +67,8 @@ class OnlineLearner:
     knowledge: Knowledge
     perceiver: Perceiver
     valued: Callable[[], NDArray[np.float64]]
-    _levels: NDArray[np.int8]  # (O,R,E,P) percepts of all recordings
-    _unseen: NDArray[np.bool_]  # (O,E,P) no classifier has seen the object
+    _levels: NDArray[np.int8]
+    _unseen: NDArray[np.bool_]
     _answering: dict[Names, tuple[MOMDP, Policy]] = field(default_factory=dict)
     _exploring: dict[Names, POMCPPolicy] = field(default_factory=dict)
 
@@ -83,7 +88,9 @@ class OnlineLearner:
         domain = dataset.domain
         if context.learn_success:
             domain = with_success(domain, experience.attempts)
-        knowledge = knowledge_of(domain, counts, experience.told, object_level=agent.object_level)
+        knowledge = knowledge_of(
+            domain, counts, experience.object_labels, object_level=agent.object_level
+        )
         if published.model_percepts:
             every = range(len(domain.attributes))
             confusion, _ = knowledge.posterior.select(every, exact=True)
@@ -102,29 +109,29 @@ class OnlineLearner:
         )  # fmt: skip
 
     def test(self, task: Task) -> Trial:
-        """Answer with D frozen; all recordings of the object are fresh."""
+        """Run a test trial, on all recordings of the object; D does not change."""
         order = stream(self.seed, "recordings", *task.key)
         return self._run(task, *self._answer(task), order)
 
     def train(self, task: Task) -> Trial:
-        """Answer and explore, with recordings that enter D (Alg. 2, l. 5-18)."""
+        """Run a training trial, on recordings that enter D (Alg. 2, l. 5-18)."""
         o, agent = task.object_index, self.agent
         if isinstance(agent.exploration, NoBonus) and not agent.memory:
             momdp, policy = self._answer(task)
         else:
-            told = self.experience.told[o, self._columns(task)] if agent.memory else None
-            momdp = self._shaped(self._model(task, told), o)
+            labels = self.experience.object_labels[o, self._columns(task)] if agent.memory else None
+            momdp = self._shaped(self._model(task, labels), o)
             policy = self._explore(task, momdp)
         return self._run(task, momdp, policy, self.experience.supply(o))
 
     def tell(self, trial: Trial) -> None:
-        """Learn from what a person says of a training trial (Alg. 2, l. 18-23)."""
+        """Update D and the posterior by the feedback on a training trial (Alg. 2, l. 18-23)."""
         domain, o = self.context.dataset.domain, trial.task.object_index
-        told = self.context.labels_of(trial, self.seed)
+        feedback = self.context.labels_of(trial, self.seed)
         before, rates = self._counts(o), self.knowledge.base_rates
-        self.experience = self.experience.absorb(domain, trial, told)
+        self.experience = self.experience.absorb(domain, trial, feedback)
         after = self._counts(o)
-        self.knowledge = self.knowledge.with_object(before, after, self.experience.told)
+        self.knowledge = self.knowledge.with_object(before, after, self.experience.object_labels)
         moved = (before != after).any(axis=(1, 2, 3))
         if self.agent.base_rates:
             moved |= self.knowledge.base_rates != rates
@@ -132,7 +139,7 @@ class OnlineLearner:
         self._answering = {q: one for q, one in self._answering.items() if not names & {*q}}
 
     def _counts(self, o: int) -> NDArray[np.int64]:
-        """Count the labelled percepts of an object that no classifier has seen, (P,E,2,K)."""
+        """Count the labeled percepts of an object that no classifier was trained on, (P,E,2,K)."""
         labels = np.where(self._unseen[o][:, None], self.experience.labels[o], -1)  # (E,R,P)
         e, r, p = np.nonzero(labels >= 0)
         shape = self.knowledge.posterior.counts.shape
@@ -141,7 +148,7 @@ class OnlineLearner:
         return counts
 
     def _answer(self, task: Task) -> tuple[MOMDP, Policy]:
-        """Return the policy of a query in tests, solved once between two changes of knowledge."""
+        """Return model and policy without a bonus, solved anew when the posterior moved."""
         key = task.query.attributes
         if key not in self._answering:
             momdp = self._model(task, None)
@@ -155,7 +162,7 @@ class OnlineLearner:
         return self._answering[key]
 
     def _explore(self, task: Task, momdp: MOMDP) -> Policy:
-        """Plan with the bonus of this trial; searches share a plan library for every query."""
+        """Plan with the bonus of this trial; searches of equal queries share a plan library."""
         key, solver, rng = task.query.attributes, self._solver(task), self._planning(task)
         if not isinstance(solver, POMCP):
             return solver.solve(momdp, rng)
@@ -173,21 +180,21 @@ class OnlineLearner:
         return stream(self.seed, "solver", self.agent.name, *task.key)
 
     def _columns(self, task: Task) -> list[int]:
-        return [self.knowledge.domain.attribute_index(name) for name in task.query.attributes]
+        return self.knowledge.domain.columns(task.query.attributes)
 
-    def _model(self, task: Task, told: NDArray[np.int8] | None) -> MOMDP:
-        forever = self.context.published.model_percepts and told is None
+    def _model(self, task: Task, labels: NDArray[np.int8] | None) -> MOMDP:
+        forever = self.context.published.model_percepts and labels is None
         return self.agent.model(
             task.query,
             self.knowledge,
             limit=np.inf if forever else self.context.dataset.recordings,
             reward=self.context.reward,
-            told=told,
+            labels=labels,
             trust=min(TRUST, 1.0 - self.context.feedback.error),
         )
 
     def _shaped(self, momdp: MOMDP, object_index: int | None) -> MOMDP:
-        """Pay for exploring; `object_index` None: as about an object that is new."""
+        """Add the exploration bonus; `object_index` None: of a new object."""
         context = self.context
         progress = Progress(
             self.knowledge, self.experience, self.valued, context.queries, context.counted
@@ -199,7 +206,7 @@ class OnlineLearner:
     ) -> Trial:
         context, o = self.context, task.object_index
         robot = RecordedRobot(
-            context.body,
+            context.true_dynamics,
             o,
             self.experience.counts[o],
             order,
@@ -210,10 +217,12 @@ class OnlineLearner:
             task,
             momdp,
             policy,
-            CheckedRobot(robot, context.body, object_index=o),
-            self.perceiver,
-            Streams.of(self.seed, task, self.agent.name),
-            truth=context.dataset.labels[o, self._columns(task)],
+            Environment(
+                CheckedRobot(robot, context.true_dynamics, object_index=o),
+                self.perceiver,
+                Streams.of(self.seed, task, self.agent.name),
+                context.dataset.labels[o, self._columns(task)],
+            ),
             agent=self.agent.name,
         )
 

@@ -1,8 +1,8 @@
-"""One trial: the task, its steps, and the inner loop that Algorithms 1 and 2 share."""
+"""Records of a trial: its task, its steps, what came of it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,60 +11,82 @@ from meal_bayes.agents.trial_display import trial_card, trial_frame, trial_html
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Query, unknown
-from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.momdp import (
-    MOMDP,
-    Belief,
-    Transition,
-    best_report,
-    initial_belief,
-    update_belief,
-)
-from meal_bayes.perception import Perceiver
-from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import CheckedRobot, Execution
-from meal_bayes.seeds import stream
+from meal_bayes.errors import QueryError
+from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.planners import Decision
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A query about an object; `key` names every random stream of the trial."""
+    """A query about an object.
+
+    Attributes
+    ----------
+    name : of the task.
+    query : what is asked.
+    object_index : in the data set; -1: an object of which nothing is recorded.
+    object_name : the object's name.
+    key : names every random stream of the trial.
+    """
 
     name: str
     query: Query
-    object_index: int  # in the data set; -1: an object of which nothing is recorded
+    object_index: int
     object_name: str
     key: tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One executed action."""
+    """One executed action.
+
+    Attributes
+    ----------
+    x, next_x : states before and after.
+    decision : the action and its values.
+    observation : (N,) percept levels, None = "none".
+    cost : of this step, s.
+    reward : true (unshaped) reward of this step; nan where the truth is not known.
+    belief : after the step.
+    warning : why sensor data of the robot were not used as a percept; empty: they were.
+    """
 
     x: int
     decision: Decision
     next_x: int
-    observation: NDArray[np.int8] | None  # (N,) percept levels, None = "none"
-    cost: float  # s, paid in this step
-    reward: float  # true (unshaped) reward of this step; nan where the truth is not known
-    belief: Belief  # after the step
-    warning: str = ""  # why something that the robot handed over was no percept
+    observation: NDArray[np.int8] | None
+    cost: float
+    reward: float
+    belief: Belief
+    warning: str = ""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The paper's xi, with the beliefs and decisions behind it."""
+    """The paper's xi, with its beliefs and decisions.
+
+    Attributes
+    ----------
+    task : what is asked, of which object.
+    agent : name of the agent.
+    momdp : the decision problem.
+    first_belief : before the first step.
+    steps : in order.
+    truth : (N,) 1 true, 0 false, -1 not known.
+    report : (N,) bool; None: the agent abstained.
+    ended : why the trial was broken off, such as "robot error: ..."; empty: it was not.
+    """
 
     task: Task
     agent: str
     momdp: MOMDP
     first_belief: Belief
     steps: tuple[Step, ...]
-    truth: NDArray[np.int8]  # (N,) 1 true, 0 false, -1 not known
-    report: NDArray[np.bool_] | None  # (N,), None = abstained
-    ended: str = ""  # why it was broken off, such as "robot error: ..."; empty: it was not
+    truth: NDArray[np.int8]
+    report: NDArray[np.bool_] | None
+    ended: str = ""
 
     def __post_init__(self) -> None:
         set_frozen(self, truth=freeze(self.truth, np.int8))
@@ -84,7 +106,7 @@ class Trial:
 
     @property
     def judged(self) -> bool:
-        """Whether it can be told right or wrong: it came to its end, and the truth is known."""
+        """Whether success is known: the trial came to its end, and the truth is known."""
         return not self.ended and bool((self.truth >= 0).all())
 
     @property
@@ -137,184 +159,3 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
             "{attribute: True or False}."
         )
     return values.astype(np.int8)
-
-
-class Streams(NamedTuple):
-    """The random streams of one trial; `percepts` is the same for every agent."""
-
-    percepts: np.random.Generator  # answers, percepts drawn from tables
-    planner: np.random.Generator
-
-    @classmethod
-    def of(cls, seed: int, task: Task, agent: str) -> "Streams":
-        """Streams named by seed and task, and the planner's by the agent as well."""
-        return cls(
-            stream(seed, "percepts", *task.key),
-            stream(seed, "planner", agent, *task.key),
-        )
-
-
-class Recorder(Protocol):
-    """Keeps a trial as it happens: each step before the next behavior is executed."""
-
-    def begin(self, trial: Trial) -> None:
-        """Take a trial that has no steps yet."""
-        ...
-
-    def step(self, step: Step) -> None:
-        """Take its next step."""
-        ...
-
-    def end(self, trial: Trial) -> None:
-        """Take the whole trial."""
-        ...
-
-
-def run_trial(
-    task: Task,
-    momdp: MOMDP,
-    policy: Policy,
-    robot: CheckedRobot,
-    perceiver: Perceiver,
-    streams: Streams,
-    *,
-    truth: Mapping[str, bool] | ArrayLike | None = None,
-    agent: str = "",
-    max_steps: int = 100,
-    on_step: Callable[[Step], None] | None = None,
-    recorder: Recorder | None = None,
-) -> Trial:
-    """Run one trial (Alg. 1, l. 6-11): decide, execute, perceive, filter, until `term`.
-
-    What the robot, the perceiver or the policy raises, an interruption too, ends the trial: the
-    recorder gets what there is of it, with `ended`, and the exception goes on.
-
-    Parameters
-    ----------
-    robot : the body, behind its boundary.
-    truth : see `truth_of`; only compared with the report, neither policy nor belief sees it.
-    max_steps : behaviors, after which the best report is made.
-    on_step : called after every step.
-    recorder : told of every step before the next behavior is executed.
-
-    Raises
-    ------
-    RobotError : the robot came to a state that the domain does not know.
-    SettingsError : a robot that stands behind no boundary.
-    """
-    if not isinstance(robot, CheckedRobot):
-        raise SettingsError(
-            f"The robot is {type(robot).__name__}; hand it over as CheckedRobot(robot, domain), or "
-            "ask by Learner.ask, which does."
-        )
-    known = truth_of(task.query, truth)
-    running = RunningTrial(task, momdp, policy, robot, perceiver, streams, known)
-    trial = running.trial(agent)
-    if recorder is not None:
-        recorder.begin(trial)
-    try:
-        running.start()
-        while running.belief.x != momdp.terminal:
-            step = running.step(max_steps)
-            if recorder is not None:
-                recorder.step(step)
-            if on_step is not None:
-                on_step(step)
-    except BaseException as fault:
-        if recorder is not None:
-            said = f"{type(fault).__name__}: {fault}".removesuffix(": ")
-            recorder.end(running.trial(agent, ended=f"{running.at} error: {said}"))
-        raise
-    trial = running.trial(agent)
-    if recorder is not None:
-        recorder.end(trial)
-    return trial
-
-
-class RunningTrial:
-    """A trial that is under way: `start` it, then `step` until its belief is at `term`."""
-
-    def __init__(
-        self,
-        task: Task,
-        momdp: MOMDP,
-        policy: Policy,
-        robot: CheckedRobot,
-        perceiver: Perceiver,
-        streams: Streams,
-        truth: NDArray[np.int8],
-    ) -> None:
-        self.task, self.momdp, self.policy = task, momdp, policy
-        self.robot, self.perceiver, self.streams, self.truth = robot, perceiver, streams, truth
-        self.belief = self.first = initial_belief(momdp)
-        self.history = History(self.belief)
-        self.steps: list[Step] = []
-        self.report: NDArray[np.bool_] | None = None
-        self.at = "robot"  # who is at work
-
-    def trial(self, agent: str, *, ended: str = "") -> Trial:
-        """Return the trial so far."""
-        return Trial(
-            self.task, agent, self.momdp, self.first, tuple(self.steps), self.truth, self.report,
-            ended,
-        )  # fmt: skip
-
-    def start(self) -> None:
-        """Put the robot at the start."""
-        self.belief = self.belief.at(self.robot.start())
-        self.history = History(self.belief)
-
-    def step(self, max_steps: int) -> Step:
-        """Decide, execute and perceive, or report: after `max_steps` behaviors the best."""
-        momdp, belief, history = self.momdp, self.belief, self.history
-        self.at = "planner"
-        decision = self.policy.decide(history, self.streams.planner)
-        if decision.action < momdp.n_behaviors and len(self.steps) >= max_steps:
-            decision = unvalued(momdp, best_report(momdp, belief))
-        if decision.action >= momdp.n_behaviors:
-            step = self._report(decision)
-        else:
-            step = self._execute(decision)
-        self.steps.append(step)
-        self.belief = step.belief
-        perceived = step.observation is not None
-        self.history = history.after(step.belief, decision.action, perceived, step.cost)
-        return step
-
-    def _report(self, decision: Decision) -> Step:
-        momdp, x = self.momdp, self.belief.x
-        self.report = momdp.query.values_of(decision.action - momdp.n_behaviors)
-        reward = float("nan")
-        if (self.truth >= 0).all():
-            reward = float(momdp.report_reward((self.report == self.truth).astype(float)))
-        last = self.belief.at(momdp.terminal)
-        return Step(x, decision, momdp.terminal, None, 0.0, reward, last)
-
-    def _execute(self, decision: Decision) -> Step:
-        action, belief, momdp = decision.action, self.belief, self.momdp
-        self.at = "robot"
-        execution = self.robot.execute(action)
-        self.at = "perceiver"
-        observation, warning = self._perceive(execution)
-        transition = Transition(action, execution.next_x, observation)
-        after = update_belief(belief, momdp, transition)
-        cost = momdp.step_cost(belief.x, action, execution.next_x)
-        return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
-
-    def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
-        """Return percept levels (N,), or None, and what is to be warned of."""
-        query, answers = self.task.query, execution.answers
-        if execution.instance is not None:
-            seen = self.perceiver.observe(execution.instance, query, self.streams.percepts)
-            return seen, execution.warning
-        if answers is None:
-            return None, execution.warning
-        missing = [name for name in query.attributes if name not in answers]
-        if missing:
-            return None, f"no percept: the person did not answer about {missing}"
-        return _levels(query.attributes, answers, self.momdp.levels), ""
-
-
-def _levels(names: Sequence[str], answers: Mapping[str, bool], levels: int) -> NDArray[np.int8]:
-    """Return the percepts (N,) of a person's answers: the two extreme levels."""
-    return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from meal_bayes.agents import Step, Task, Trial
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.learner import Lesson
+    from meal_bayes.learner import LabeledTrial
 
 
 def answer(
@@ -28,7 +28,7 @@ def answer(
     logs: Path,
     config: Mapping[str, object],
     console: "Console | None" = None,
-    lessons: "Sequence[Lesson]" = (),
+    labeled_trials: "Sequence[LabeledTrial]" = (),
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task, and return it with the path of its log.
 
@@ -36,7 +36,7 @@ def answer(
     ----------
     config : of the log's header; its "command" begins the log's name.
     console : where the trial is printed while it runs, if anywhere.
-    lessons : labels that people gave before.
+    labeled_trials : labels that people gave before.
     """
     from meal_bayes.cli.narration import Narrator
     from meal_bayes.files import check_folder
@@ -46,7 +46,7 @@ def answer(
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
     check_folder(logs)  # once the agent is known to be one
     start = time.perf_counter()
-    learner.resume(table, lessons, [False] * len(lessons))
+    learner.resume(table, labeled_trials, [False] * len(labeled_trials))
     narrator = None if console is None else Narrator(console, task, learner.problem(task))
     with showing_compilation():
         trial = learner.replay(task, on_step=None if narrator is None else narrator.step)

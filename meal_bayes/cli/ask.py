@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from meal_bayes.agents import Trial
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.learner import Lesson
+    from meal_bayes.learner import LabeledTrial
     from meal_bayes.trial_log import ObjectLabels
 
 
@@ -54,7 +54,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     """
     from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.datasets import load_percepts
-    from meal_bayes.learner.asking import question_task
+    from meal_bayes.learner.api import question_task
     from meal_bayes.trial_log import read_memory
 
     config = {"command": "ask", **options, "dataset": table_of(options["dataset"], root)}
@@ -66,7 +66,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         config["labels_before"] = number
     trial, path = answer(
         table, task, agent=agent_value(config["agent"]), seed=config["seed"], logs=logs,
-        config=config, lessons=_lessons(memory, table),
+        config=config, labeled_trials=_labeled_trials(memory, table),
     )  # fmt: skip
     if as_json:
         print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
@@ -79,13 +79,15 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _lessons(memory: "Iterable[ObjectLabels]", table: "PerceptTable") -> "list[Lesson]":
+def _labeled_trials(
+    memory: "Iterable[ObjectLabels]", table: "PerceptTable"
+) -> "list[LabeledTrial]":
     """Return the labels of a table's objects and attributes."""
-    from meal_bayes.learner import Lesson
+    from meal_bayes.learner import LabeledTrial
 
     known = set(table.domain.attributes)
     return [
-        Lesson(
+        LabeledTrial(
             ("memory", one.number),
             one.object_name,
             {name: value for name, value in one.values.items() if name in known},

@@ -30,7 +30,7 @@ def demo(seed: int, logs: Path) -> None:
     The percepts of a real robot come with the package; another seed takes another object.
     """
     from meal_bayes.datasets import load_percepts
-    from meal_bayes.learner.asking import question_task
+    from meal_bayes.learner.api import question_task
     from meal_bayes.seeds import stream
 
     table = load_percepts(_DATASET)

@@ -1,6 +1,5 @@
-"""`meal-bayes run online`: robots that learn while they work."""
+"""`meal-bayes run online`: agents that learn from their own trials."""
 
-import json
 import math
 from pathlib import Path
 from statistics import fmean
@@ -11,7 +10,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from meal_bayes.cli.console import note, output, resumed, showing_compilation, signs_of
+from meal_bayes.cli.console import (
+    new_table,
+    note,
+    output,
+    print_json,
+    resumed,
+    showing_compilation,
+    signs_of,
+)
 from meal_bayes.cli.options import (
     ONLINE_AGENTS,
     OWN,
@@ -77,18 +84,19 @@ _MOST = 40  # repeats of a run that goes on until it is decided
     help="Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
 )  # fmt: skip
 @click.option(
-    "--feedback", type=click.Choice(["verdict", "all"]), default="verdict", show_default=True,
-    help="Is the robot told right or wrong, or every attribute?",
+    "--feedback", "answers", type=click.Choice(["verdict", "all"]), default="verdict",
+    show_default=True,
+    help="Whether the report was right, or the labels of all attributes asked.",
 )  # fmt: skip
 @click.option(
     "--error", type=Finite(0, 1, max_open=True), default=0.0, show_default=True,
-    help="Share of what a person tells that is wrong.",
+    help="Probability that feedback is wrong.",
 )  # fmt: skip
 @click.option(
     "--success", type=Chance(), multiple=True, metavar="BEHAVIOR=P",
-    help="How often a behavior of the robot's body succeeds; the data set's by default.",
+    help="True success probability of a behavior; the data set's by default.",
 )  # fmt: skip
-@click.option("--learn-success", is_flag=True, help="Let agents learn how often behaviors succeed.")
+@click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
 @click.option(
     "--published", metavar="NAMES",
     help="Do as the authors' code: all, or a comma list of shaped_test, sample_wise, joint_label, "
@@ -105,85 +113,46 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 @fresh_option
 @json_option
 def online(
-    dataset: str,
     root: Path | None,
-    attributes: int,
     agents: tuple[str, ...],
-    batches: int,
-    trials: int,
-    repeats: int | None,
     until_decided: bool,
-    split: tuple[int, int, int],
-    alpha: float | None,
-    beta: float | None,
-    normalizer: str,
-    feedback: str,
-    error: float,
-    success: tuple[tuple[str, float], ...],
-    learn_success: bool,
     published: str | None,
-    seed: int,
-    jobs: int,
-    cluster: str | None,
-    log: str,
-    logs: Path,
-    fresh: bool,
     as_json: bool,
+    **settings: Any,
 ) -> None:
-    """Let agents answer questions, learn from whether they were right, and be tested in between.
+    """Train agents on their own trials by feedback, and test them after every batch.
 
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
-    interrupted goes on where it stopped when the same command is given again.
+    interrupted continues when the same command is given again.
     """
     from meal_bayes.agents import PublishedVariants
     from meal_bayes.evaluation import decided, learning_rows, summarize_learning
-    from meal_bayes.experiments import (
-        OnlineConfig,
-        run_online,
-        run_online_until,
-        warm_up_online,
-    )
+    from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
 
-    named = listed(*agents)
-    config = OnlineConfig(
-        dataset=dataset,
-        root=None if root is None else str(root),
-        attributes=attributes,
-        **({"agents": tuple(map(agent_value, named))} if named else {}),  # type: ignore[arg-type]
-        batches=batches,
-        trials=trials,
-        repeats=repeats or (_MOST if until_decided else 1),
-        seed=seed,
-        split=split,
-        alpha=alpha,
-        beta=beta,
-        normalizer=normalizer,
-        answers=feedback,
-        error=error,
-        success=success,
-        learn_success=learn_success,
-        published=PublishedVariants.named(*(listed(published) if published else ())),
-        log=log,
-    )
+    how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
+    settings["root"] = None if root is None else str(root)
+    settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
+    settings["published"] = PublishedVariants.named(*(listed(published) if published else ()))
+    if agents:
+        settings["agents"] = tuple(map(agent_value, listed(*agents)))
+    config = OnlineConfig(**settings)
     with showing_compilation():
         warm_up_online(config)
     with resumed("batches") as advance:
-        how: dict[str, Any] = {
-            "logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh,
-            "on_progress": advance, "on_note": note,
-        }  # fmt: skip
+        how |= {"on_progress": advance, "on_note": note}
         if until_decided:
             finished = run_online_until(config, decided, **how)
         else:
             finished = run_online(config, **how)
     results = list(finished.results())
     if as_json:
-        facts = {
-            "config": finished.config.as_dict(),
-            "rows": [row.as_dict() for row in learning_rows(results)],
-            "summary": [row.as_dict() for row in summarize_learning(results)],
-        }
-        click.echo(json.dumps(facts, allow_nan=False))
+        print_json(
+            {
+                "config": finished.config.as_dict(),
+                "rows": [row.as_dict() for row in learning_rows(results)],
+                "summary": [row.as_dict() for row in summarize_learning(results)],
+            }
+        )
     else:
         _print(output(), results)
     note(f"trials in {finished.folder}")
@@ -195,7 +164,8 @@ def _print(console: Console, results: "list[BatchOutcomes]") -> None:
 
     rows, summary = learning_rows(results), summarize_learning(results)
     last = max(row.batch for row in rows)
-    table = _table("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
+    names = ("explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
+    table = _narrow(new_table("agent", *names))
     for one in summary:
         end = [row for row in rows if (row.agent, row.batch) == (one.agent, last)]
         table.add_row(
@@ -218,12 +188,12 @@ def _print(console: Console, results: "list[BatchOutcomes]") -> None:
 def _differences(
     results: "list[BatchOutcomes]", summary: "list[LearningSummary]", spread: str
 ) -> Table:
-    """Lay out the differences of mean reward: over the reference's hours, and at budgets."""
+    """Return a table of mean reward differences: over the reference's hours, and at budgets."""
     from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
 
     base, hours = curves_of(results, summary[0].agent), summary[0].area_hours
     names = (f"first {hours:.1f} h", *(f"at {budget:g} h" for budget in BUDGETS), "after")
-    table = _table(f"reward less {summary[0].agent}'s", *names)
+    table = _narrow(new_table(f"reward less {summary[0].agent}'s", *names))
     for one in summary[1:]:
         own = curves_of(results, one.agent)
         found = [difference_at(own, base, budget) for budget in BUDGETS]
@@ -242,9 +212,9 @@ def _with_reach(estimate: float, high: float, spread: str) -> str:
     return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" {spread}{reach:.1f}")
 
 
-def _table(*names: str) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
-    table.add_column(names[0], no_wrap=True)
-    for name in names[1:]:
-        table.add_column(name, justify="right", no_wrap=True)
+def _narrow(table: Table) -> Table:
+    """Set columns close and lines whole, so that 80 characters hold them."""
+    table.padding = (0, 1, 0, 0)
+    for column in table.columns:
+        column.no_wrap = True
     return table

@@ -1,4 +1,4 @@
-"""Agents on their way to other processes, with the folders that their modules are imported from."""
+"""Pickled agents, with the folders that their modules are imported from."""
 
 import importlib
 import sys
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from meal_bayes.agents import Agent, Origin, origin_of
 
-_seen: dict[str, str] = {}  # module of an agent's -> digest of the source it was imported from
+_digests: dict[str, str] = {}  # module of an agent's -> digest of the source it was imported from
 
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """Opens the way to an agent's modules where it is unpickled: before the agent itself is."""
+    """Makes an agent's modules importable where it is unpickled, before the agent itself is."""
 
     origin: Origin
 
@@ -22,14 +22,14 @@ class _Way:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Carried:
-    """An agent that unpickles in a process which has never heard of its modules."""
+    """An agent that unpickles in a process that has not imported its modules."""
 
     way: _Way  # the first field: pickles keep the order
     agent: Agent
 
     @classmethod
     def of(cls, agent: Agent) -> "Carried":
-        """Find out where the agent comes from."""
+        """Find the modules that the agent needs."""
         return cls(_Way(origin_of(agent)), agent)
 
     @property
@@ -43,9 +43,9 @@ def _open(origin: Origin) -> _Way:
         if folder not in sys.path:
             sys.path.append(folder)
     for top in origin.modules:
-        if _seen.setdefault(top, origin.digest) != origin.digest:  # an older text of it is loaded
+        if _digests.setdefault(top, origin.digest) != origin.digest:  # an older text is loaded
             for name in [n for n in sys.modules if n == top or n.startswith(f"{top}.")]:
                 del sys.modules[name]
             importlib.invalidate_caches()
-            _seen[top] = origin.digest
+            _digests[top] = origin.digest
     return _Way(origin)

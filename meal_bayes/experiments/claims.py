@@ -1,7 +1,7 @@
 """Who works on what, where several processes run the same commands on one folder of logs.
 
-A claim is a lock of the file system on a small file that tells who holds it. The system gives it
-back when the holder ends, however it ends, on this machine or another: there are no stale claims.
+A claim is a lock of the file system on a small file that names its holder. The system releases it
+when the holder ends, however it ends, on this machine or another: there are no stale claims.
 Results do not rest on claims, as drafts have unique names and equal units are equal files; where a
 file system has no locks, two processes may do the same work twice.
 """
@@ -71,7 +71,7 @@ def run_claimed(
     todo = list(work)
     for folder in {path.parent for _, path in todo}:
         check_folder(folder)
-    told = set[Holder]()
+    noted = set[Holder]()
     while todo:
         held: list[tuple[tuple[Work, Path], Holder]] = []
         attempt, numbered = partial(_attempt, function), enumerate(todo)
@@ -82,8 +82,8 @@ def run_claimed(
                 held.append((todo[number], holder))
         todo = [piece for piece, _ in held]
         for (_, path), holder in held:
-            if holder not in told:
-                told.add(holder)
+            if holder not in noted:
+                noted.add(holder)
                 (on_note or log.warning)(f"{path} is being made by {holder}; waiting for it")
         while todo and all(_is_held(path) for _, path in todo):
             time.sleep(_POLL)
@@ -91,7 +91,7 @@ def run_claimed(
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[Holder | None]:
-    """Claim a path while the block runs; yields who holds it, where that is somebody else."""
+    """Lock a path while the block runs; yield its holder where that is another process."""
     file = _file(path)
     lock = _locked(file)
     if isinstance(lock, Holder):

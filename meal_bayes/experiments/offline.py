@@ -45,20 +45,31 @@ DEFAULT_AGENTS = (
 class OfflineConfig:
     """Settings of an offline run.
 
+    Attributes
+    ----------
+    dataset : domain or percept table.
+    attributes : N, asked at a time.
+    trials : of each agent.
+    agents : names or values (see `as_agent`), made `Agent`s.
+    seed : of all random streams.
+    percepts : "recorded", or "model".
+    perception : "default", or "paper".
+    reward : r+ = -r-, the domain's by default.
+
     Raises
     ------
     SettingsError : an agent that is unknown or named twice, a negative seed, a reward that is not
         positive and finite.
     """
 
-    dataset: str  # domain whose table is used
-    attributes: int = 2  # N
+    dataset: str
+    attributes: int = 2
     trials: int = 400
-    agents: tuple[Any, ...] = DEFAULT_AGENTS  # names or values (see `as_agent`), made `Agent`s
+    agents: tuple[Any, ...] = DEFAULT_AGENTS
     seed: int = 0
-    percepts: str = "recorded"  # or "model"
-    perception: str = "default"  # or "paper"
-    reward: float | None = None  # r+ = -r-, the domain's by default
+    percepts: str = "recorded"
+    perception: str = "default"
+    reward: float | None = None
 
     __repr__ = short_repr
 
@@ -75,19 +86,26 @@ class OfflineConfig:
             raise SettingsError(f"No agent named; choose from {', '.join(DEFAULT_AGENTS)}.")
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for headers and JSON."""
+        """Return plain values, for headers and JSON."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {**fields, "agents": [agent.name for agent in self.agents]}
 
 
 @dataclass(frozen=True, slots=True)
 class OfflineRun:
-    """A finished run: where its trials are, and what they took to compute."""
+    """A finished run.
+
+    Attributes
+    ----------
+    config : of the run.
+    folder, paths : of its logs.
+    seconds : that its trials took to compute, by agent.
+    """
 
     config: OfflineConfig
     folder: Path
     paths: tuple[Path, ...]
-    seconds: dict[str, float]  # by agent
+    seconds: dict[str, float]
 
     def trials(self) -> Iterator[Trial]:
         """Read all trials back, agent by agent."""
@@ -111,7 +129,7 @@ class _Unit:
     config: OfflineConfig
     first: int  # trial
     path: Path
-    fresh: bool = False  # is it run again although it is there?
+    fresh: bool = False  # run again what is there
 
     @property
     def done(self) -> bool:

@@ -1,4 +1,4 @@
-"""ONLINE-MEAL (Sect. 7.3): robots that learn while they work, tested after every batch."""
+"""ONLINE-MEAL (Sect. 7.3): agents that learn from their own trials, tested after every batch."""
 
 import dataclasses
 import time
@@ -28,8 +28,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.carried import Carried
 from meal_bayes.experiments.claims import run_claimed
 from meal_bayes.experiments.online_config import OnlineConfig
+from meal_bayes.experiments.protocol import ASKED, Protocol, learnable, restricted
 from meal_bayes.experiments.store import Store, file_name, fingerprint, is_whole
-from meal_bayes.experiments.world import ASKED, Protocol, learnable, restricted
 from meal_bayes.perception import Kernels
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import (
@@ -49,13 +49,13 @@ _STEP = 10  # repeats after which a run that goes on until it is decided looks f
 
 @dataclass(frozen=True, slots=True)
 class OnlineRun:
-    """A finished run."""
+    """A finished run: its settings, and the folder of its logs."""
 
     config: OnlineConfig
     folder: Path
 
     def results(self) -> Iterator[BatchOutcomes]:
-        """Give the test results of every agent, repeat and batch, in order."""
+        """Yield the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
             for repeat in _repeats(self.config):
                 unit = _unit(self.config, agent, repeat, self.folder)
@@ -85,7 +85,7 @@ class _Unit:
     config: OnlineConfig
     repeat: int
     folder: Path
-    fresh: bool = False  # is it run again although it is there?
+    fresh: bool = False  # run again what is there
 
     @property
     def agent(self) -> Agent:
@@ -107,7 +107,7 @@ class _Unit:
         return folder / f"{batch:02d}-{part}.mcap"
 
     def has(self, batch: int, part: str) -> bool:
-        """Whether the log of a part of a batch is there and sound."""
+        """Return whether the log of a part of a batch is there and sound."""
         return not self.fresh and is_whole(self.log(batch, part))
 
     @property
@@ -151,7 +151,7 @@ def run_online(
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give at least 1.")
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
-    _body(domain, dict(config.success))  # the same
+    _true_dynamics(domain, dict(config.success))  # the same
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
@@ -210,7 +210,7 @@ def _repeats(config: OnlineConfig) -> range:
 
 
 def _shared(config: OnlineConfig) -> dict[str, object]:
-    """Give what every unit depends on; repeats and agents name its folders."""
+    """Return what every unit depends on; repeats and agents name its folders."""
     shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
     digests = {agent.name: origin_of(agent).digest for agent in config.agents}
     sources = {name: digest for name, digest in digests.items() if digest}
@@ -282,21 +282,21 @@ def _context(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> RunC
         queries=config.horizon * config.attributes / len(dataset.domain.attributes),
         reward=_REWARD if config.reward is None else config.reward,
         feedback=Feedback(config.answers, config.error),
-        body=_body(dataset.domain, dict(config.success)),
+        true_dynamics=_true_dynamics(dataset.domain, dict(config.success)),
         learn_success=config.learn_success,
         published=config.published,
     )
 
 
-def _body(domain: Domain, success: Mapping[str, float]) -> Domain:
-    """Change how often behaviors succeed."""
+def _true_dynamics(domain: Domain, success: Mapping[str, float]) -> Domain:
+    """Return the domain with other success probabilities."""
     for name in success:
         domain.behavior_index(name)  # or say what is wrong
     return dataclasses.replace(domain, diagram=domain.diagram.succeeding(success.get))
 
 
 class _Training:
-    """Runs a training trial and takes it in before the next."""
+    """Runs a training trial, and learns from its feedback before the next."""
 
     def __init__(self, learner: OnlineLearner) -> None:
         self.learner = learner
@@ -340,8 +340,8 @@ def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
 
 
 def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:
-    """Rebuild what a finished batch taught from its log alone."""
+    """Return the experience after a finished batch, from its log alone."""
     for trial in read_trials(unit.log(batch, "train")):
-        told = context.labels_of(trial, unit.config.seed)
-        experience = experience.absorb(context.dataset.domain, trial, told)
+        feedback = context.labels_of(trial, unit.config.seed)
+        experience = experience.absorb(context.dataset.domain, trial, feedback)
     return experience

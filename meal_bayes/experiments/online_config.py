@@ -18,32 +18,52 @@ _NORMALIZERS = ("paper", "all")
 class OnlineConfig:
     """Settings of an online run.
 
+    Attributes
+    ----------
+    dataset : a shipped domain, or the path of one's own (TOML).
+    attributes : N, asked at a time.
+    root : folder of the recordings; of public ones, found or downloaded.
+    agents : names or values (see `as_agent`), made `Agent`s.
+    batches, trials : of training, and trials in a batch.
+    repeats, first : repeats are first .. first + repeats - 1.
+    seed : of all random streams.
+    split : shares of objects for pretraining, training, tests.
+    reward : r+ = -r-; by default 300 on public data (Sect. 7.3), else the domain's.
+    alpha, beta : of morc_itrs; the agent's own by default.
+    answers, error : of `Feedback`.
+    success : true success probabilities, as pairs (behavior, probability).
+    learn_success : whether agents learn success probabilities.
+    published : what is done as in the authors' code.
+    normalizer : of Eq. 10: "paper", experience in training; "all", in pretraining too.
+    horizon : queries to come, for which exploring is valued.
+    log : "compact", logs of test trials hold outcomes only; or "full".
+
     Raises
     ------
     SettingsError : what is unknown, named twice, or out of range.
     """
 
-    dataset: str  # a shipped domain, or the path of one's own (TOML)
-    attributes: int = 1  # N
-    root: str | None = None  # folder of the recordings; of public ones, found or downloaded
+    dataset: str
+    attributes: int = 1
+    root: str | None = None
     agents: tuple[Any, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
     batches: int = 10
-    trials: int = 40  # training trials a batch
+    trials: int = 40
     repeats: int = 1
     seed: int = 0
-    first: int = 0  # repeat to begin with: repeats are first .. first + repeats - 1
-    split: tuple[int, int, int] = (33, 33, 34)  # shares of pre, train, test
-    reward: float | None = None  # r+ = -r-; 300 on public data (Sect. 7.3), else the domain's
-    alpha: float | None = None  # of morc_itrs; the recipe's by default
+    first: int = 0
+    split: tuple[int, int, int] = (33, 33, 34)
+    reward: float | None = None
+    alpha: float | None = None
     beta: float | None = None
-    answers: str = "verdict"  # what a person tells: see `Feedback`
-    error: float = 0.0  # Pr(a person errs)
-    success: tuple[tuple[str, float], ...] = ()  # of the body: (behavior, probability)
-    learn_success: bool = False  # does the robot learn success probabilities?
+    answers: str = "verdict"
+    error: float = 0.0
+    success: tuple[tuple[str, float], ...] = ()
+    learn_success: bool = False
     published: PublishedVariants = field(default_factory=PublishedVariants)
-    normalizer: str = "paper"  # of Eq. 10: experience in training; "all": in pretraining too
-    horizon: int = 1000  # queries to be answered, for which exploring is valued
-    log: str = "compact"  # form of the logs of test trials: outcomes only, or "full"
+    normalizer: str = "paper"
+    horizon: int = 1000
+    log: str = "compact"
 
     __repr__ = short_repr
 
@@ -72,7 +92,7 @@ class OnlineConfig:
         Feedback(self.answers, self.error)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for headers and JSON."""
+        """Return plain values, for headers and JSON."""
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {
             "split": list(self.split),

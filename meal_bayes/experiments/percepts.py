@@ -3,7 +3,6 @@
 import hashlib
 import logging
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 from meal_bayes.datasets import (
@@ -19,6 +18,7 @@ from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.experiments.store import fingerprint
 from meal_bayes.perception import build_percept_table
+from meal_bayes.version import package_version
 
 log = logging.getLogger("meal_bayes.experiments")
 
@@ -92,7 +92,7 @@ def table_path(
             f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
             "folder of its CSV files, or a percept table (.npz)."
         )
-    name = f"{domain.data}-{perception}-{_version()}-{_code_digest()}"
+    name = f"{domain.data}-{perception}-{package_version()}-{_code_digest()}"
     print_of = fingerprint(dataset, None if root is None else str(root))[:12]
     return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
 
@@ -122,16 +122,9 @@ def _readable(path: Path, domain: Domain) -> bool:
 
 
 def _code_digest() -> str:
-    """Digest of the room that computes tables, so that other code never reads an old one."""
-    room = Path(__file__).resolve().parents[1] / "perception"
+    """Compute a digest of the perception package, so that other code never reads an old table."""
+    package = Path(__file__).resolve().parents[1] / "perception"
     digest = hashlib.sha256()
-    for path in sorted(room.glob("*.py")):
+    for path in sorted(package.glob("*.py")):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:8]
-
-
-def _version() -> str:
-    try:
-        return metadata.version("meal-bayes")
-    except metadata.PackageNotFoundError:  # run from a checkout
-        return "unreleased"

@@ -68,7 +68,7 @@ def record_objects(
 
 
 def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
-    """Sum up what each behavior led to."""
+    """Sum the outcomes of each behavior."""
     return sum((one.happened for one in recorded), Happened())
 
 
@@ -92,7 +92,7 @@ def training_recordings(
 ) -> tuple[Dataset, Happened]:
     """Return the recordings of training objects, and what happened while they were made.
 
-    They are recorded once and kept in the cache folder, under a name that tells with which physics.
+    They are recorded once and kept in the cache folder, under a name with a digest of the physics.
     """
     name = f"{DOMAIN}-{objects}x{recordings}-{_physics_digest()}"
     folder = cache_folder() / name
@@ -109,7 +109,7 @@ def training_recordings(
 
 
 def _physics_digest() -> str:
-    """Digest what recordings come out of: the room's files and the version of MuJoCo."""
+    """Compute a digest of the simulator: the package's files and the version of MuJoCo."""
     from importlib.metadata import version  # noqa: PLC0415  costs as much as the rest
 
     digest = hashlib.sha256(version("mujoco").encode())
@@ -136,11 +136,11 @@ def ask_new(
     on_frame: OnFrame | None = None,
     log: Path | None = None,
 ) -> Trial:
-    """Let a learner meet an object that nobody recorded.
+    """Ask a learner about an object of which nothing is recorded.
 
     Raises
     ------
-    RobotError : a fault of the body; the trial is logged as far as it went.
+    RobotError : a fault of the robot; the trial is logged as far as it went.
     """
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
@@ -161,7 +161,7 @@ class LiveTrial:
     number : of the object, from 1; object 0 is the one that it began with.
     agent : who decided.
     attribute : what was asked.
-    trial : None where the body failed.
+    trial : None where the robot failed.
     fault : why it did.
     """
 
@@ -202,7 +202,9 @@ def learn_live(
         known = with_learned_success(data, happened) if learn_success else data
         if number == explore + 1:
             grown = Learner(DOMAIN, agent=agent, seed=seed, logs=None)
-            learner = grown.resume(known, learner.lessons, [True] * len(learner.lessons))
+            learner = grown.resume(
+                known, learner.labeled_trials, [True] * len(learner.labeled_trials)
+            )
         elif number > 1 and (number - 1) % refit_every == 0:
             learner.fit(known)
         yield _live_trial(learner, seed, number, logs, happened)
@@ -211,7 +213,7 @@ def learn_live(
 def _live_trial(
     learner: Learner, seed: int, number: int, logs: Path | None, happened: Happened
 ) -> LiveTrial:
-    """Ask, tell, and count what happened."""
+    """Ask, give feedback, and count outcomes."""
     rng = stream(seed, "simulated questions", number)
     attribute = str(rng.choice(learner.domain.attributes))
     log = None if logs is None else logs / f"{number:05d}.mcap"

@@ -41,7 +41,7 @@ class Store:
         return cls(Path(root) / f"{file_name(name)}-{digest[:8]}")
 
     def unit(self, agent: str, index: int) -> Path:
-        """File of one unit."""
+        """Return the path of one unit's file."""
         return self.folder / file_name(agent) / f"unit-{index:04d}.mcap"
 
 
@@ -66,7 +66,7 @@ def is_whole(path: Path, *, trials: int | None = None) -> bool:
 
 
 def digest_of(*parts: object) -> str:
-    """Digest what decides a result; equal results have equal ones.
+    """Compute a digest of what a result depends on.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ def digest_of(*parts: object) -> str:
 
 
 def file_name(text: str) -> str:
-    """Make a name of a file of any text."""
+    """Return any text as a name of a file."""
     return re.sub(r"[^\w.-]+", "_", text)
 
 
 def fingerprint(dataset: str, root: str | None = None) -> str:
-    """Digest a table or domain of one's own and its recordings: others are another run.
+    """Compute a digest of a table or domain of one's own and its recordings.
 
     A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
     """
@@ -103,7 +103,7 @@ def fingerprint(dataset: str, root: str | None = None) -> str:
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Digest the package's own code and tables."""
+    """Compute a digest of the package's own code and tables."""
     package = Path(__file__).resolve().parents[1]
     files = [p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz")]
     names = [path.relative_to(package).as_posix() for path in files]

@@ -19,7 +19,7 @@ _Pair = tuple[int, tuple[str, ...]]
 
 
 def askable(table: PerceptTable) -> tuple[str, ...]:
-    """Attributes with more than the domain's minimum of positive and of negative objects."""
+    """Return the attributes with enough positive and negative objects for the domain."""
     positive, negative = (table.labels == 1).sum(axis=0), (table.labels == 0).sum(axis=0)
     enough = np.minimum(positive, negative) > table.domain.asked_minimum
     return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
@@ -103,7 +103,7 @@ def _labelled(pairs: Iterator[_Pair], known: dict[str, NDArray[np.bool_]]) -> It
 def _grouped(
     table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
 ) -> Iterator[_Pair]:
-    """ROC36: alternate between queries that describe the object and queries that do not."""
+    """Yield queries that describe the object and queries that do not, in turn (ROC36)."""
     own: list[_Pair] = []
     other: list[_Pair] = []
     labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
@@ -124,7 +124,7 @@ def _grouped(
 
 
 def _rounds(pairs: list[_Pair], rng: np.random.Generator) -> Iterator[_Pair]:
-    """Every pair once in random order, then again in another."""
+    """Repeat all pairs without end, each time in another random order."""
     while pairs:
         for i in rng.permutation(len(pairs)):
             yield pairs[i]

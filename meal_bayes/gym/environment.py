@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, OfflineRunner, Streams, Task, Trial, load_agent
-from meal_bayes.agents.trial import RunningTrial
+from meal_bayes.agents import Agent, OfflineRunner, Task, Trial, load_agent
+from meal_bayes.agents.inner_loop import RunningTrial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
@@ -127,7 +127,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
         _, policy = self._runner.prepare(self._running.task)
-        return int(policy.decide(self._running.history, self._running.streams.planner).action)
+        return int(
+            policy.decide(self._running.history, self._running.environment.streams.planner).action
+        )
 
     def render(self) -> str | None:
         """Return the trial so far as text, in the mode "ansi"."""
@@ -147,16 +149,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def _begin(self, task: Task, seed: int) -> None:
         momdp, _ = self._runner.prepare(task)
         runner = replace(self._runner, seed=seed)  # which shares what was learned
-        columns = runner.table.domain.columns(task.query.attributes)
-        self._begun = RunningTrial(
-            task,
-            momdp,
-            _Commanded(self, momdp),
-            runner.robot(task),
-            runner.perceiver(task),
-            Streams.of(seed, task, self._runner.agent.name),
-            runner.table.labels[task.object_index, columns],
-        )
+        environment = runner.environment(task)
+        self._begun = RunningTrial(task, momdp, _Commanded(self, momdp), environment)
         self._begun.start()
 
     def _observation(self) -> Observation:

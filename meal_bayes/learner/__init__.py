@@ -1,11 +1,11 @@
-"""One front door: fit, ask, tell.
+"""The public API: fit, ask, tell.
 
-In: recordings or a percept table, questions, a robot, what people say of its answers. Out: trials,
-each logged as it happens, and a confusion posterior that is updated with every answer.
+In: recordings or a percept table, questions, a robot, feedback. Out: trials, each logged as it
+happens, and a confusion posterior that is updated by feedback.
 """
 
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
+from meal_bayes.learner.labeled_trial import LabeledTrial
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.lesson import Lesson
 
-__all__ = ["Learner", "Lesson", "ask"]
+__all__ = ["LabeledTrial", "Learner", "ask"]

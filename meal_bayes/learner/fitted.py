@@ -1,8 +1,8 @@
-"""What a learner knows from recordings: classifiers, and a posterior updated with every lesson.
+"""What is learned from recordings: classifiers, and a posterior updated with every labeled trial.
 
 `refit` learns everything anew: classifiers, how much objects differ, how their percepts err
-together. Between refits these stay as they are, and a lesson is a conjugate update: the object's
-percepts, all its trials together, are one row of counts among the others.
+together. Between refits these are constant, and a labeled trial is a conjugate update: the object's
+percepts, over all its trials, are one row of counts.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +12,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Streams, Task, Trial, run_trial
+from meal_bayes.agents import (
+    Agent,
+    Environment,
+    Knowledge,
+    Recorder,
+    Step,
+    Streams,
+    Task,
+    Trial,
+    run_trial,
+)
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.lesson import Lesson, Percept, Witness, extended, labels_of, level_counts
+from meal_bayes.learner.labeled_trial import (
+    LabeledTrial,
+    Percept,
+    RecordingPerceiver,
+    extended,
+    labels_of,
+    level_counts,
+)
 from meal_bayes.perception import (
     Perception,
     PerceptionSettings,
@@ -32,7 +49,7 @@ Labels = NDArray[np.int8]
 
 @dataclass(slots=True)
 class Fitted:
-    """Knowledge of a data set and of lessons.
+    """Knowledge from a data set and from labeled trials.
 
     Attributes
     ----------
@@ -47,7 +64,11 @@ class Fitted:
     reward : float or None
         r+ = -r-, the domain's by default.
     given : ConfusionPosterior or None
-        Of one's own, in place of what the recordings say; lessons are added to it.
+        Of one's own, in place of what the recordings imply; labeled trials are added to it.
+    _rows, _labels : dict
+        Of each object, its percept counts (P,E,2,K) and its labels (P,).
+    _fitted : dict
+        Both, as they were at the last refit.
     """
 
     dataset: Dataset
@@ -58,17 +79,17 @@ class Fitted:
     given: ConfusionPosterior | None
     perception: Perception = field(init=False)
     knowledge: Knowledge = field(init=False)
-    _rows: dict[str, NDArray[np.int64]] = field(init=False)  # (P,E,2,K) of each object, counted
-    _labels: dict[str, Labels] = field(init=False)  # (P,) of each object
-    _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)  # at the last refit
+    _rows: dict[str, NDArray[np.int64]] = field(init=False)
+    _labels: dict[str, Labels] = field(init=False)
+    _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)
 
     def __post_init__(self) -> None:
-        domain = self.dataset.domain  # now, not while a robot waits for its first decision
+        domain = self.dataset.domain  # here, so that the first decision does not wait for it
         self.agent.warm_up(domain, Query(domain.attributes[:1]))
 
-    def refit(self, lessons: Sequence[Lesson]) -> None:
-        """Learn everything anew from the data set and from lessons that kept their features."""
-        data, levels = extended(self.dataset, lessons), self.agent.levels
+    def refit(self, labeled_trials: Sequence[LabeledTrial]) -> None:
+        """Learn everything anew from the data set and from labeled trials with features."""
+        data, levels = extended(self.dataset, labeled_trials), self.agent.levels
         settings = PerceptionSettings(levels=levels)
         if self.classifier is not None:
             settings = with_classifier(self.classifier, levels=levels)
@@ -78,7 +99,7 @@ class Fitted:
             data.domain, counts, data.labels, object_level=self.agent.object_level
         )
         if self.given is not None:
-            posterior = self._with_own(self.given, lessons)
+            posterior = self._with_own(self.given, labeled_trials)
             self.knowledge = replace(self.knowledge, posterior=posterior)
         self._fitted = {
             name: (counts.counts[o], data.labels[o]) for o, name in enumerate(data.objects)
@@ -87,32 +108,32 @@ class Fitted:
         self._labels = {name: labels for name, (_, labels) in self._fitted.items()}
 
     def _with_own(
-        self, posterior: ConfusionPosterior, lessons: Sequence[Lesson]
+        self, posterior: ConfusionPosterior, labeled_trials: Sequence[LabeledTrial]
     ) -> ConfusionPosterior:
-        """Add the objects of lessons to a posterior, as rows of their own."""
+        """Add the objects of labeled trials to a posterior, as rows of their own."""
         domain, levels = self.dataset.domain, self.agent.levels
-        for name, labels in labels_of(lessons, domain).items():
-            own = [lesson for lesson in lessons if lesson.object_name == name]
+        for name, labels in labels_of(labeled_trials, domain).items():
+            own = [labeled for labeled in labeled_trials if labeled.object_name == name]
             row = level_counts(own, labels, domain, levels)
             posterior = posterior.replace_object(np.zeros_like(row), row)
         return posterior
 
-    def learn(self, object_name: str, lessons: Sequence[Lesson]) -> None:
-        """Take in all lessons of an object that came after the last refit."""
+    def learn(self, object_name: str, labeled_trials: Sequence[LabeledTrial]) -> None:
+        """Update the posterior by all labeled trials of an object after the last refit."""
         domain, levels = self.knowledge.domain, self.agent.levels
         nothing = np.zeros((len(domain.attributes), len(domain.behaviors), 2, levels), np.int64)
         unknown = np.full(len(domain.attributes), -1, np.int8)
         row, labels = self._fitted.get(object_name, (nothing, unknown))
-        told = labels_of(lessons, domain).get(object_name, unknown)
-        labels = np.where(told < 0, labels, told)
-        row = row + level_counts(lessons, labels, domain, levels)
+        given = labels_of(labeled_trials, domain).get(object_name, unknown)
+        labels = np.where(given < 0, labels, given)
+        row = row + level_counts(labeled_trials, labels, domain, levels)
         before = self._rows.get(object_name, nothing)
         self._rows[object_name], self._labels[object_name] = row, labels
         self.knowledge = self.knowledge.with_object(before, row, list(self._labels.values()))
 
     @property
     def state(self) -> dict[str, Any]:
-        """All that was fitted and learned since, which `restore` takes back."""
+        """All that was fitted and learned since, which `restore` reads."""
         rows, fitted = self._rows, list(self._fitted.values())
         return {
             "perception": self.perception,
@@ -124,7 +145,7 @@ class Fitted:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Come to a state that was saved.
+        """Restore a state that was saved.
 
         Raises
         ------
@@ -149,7 +170,7 @@ class Fitted:
         self._fitted = {name: (row, own[name]) for name, row in fitted.items()}
 
     def known(self, object_name: str | None) -> Knowledge:
-        """Return what is known of any object."""
+        """Return what is known; the same of every object."""
         return self.knowledge
 
     def run(
@@ -157,7 +178,7 @@ class Fitted:
         task: Task,
         robot: Robot,
         *,
-        told: Labels,
+        known: Labels,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         on_step: Callable[[Step], None] | None = None,
         recorder: Recorder | None = None,
@@ -166,7 +187,7 @@ class Fitted:
 
         Parameters
         ----------
-        told : (P,) what people said of this object before; -1 nothing.
+        known : (P,) labels that people gave to this object before; -1 unknown.
         """
         domain, agent = self.knowledge.domain, self.agent
         columns = domain.columns(task.query.attributes)
@@ -175,22 +196,24 @@ class Fitted:
             self.knowledge,
             stream(self.seed, "solver", agent.name, *task.key),
             reward=self.reward,
-            told=told[columns],
+            labels=known[columns],
         )
-        witness = Witness(domain, self.perception)
+        perceiver = RecordingPerceiver(domain, self.perception)
         trial = run_trial(
             task,
             momdp,
             policy,
-            CheckedRobot(robot, domain, sizes=self.sizes),
-            witness,
-            Streams.of(self.seed, task, agent.name),
-            truth=truth,
+            Environment(
+                CheckedRobot(robot, domain, sizes=self.sizes),
+                perceiver,
+                Streams.of(self.seed, task, agent.name),
+                truth,
+            ),
             agent=agent.name,
             on_step=on_step,
             recorder=recorder,
         )
-        return trial, tuple(witness.percepts)
+        return trial, tuple(perceiver.percepts)
 
     @property
     def sizes(self) -> dict[tuple[str, str], int]:

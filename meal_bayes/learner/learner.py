@@ -1,4 +1,4 @@
-"""The `Learner`: a robot's mind that is fitted, asked, told, and saved."""
+"""The `Learner`: fitted on data, asked questions, updated by feedback, and saved."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +12,14 @@ from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.lesson import Key, Lesson, Percept, checked_values, labels_of, percepts_of
+from meal_bayes.learner.labeled_trial import (
+    Key,
+    LabeledTrial,
+    Percept,
+    checked_values,
+    labels_of,
+    percepts_of,
+)  # fmt: skip
 from meal_bayes.learner.live_log import logged, next_log
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.sources import own_posterior, source_of
@@ -21,17 +28,17 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 
 _NO_CLASSIFIERS = (
-    "A percept table holds no classifiers for what a robot feels; fit recordings (load_dataset), "
+    "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), "
     "or name an object of the table."
 )
-_KEPT = 1000  # trials that nobody spoke of, whose features a refit could still learn from
+_KEPT = 1000  # trials without feedback, whose features are kept
 
 
 class Learner:
-    """Answers questions about objects, and learns from what people say of its answers.
+    """Answers questions about objects, and learns from feedback.
 
     Fitted on recordings it works with any robot; on a percept table it replays the table's objects,
-    each left out of what is known.
+    each left out of what was learned.
 
     Parameters
     ----------
@@ -44,15 +51,15 @@ class Learner:
     classifier : scikit-learn classifier, optional
         Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
     posterior : InferenceData, DataTree or ConfusionPosterior, optional
-        What percepts say of attributes, learned elsewhere (`meal-bayes posterior`, PyMC; see
-        `ConfusionPosterior.from_idata`), in place of what `fit` would learn of it. It needs the
-        levels of the agent, and should know nothing of the objects that are asked about.
+        Of the confusion matrices, learned elsewhere (`meal-bayes posterior`, PyMC; see
+        `ConfusionPosterior.from_idata`), in place of the one that `fit` would learn. It needs the
+        levels of the agent, and should be learned without the objects that are asked about.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
         In replays: "recorded", or "model", drawn from the learned confusion matrices.
     refit_every : int, optional
-        Refit after so many labels told; only when asked to by default.
+        Refit after so many labels; by default only when `refit` is called.
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
 
@@ -90,42 +97,42 @@ class Learner:
         self.refit_every = refit_every
         self.logs = None if logs is None else Path(logs)
         self._source: Replayed | Fitted | None = None
-        self._lessons: dict[Key, Lesson] = {}
-        self._refitted: set[Key] = set()  # lessons that the last refit learned from
-        self._met: dict[Key, tuple[Percept, ...]] = {}  # of trials that nobody spoke of yet
+        self._labeled_trials: dict[Key, LabeledTrial] = {}
+        self._refitted: set[Key] = set()  # that the last refit used
+        self._met: dict[Key, tuple[Percept, ...]] = {}  # of trials without feedback
         self.asked = 0  # questions, with robots
 
     def __repr__(self) -> str:
         """Return a line that says what it has learned from."""
         fitted = type(self._source).__name__.lower() if self._source else "not fitted"
-        name, told = self.domain.name, len(self._lessons)
-        return f"Learner({name}, agent {self.agent.name}, {fitted}, {told} trials told of)"
+        name, labeled = self.domain.name, len(self._labeled_trials)
+        return f"Learner({name}, agent {self.agent.name}, {fitted}, {labeled} labeled trials)"
 
     @property
-    def lessons(self) -> tuple[Lesson, ...]:
-        """What people told, in order."""
-        return tuple(self._lessons.values())
+    def labeled_trials(self) -> tuple[LabeledTrial, ...]:
+        """Trials whose object was labeled, in order."""
+        return tuple(self._labeled_trials.values())
 
     @property
     def source(self) -> Replayed | Fitted:
-        """What is known, by the kind of data that it was learned from.
+        """What was learned, by the kind of data.
 
         Raises
         ------
-        SettingsError : nothing was fitted.
+        SettingsError : the learner is not fitted.
         """
         if self._source is None:
-            raise SettingsError("This learner knows nothing yet; call fit(recordings) first.")
+            raise SettingsError("This learner is not fitted yet; call fit(recordings) first.")
         return self._source
 
-    def refitted(self, lesson: Lesson) -> bool:
-        """Return whether the last refit has learned from a lesson."""
-        return lesson.key in self._refitted
+    def refitted(self, labeled: LabeledTrial) -> bool:
+        """Return whether the last refit has used a labeled trial."""
+        return labeled.key in self._refitted
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
-        """Learn from recordings, or from a table of what classifiers said of them.
+        """Learn from recordings, or from a percept table.
 
-        What was told before is kept. Raises `SettingsError` for data of another domain.
+        Feedback given before is kept. Raises `SettingsError` for data of another domain.
         """
         self._source = source_of(self, data)
         return self.refit()
@@ -133,43 +140,40 @@ class Learner:
     def resume(
         self,
         data: Dataset | PerceptTable,
-        lessons: Sequence[Lesson],
+        labeled_trials: Sequence[LabeledTrial],
         refitted: Sequence[bool],
         state: Mapping[str, Any] | None = None,
     ) -> Self:
-        """Come to the state of a learner with this data and these lessons, in order.
+        """Restore the state of a learner with this data and these labeled trials, in order.
 
-        `refitted` says of each lesson whether the last refit had learned from it; without the
-        `state` of a `Fitted` everything is fitted again, with equal results.
+        `refitted` is whether the last refit had used each; without the `state` of a `Fitted` all is
+        fitted again, with equal results.
         """
-        pairs = list(zip(lessons, refitted, strict=True))
-        self._lessons = {lesson.key: lesson for lesson, done in pairs if done}
+        pairs = list(zip(labeled_trials, refitted, strict=True))
+        self._labeled_trials = {labeled.key: labeled for labeled, done in pairs if done}
         self._source = source_of(self, data)
         if state is not None and isinstance(self._source, Fitted):
             self._source.restore(state)
-            self._refitted = set(self._lessons)
-            self._lessons = {lesson.key: lesson for lesson in lessons}
+            self._refitted = set(self._labeled_trials)
+            self._labeled_trials = {labeled.key: labeled for labeled in labeled_trials}
             return self
         self.refit()
-        self._lessons = {lesson.key: lesson for lesson in lessons}
-        return self.refit() if isinstance(self.source, Replayed) else self._relearn(self.source)
+        self._labeled_trials = {labeled.key: labeled for labeled in labeled_trials}
+        return self._update()
 
     def refit(self) -> Self:
-        """Learn everything anew from the data and from all that was told.
+        """Learn everything anew from the data and from all labeled trials.
 
-        Classifiers are fitted on the data and on the features of trials that people spoke of.
+        Classifiers are fitted on the data and on the features of labeled trials.
         """
-        source = self.source
-        if isinstance(source, Replayed):
-            source.learn(self.lessons)
-            return self
-        kept = [lesson for lesson in self.lessons if lesson.refittable]
-        source.refit(kept)
-        self._refitted = {lesson.key for lesson in kept}
-        return self._relearn(source)
+        if isinstance(self.source, Fitted):
+            kept = [labeled for labeled in self.labeled_trials if labeled.refittable]
+            self.source.refit(kept)
+            self._refitted = {labeled.key for labeled in kept}
+        return self._update()
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what is known; of a percept table, what is known without one of its objects."""
+        """Return what was learned; from a percept table, without one of its objects."""
         return self.source.known(object_name)
 
     def ask(
@@ -193,11 +197,11 @@ class Learner:
         question : a sentence ("Is it heavy?"), a comma list, attribute names, or a query.
         robot : see `Robot`; or the name of an object of the percept table, which is replayed.
         truth : {attribute: True or False} of what is known; compared with the report afterwards.
-        object_name : the object's name, if the robot's owner knows it again; what was told of it
-            before is believed. Without a name it is an object of its own.
+        object_name : the object's name, if it is recognized; then labels given before enter the
+            prior. Without a name it is an object of its own.
         on_step : called after every step.
         log : path of the trial's log (.mcap); one in the folder of logs by default.
-        key : names the random streams of this question, and what is told of it; by default the
+        key : names the random streams of this question, and its feedback; by default the
             number of questions so far, and in replays nothing, so that equal questions are equal.
 
         Raises
@@ -216,11 +220,11 @@ class Learner:
         task = live_task(query, self.domain, self.asked if key is None else key, object_name)
         self.asked += 1
         unknown = np.full(len(self.domain.attributes), -1, np.int8)
-        told = labels_of(self.lessons, self.domain).get(task.object_name, unknown)
+        known = labels_of(self.labeled_trials, self.domain).get(task.object_name, unknown)
 
         def run(recorder: Recorder | None) -> Trial:
             trial, self._met[task.key] = source.run(
-                task, robot, told=told, truth=truth, on_step=on_step, recorder=recorder
+                task, robot, known=known, truth=truth, on_step=on_step, recorder=recorder
             )
             if len(self._met) > _KEPT:
                 del self._met[next(iter(self._met))]
@@ -239,56 +243,56 @@ class Learner:
         recorder: Recorder | None = None,
     ) -> Trial:
         """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        return self._replayed().run(task, on_step=on_step, recorder=recorder)
+        return self._replayed().runner.run(task, on_step=on_step, recorder=recorder)
 
     def problem(self, task: Task) -> MOMDP:
         """Return the decision problem of a task about an object of the percept table."""
-        return self._replayed().problem(task)
+        return self._replayed().runner.prepare(task)[0]
 
     def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
-        """Learn what the object of a trial is; the posterior is updated at once.
+        """Learn from labels of a trial's object; the posterior is updated at once.
 
         How much objects differ, and how their percepts err together, hold until `refit`.
 
         Parameters
         ----------
         trial : an answer of this learner's.
-        values : by attribute, also of attributes that were not asked; None tells nothing. What is
-            told of a trial twice replaces what was told first.
+        values : by attribute, also of attributes that were not asked; None is ignored. Later labels
+            of a trial replace earlier ones.
 
         Raises
         ------
         QueryError : an attribute that the domain does not have.
         """
         source, key, name = self.source, trial.task.key, trial.task.object_name
-        told = checked_values(values, self.domain)
-        if not told:
+        labels = checked_values(values, self.domain)
+        if not labels:
             return
         if isinstance(source, Replayed):
             object_index(source.table.objects, name)
         elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError("The trial is of an agent with other levels; tell of one's own.")
+            raise SettingsError("The trial has other levels; give a trial of this learner's.")
         percepts = self._met.pop(key, None)
-        if key in self._lessons:
-            percepts = self._lessons.pop(key).percepts
+        if key in self._labeled_trials:
+            percepts = self._labeled_trials.pop(key).percepts
         elif percepts is None:
             percepts = percepts_of(trial, self.domain)
-        self._lessons[key] = Lesson(key, name, told, percepts)
-        self._changed(source, key, name)
-        labels = sum(len(lesson.values) for lesson in self._pending())
-        if self.refit_every is not None and labels >= self.refit_every:
+        self._labeled_trials[key] = LabeledTrial(key, name, labels, percepts)
+        self._changed(key, name)
+        pending = sum(len(labeled.values) for labeled in self._pending())
+        if self.refit_every is not None and pending >= self.refit_every:
             self.refit()
 
     def forget(self, trial: Trial) -> None:
-        """Forget what was told of a trial; where a refit has learned from it, refit without it."""
-        lesson = self._lessons.pop(trial.task.key, None)
-        if lesson is None:
-            raise SettingsError(f"Nothing was told of the trial {trial.task.name!r}.")
-        self._met[lesson.key] = lesson.percepts
-        self._changed(self.source, lesson.key, lesson.object_name)
+        """Forget the labels of a trial; refit without them if the last refit has used them."""
+        labeled = self._labeled_trials.pop(trial.task.key, None)
+        if labeled is None:
+            raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
+        self._met[labeled.key] = labeled.percepts
+        self._changed(labeled.key, labeled.object_name)
 
     def save(self, path: str | Path) -> None:
-        """Write everything into one file, which `load` reads back."""
+        """Write everything into one file, for `load`."""
         from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         save_learner(self, Path(path))
@@ -318,32 +322,27 @@ class Learner:
 
         return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
 
-    def _changed(self, source: Replayed | Fitted, key: Key, object_name: str) -> None:
-        if isinstance(source, Replayed):
-            source.learn(self.lessons)
-        elif key in self._refitted:
-            self.refit()
-        else:
-            self._relearn(source, object_name)
+    def _changed(self, key: Key, object_name: str) -> Self:
+        return self.refit() if key in self._refitted else self._update(object_name)
 
-    def _relearn(self, source: Fitted, *names: str) -> Self:
-        """Take in the lessons of some objects, or of all, that came after the last refit."""
+    def _update(self, *names: str) -> Self:
+        """Update by the labeled trials of some objects, or of all, after the last refit."""
+        if isinstance(self.source, Replayed):
+            self.source.learn(self.labeled_trials)
+            return self
         pending = self._pending()
-        for name in names or dict.fromkeys(lesson.object_name for lesson in pending):
-            source.learn(name, [lesson for lesson in pending if lesson.object_name == name])
+        for name in names or dict.fromkeys(one.object_name for one in pending):
+            self.source.learn(name, [one for one in pending if one.object_name == name])
         return self
 
-    def _pending(self) -> list[Lesson]:
-        """Return the lessons that came after the last refit, or that it could not learn from."""
-        return [lesson for lesson in self.lessons if lesson.key not in self._refitted]
+    def _pending(self) -> list[LabeledTrial]:
+        """Return the labeled trials that came after the last refit, or that it could not use."""
+        return [labeled for labeled in self.labeled_trials if labeled.key not in self._refitted]
 
     def _replayed(self) -> Replayed:
-        source = self.source
-        if isinstance(source, Fitted):
-            raise SettingsError(
-                "Objects are replayed from a percept table (build_percept_table); or give a robot."
-            )
-        return source
+        if isinstance(self.source, Replayed):
+            return self.source
+        raise SettingsError("Give a robot, or fit a percept table (build_percept_table) to replay.")
 
     def _header(self, question: object) -> dict[str, Any]:
         config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}

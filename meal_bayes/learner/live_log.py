@@ -15,9 +15,9 @@ _RESERVED = re.compile(r"\.(\d{5,})\.reserved")
 
 @contextlib.contextmanager
 def next_log(folder: Path | None, domain: str, object_name: str) -> Iterator[Path | None]:
-    """Reserve a path such as logs/kitchen/00012-blue_cup.mcap for one trial.
+    """Yield a path such as logs/kitchen/00012-blue_cup.mcap, reserved for one trial.
 
-    While the block runs, no other process or thread is given the number. A reservation that a
+    While the block runs, no other process or thread gets the number. A reservation that a
     killed process left is passed over.
     """
     if folder is None:
@@ -60,7 +60,7 @@ def logged(
     ----------
     path : of the log; None logs nothing.
     header : what the run is.
-    run : runs the trial, and tells the recorder of it.
+    run : runs the trial with a recorder.
     """
     if path is None:
         return run(None)

@@ -1,9 +1,9 @@
 """A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
 
-`learner.json` holds names, settings and lessons; recordings are one array of float32 a context,
-features of lessons another; a percept table is the .npz of `save_percepts`. What was fitted is kept
-as it is (`fitted_state.py`). Classifiers of one's own could only be pickled, so that `load` fits
-them again, with equal results where they are deterministic, and takes the lessons in again.
+`learner.json` holds names, settings and labeled trials; recordings are one array of float32 a
+context, features of labeled trials another; a percept table is the .npz of `save_percepts`. What
+was fitted is stored (`fitted_state.py`), but classifiers of one's own could only be pickled: `load`
+fits them again, with equal results where they are deterministic, and repeats the updates.
 """
 
 import io
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.recipes import AGENTS
+from meal_bayes.agents.named import AGENTS
 from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.datasets.percept_file import read_array, save_percepts
@@ -27,15 +27,15 @@ from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.fitted_state import pack, unpack
+from meal_bayes.learner.labeled_trial import LabeledTrial, Percept, checked_values
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.lesson import Lesson, Percept, checked_values
 from meal_bayes.learner.replayed import Replayed
 from meal_bayes.learner.sources import own_posterior
 from meal_bayes.untrusted import read_json
 
 log = logging.getLogger("meal_bayes.learner")
 
-_FORMAT = 2
+_FORMAT = 3
 _LARGEST = 2**30  # bytes that a member may unpack to
 _TEXT = "learner.json"
 _TABLE = "table.npz"
@@ -64,13 +64,13 @@ def save_learner(learner: Learner, path: Path) -> None:
         "percepts": learner.percepts,
         "refit_every": learner.refit_every,
         "asked": learner.asked,
-        "lessons": [],
+        "labeled_trials": [],
     }
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
         rows, arrays = _Rows(learner.domain), _Kept(archive)
-        for lesson in learner.lessons:
-            told = _lesson_table(lesson, rows, arrays)
-            meta["lessons"].append({**told, "refitted": learner.refitted(lesson)})
+        for labeled in learner.labeled_trials:
+            table = _labeled_table(labeled, rows, arrays)
+            meta["labeled_trials"].append({**table, "refitted": learner.refitted(labeled)})
         meta["posterior"] = pack(learner.posterior, arrays.keep)
         if isinstance(source, Replayed):
             archive.writestr(_TABLE, _table_bytes(source))
@@ -90,7 +90,9 @@ def _checked(text: str) -> str:
     try:
         read_json(text)  # a reader must take it
     except ValueError as fault:
-        raise SettingsError(f"This learner was told too much for one file ({fault}).") from fault
+        raise SettingsError(
+            f"This learner has too many labeled trials for one file ({fault})."
+        ) from fault
     return text
 
 
@@ -123,10 +125,12 @@ def load_learner(
                     arrays.read("labels", "|i1", 2),
                 )
                 state = unpack(meta["state"], kept.read, learner.domain)
-            lessons = [_lesson(told, learner, arrays, kept) for told in meta["lessons"]]
-            refitted = [told["refitted"] is True for told in meta["lessons"]]
+            labeled_trials = [
+                _labeled(table, learner, arrays, kept) for table in meta["labeled_trials"]
+            ]
+            refitted = [table["refitted"] is True for table in meta["labeled_trials"]]
             if state is not None:
-                return learner.resume(data, lessons, refitted, state)
+                return learner.resume(data, labeled_trials, refitted, state)
     except SettingsError:
         raise
     except _UNREADABLE as fault:
@@ -136,7 +140,7 @@ def load_learner(
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
     log.info("%s is fitted again", path)
-    return learner.resume(data, lessons, refitted)
+    return learner.resume(data, labeled_trials, refitted)
 
 
 def _learner(
@@ -183,7 +187,7 @@ class _Kept:
 
 
 class _Rows:
-    """Features of lessons on their way into arrays, a row each."""
+    """Features of labeled trials, a row each."""
 
     def __init__(self, domain: Domain) -> None:
         self.contexts = [(b.name, m) for b in domain.behaviors for m in b.modalities]
@@ -239,21 +243,23 @@ def _write(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:
     archive.writestr(f"{name}.npy", buffer.getvalue())
 
 
-def _lesson_table(lesson: Lesson, rows: _Rows, arrays: _Kept) -> dict[str, Any]:
-    levels = [percept.levels for percept in lesson.percepts]
+def _labeled_table(labeled: LabeledTrial, rows: _Rows, arrays: _Kept) -> dict[str, Any]:
+    levels = [percept.levels for percept in labeled.percepts]
     return {
-        "key": list(lesson.key),
-        "object": lesson.object_name,
-        "values": dict(lesson.values),
+        "key": list(labeled.key),
+        "object": labeled.object_name,
+        "values": dict(labeled.values),
         "levels": arrays.keep(np.array(levels)) if levels else None,
-        "percepts": [{"behavior": p.behavior, "row": rows.add(p)} for p in lesson.percepts],
+        "percepts": [{"behavior": p.behavior, "row": rows.add(p)} for p in labeled.percepts],
     }
 
 
-def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept: _Kept) -> Lesson:
+def _labeled(
+    table: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept: _Kept
+) -> LabeledTrial:
     percepts, domain, most = list[Percept](), learner.domain, learner.agent.levels
-    every = () if told["levels"] is None else kept.read(told["levels"], "|i1", 2)
-    for entry, levels in zip(told["percepts"], every, strict=True):
+    every = () if table["levels"] is None else kept.read(table["levels"], "|i1", 2)
+    for entry, levels in zip(table["percepts"], every, strict=True):
         behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
         if (
             levels.shape != (len(domain.attributes),)
@@ -268,9 +274,9 @@ def _lesson(told: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept
             if not all(np.isfinite(values).all() for values in features.values()):
                 raise ValueError(f"features of a percept of {behavior.name} are not finite")
         percepts.append(Percept(behavior.name, levels, features))
-    key = tuple(part if isinstance(part, str) else int(part) for part in told["key"])
-    values = checked_values(told["values"], domain)
-    return Lesson(key, str(told["object"]), values, tuple(percepts))
+    key = tuple(part if isinstance(part, str) else int(part) for part in table["key"])
+    values = checked_values(table["values"], domain)
+    return LabeledTrial(key, str(table["object"]), values, tuple(percepts))
 
 
 def _table_bytes(source: Replayed) -> bytes:

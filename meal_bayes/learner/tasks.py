@@ -6,7 +6,7 @@ from meal_bayes.domain import Domain, Query
 
 
 def replay_task(query: Query, table: PerceptTable, name: str, key: str | int | None = None) -> Task:
-    """Make the task of a query about an object of a percept table; `key` names other streams."""
+    """Build the task of a query about an object of a percept table; `key` names other streams."""
     index = object_index(table.objects, name)
     streams: tuple[str | int, ...] = (table.domain.data, "ask", name, *query.attributes)
     if key is not None:
@@ -15,7 +15,7 @@ def replay_task(query: Query, table: PerceptTable, name: str, key: str | int | N
 
 
 def live_task(query: Query, domain: Domain, key: str | int, object_name: str | None) -> Task:
-    """Make the task of a query about the object in front of a robot; `key` names its streams."""
+    """Build the task of a query about the object in front of a robot; `key` names its streams."""
     name = f"object {key}" if object_name is None else object_name
     streams: tuple[str | int, ...] = (domain.data, "live", key, name, *query.attributes)
     return Task(_question(query), query, -1, name, streams)

@@ -4,13 +4,13 @@ import hashlib
 import inspect
 import sys
 from dataclasses import fields
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from meal_bayes.datasets import Dataset
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.perception.settings import PerceptionSettings
+from meal_bayes.version import package_version
 
 
 def provenance_of(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:
@@ -31,7 +31,7 @@ def provenance_of(dataset: Dataset, settings: PerceptionSettings) -> dict[str, s
         if field.name != "classifier"  # it has entries of its own
     }
     return {
-        "package": f"meal-bayes {_version()}",
+        "package": f"meal-bayes {package_version()}",
         "perception": _listed(values_of),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
@@ -67,10 +67,3 @@ def _source_digest(kind: type) -> str:
     except (OSError, TypeError):  # typed at a prompt
         return "unknown"
     return hashlib.sha256(source).hexdigest()
-
-
-def _version() -> str:
-    try:
-        return metadata.version("meal-bayes")
-    except metadata.PackageNotFoundError:  # run from a checkout
-        return "unreleased"

@@ -5,7 +5,6 @@ import json
 import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, ClassVar, Self, TextIO
@@ -28,6 +27,7 @@ from meal_bayes.trial_log.schema import (
     channels,
 )
 from meal_bayes.untrusted import read_json
+from meal_bayes.version import package_version
 
 
 class LogFile:
@@ -175,10 +175,7 @@ class LogFile:
 
 
 def _versions() -> dict[str, str]:
-    try:
-        own = version("meal-bayes")
-    except PackageNotFoundError:  # run from a folder, not installed
-        own = "unknown"
+    own = package_version()
     return {"meal_bayes": own, "numpy": np.__version__, "python": platform.python_version()}
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.agents import Experience, Feedback, Streams, Task, run_trial
+from meal_bayes.agents import Environment, Experience, Feedback, Streams, Task, run_trial
 from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
@@ -28,7 +28,7 @@ FAIR = np.full((2, 3, 2, 2), 0.5)
 
 
 @dataclass
-class Witness:
+class RecordingPerceiver:
     """A perceiver that notes which instances it was shown."""
 
     shown: list = field(default_factory=list)
@@ -40,7 +40,7 @@ class Witness:
 
 def work(experience, o, attributes, seed, budget=BUDGET):
     """Run a trial on what comes next of an object; give it with the instances shown."""
-    query, witness = Query(attributes), Witness()
+    query, witness = Query(attributes), RecordingPerceiver()
     columns = [TOY.attribute_index(name) for name in attributes]
     momdp = build_momdp(TOY, query, FAIR[columns], limit=RECORDINGS)
     task = Task("a task", query, o, DATASET.objects[o], (seed, o, *attributes))
@@ -48,8 +48,10 @@ def work(experience, o, attributes, seed, budget=BUDGET):
     robot = RecordedRobot(TOY, o, RECORDINGS, experience.supply(o), luck)
     trial = run_trial(
         task, momdp, RandomLegal(budget).solve(momdp, None),
-        CheckedRobot(robot, TOY, object_index=o), witness,
-        Streams.of(seed, task, ""), truth=DATASET.labels[o, columns] == 1,
+        Environment(
+            CheckedRobot(robot, TOY, object_index=o), witness, Streams.of(seed, task, ""),
+            truth=DATASET.labels[o, columns] == 1,
+        ),
     )  # fmt: skip
     return SimpleNamespace(trial=trial, shown=witness.shown, columns=columns)
 
@@ -93,7 +95,7 @@ def test_d_holds_what_was_shown_with_what_was_told(trials, memory):
     assert len(d) == (expected >= 0).any(axis=-1).sum()
     np.testing.assert_array_equal(d.labels, expected[d.object, d.behavior, d.recording])
     words = [[told.get(o, {}).get(p, -1) for p in range(2)] for o in range(OBJECTS)]
-    np.testing.assert_array_equal(experience.told, words)
+    np.testing.assert_array_equal(experience.object_labels, words)
 
 
 @given(
@@ -115,7 +117,7 @@ def test_the_order_of_objects_does_not_matter(seeds, memory, data):
             experience = experience.absorb(TOY, *left[o].pop(0))
         results.append(experience)
     first, second = results
-    for name in ("labels", "gathered", "used", "told", "attempts"):
+    for name in ("labels", "gathered", "used", "object_labels", "attempts"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
@@ -164,7 +166,7 @@ def test_pretraining_is_the_first_recording_of_every_behavior_labelled_for_all()
     assert set(d.object.tolist()) == {0, 2}
     assert (d.recording == 0).all()
     np.testing.assert_array_equal(d.labels, DATASET.labels[d.object])
-    np.testing.assert_array_equal(experience.told[[1, 3]], -1)
+    np.testing.assert_array_equal(experience.object_labels[[1, 3]], -1)
 
 
 def test_memory_labels_earlier_and_later_recordings():
@@ -190,7 +192,7 @@ class TestFeedback:
             report=None if report is None else np.array(report, bool),
             truth=np.array(truth, bool),
         )
-        return Feedback(**options).told(trial, np.random.default_rng(0)).tolist()
+        return Feedback(**options).labels(trial, np.random.default_rng(0)).tolist()
 
     @pytest.mark.parametrize(
         ("report", "truth", "told"),
@@ -218,13 +220,13 @@ class TestFeedback:
     def test_people_err_as_often_as_said(self, trial, answers):
         one = replace(trial, report=np.array([True]), truth=np.array([True]))
         feedback, rng, n = Feedback(answers, 0.2), np.random.default_rng(1), 4000
-        wrong = sum(feedback.told(one, rng)[0] == 0 for _ in range(n))
+        wrong = sum(feedback.labels(one, rng)[0] == 0 for _ in range(n))
         assert abs(wrong / n - 0.2) < 5 * np.sqrt(0.2 * 0.8 / n)
 
     def test_an_erring_verdict_on_two_attributes_labels_the_wrong_report(self, trial):
         two = replace(trial, report=np.array([True, False]), truth=np.array([True, True]))
         feedback, rng = Feedback("verdict", 0.5), np.random.default_rng(1)
-        heard = {tuple(feedback.told(two, rng).tolist()) for _ in range(50)}
+        heard = {tuple(feedback.labels(two, rng).tolist()) for _ in range(50)}
         assert heard == {(-1, -1), (1, 0)}
 
     @pytest.mark.parametrize(

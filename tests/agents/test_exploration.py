@@ -67,9 +67,9 @@ class TestBonus:
     def test_memory_pays_for_what_was_told_before_as_well(self):
         for memory in (False, True):
             experience = start(memory=memory)
-            told = experience.told.copy()
+            told = experience.object_labels.copy()
             told[4, 1] = 0
-            experience = replace(experience, told=told)
+            experience = replace(experience, object_labels=told)
             bonus = bonus_of(experience, 4, [0])
             np.testing.assert_allclose(bonus, 3 * (VALUE.sum(axis=0) if memory else VALUE[0]))
             other = bonus_of(experience, 5, [0])

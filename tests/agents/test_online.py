@@ -41,7 +41,7 @@ def context_of(dataset, pre=PRE, **options):
         "queries": 40.0,
         "reward": 300.0,
         "feedback": Feedback(),
-        "body": dataset.domain,
+        "true_dynamics": dataset.domain,
         **options,
     }
     kernels = Kernels.of(dataset, start.training_set())
@@ -87,7 +87,9 @@ def learned(trials, learner):
     trait = learner.knowledge.trait
     return {
         "trials": [facts(trial) for trial in trials],
-        "experience": [a.tolist() for a in (experience.labels, experience.told, experience.used)],
+        "experience": [
+            getattr(experience, name).tolist() for name in ("labels", "object_labels", "used")
+        ],
         "counts": posterior.counts.tolist(),
         "tables": posterior.concentration.tolist(),
         "dispersion": posterior.dispersion.tolist(),
@@ -241,7 +243,7 @@ class TestTell:
     def test_base_rates_follow_the_labels(self):
         context, start = context_of(DATASET, feedback=Feedback("all"))
         learner, _, _ = self.told("bayes", context, start)
-        labels = [*start.told[PRE, 0].tolist(), DATASET.labels[7, 0]]
+        labels = [*start.object_labels[PRE, 0].tolist(), DATASET.labels[7, 0]]
         assert learner.knowledge.base_rates[0] == (sum(labels) + 1) / (len(labels) + 2)
         assert learner.test(task_of(13, "red")).momdp.prior == learner.knowledge.base_rates[:1]
 
@@ -250,9 +252,9 @@ def test_a_told_object_is_known_again_only_with_memory():
     for name, prior in (("bayes_memory", 0.9), ("morc_itrs", 0.5)):
         context, start = context_of(DATASET, feedback=Feedback("all", 0.1))
         learner = learner_of(name, context, start)
-        told = start.told.copy()
+        told = start.object_labels.copy()
         told[7, 0] = 1
-        learner.experience = replace(learner.experience, told=told)
+        learner.experience = replace(learner.experience, object_labels=told)
         momdp = learner.train(task_of(7, "red")).momdp
         assert momdp.prior == pytest.approx([prior])
 
@@ -329,13 +331,15 @@ class TestSuccess:
         assert with_success(TOY, attempts).diagram.effects[0].probability == 1.0
 
     @pytest.mark.statistical
-    def test_a_body_that_fails_half_the_time_is_found_out(self):
+    def test_true_success_of_one_half_is_learned(self):
         effects = tuple(
             replace(effect, probability=0.5) if effect.behavior == "lift" else effect
             for effect in TOY.diagram.effects
         )
-        body = replace(TOY, diagram=replace(TOY.diagram, effects=effects))
-        _, learner = trained("iterative_random_legal", trials=60, body=body, learn_success=True)
+        true = replace(TOY, diagram=replace(TOY.diagram, effects=effects))
+        _, learner = trained(
+            "iterative_random_legal", trials=60, true_dynamics=true, learn_success=True
+        )
         attempts = learner.experience.attempts
         n = attempts[1].sum()
         assert n > 200
@@ -344,4 +348,4 @@ class TestSuccess:
         assert learner.train(task_of(7, "red")).momdp.transition[1, 0, 1] == pytest.approx(
             self.lift(learner.knowledge.domain)
         )
-        assert self.lift(trained("bayes", trials=2, body=body)[1].knowledge.domain) == 0.9
+        assert self.lift(trained("bayes", trials=2, true_dynamics=true)[1].knowledge.domain) == 0.9

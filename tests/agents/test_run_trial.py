@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Streams, Task, run_trial, truth_of
+from meal_bayes.agents import Environment, Streams, Task, run_trial, truth_of
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
@@ -71,7 +71,7 @@ def trial_of(momdp, policy, outcomes=(), percepts=(), *, truth=(True, False), **
     domain = load_domain("toy" if "lift" in momdp.behavior_names else "roc36_published")
     body, streams = CheckedRobot(robot, domain), Streams.of(0, task, "script")
     trial = run_trial(
-        task, momdp, policy, body, eyes, streams, truth=truth, agent="script", **options
+        task, momdp, policy, Environment(body, eyes, streams, truth), agent="script", **options
     )
     assert robot.started == 1
     return trial
@@ -175,10 +175,12 @@ def test_illegal_behaviors_that_change_nothing_are_free():
         task,
         momdp,
         policy,
-        robot,
-        ScriptedPercepts([0, 1], [1, 0]),
-        Streams.of(3, task, "script"),
-        truth=np.array([True, True]),
+        Environment(
+            robot,
+            ScriptedPercepts([0, 1], [1, 0]),
+            Streams.of(3, task, "script"),
+            truth=np.array([True, True]),
+        ),
     )
     assert [step.cost for step in trial.steps] == [0, 0, 0.5, 0, 5.2, 0]
     assert [step.x for step in trial.steps] == [0, 0, 0, 1, 1, 1]
@@ -228,10 +230,7 @@ def test_a_robot_without_a_boundary_is_refused():
     momdp = momdp_of()
     task = Task("a task", momdp.query, 5, "object 5", ("test", 5))
     with pytest.raises(SettingsError, match=r"CheckedRobot\(robot, domain\)"):
-        run_trial(
-            task, momdp, Script(momdp), ScriptedRobot(momdp.x_names), ScriptedPercepts(),
-            Streams.of(0, task, ""),
-        )  # fmt: skip
+        Environment(ScriptedRobot(momdp.x_names), ScriptedPercepts(), Streams.of(0, task, ""))
 
 
 class TestTruth:

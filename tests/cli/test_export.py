@@ -8,7 +8,7 @@ import pytest
 
 from meal_bayes.agents.knowledge import knowledge_without
 from meal_bayes.datasets import load_percepts
-from meal_bayes.learner.asking import question_task
+from meal_bayes.learner.api import question_task
 from meal_bayes.momdp import build_momdp, flatten
 from meal_bayes.momdp.pomdp_reader import read_pomdp
 from meal_bayes.momdp.reference import load_reference

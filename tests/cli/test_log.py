@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import FORMAT_VERSION, check_log, log_file, read_trials, write_trials
 
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}

@@ -18,7 +18,7 @@ from meal_bayes.cli.narration import (
 )
 from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 from meal_bayes.momdp import Belief, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
 
 

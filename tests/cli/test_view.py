@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from meal_bayes import viewer
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
 from meal_bayes.viewer import Feed, window
 

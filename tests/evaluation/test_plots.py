@@ -10,7 +10,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import canvas, plots
 from meal_bayes.evaluation.plots import Series
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 
 X = np.arange(4.0)
 TWO = [Series("a", X, X / 4, X / 4 - 0.1, X / 4 + 0.1), Series("b", X, 1 - X / 4)]

@@ -9,7 +9,7 @@ import pytest
 from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.plots import belief_trace
 from meal_bayes.evaluation.report import write_report
-from meal_bayes.learner.asking import ask
+from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trial_log.formatting import truth_text, verdict_text
 from meal_bayes.viewer.labels import log_line, narrate

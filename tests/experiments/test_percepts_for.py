@@ -70,7 +70,7 @@ def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     percepts_for("roc36", "paper")
     monkeypatch.setattr(percepts, "_code_digest", lambda: "other")
     percepts_for("roc36", "paper")
-    monkeypatch.setattr(percepts, "_version", lambda: "9.0")
+    monkeypatch.setattr(percepts, "package_version", lambda: "9.0")
     percepts_for("roc36", "paper")
     assert len(computed) == 3
 

@@ -16,8 +16,8 @@ from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.online import _body
-from meal_bayes.experiments.world import Protocol
+from meal_bayes.experiments.online import _true_dynamics
+from meal_bayes.experiments.protocol import Protocol
 from meal_bayes.trial_log import TrialOutcomes, read_header, read_trials
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
@@ -347,9 +347,9 @@ def test_a_body_s_outcomes_keep_their_shares(own_data):
     lifts = (Effect("x0", "lift", "x1", 0.6), Effect("x0", "lift", "x0", 0.2))
     others = tuple(e for e in domain.diagram.effects if e.behavior != "lift")
     two = replace(domain, diagram=replace(domain.diagram, effects=(*others, *lifts)))
-    body = _body(two, {"lift": 0.4})
+    body = _true_dynamics(two, {"lift": 0.4})
     assert [e.probability for e in body.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
-    assert _body(two, {}) == two
+    assert _true_dynamics(two, {}) == two
 
 
 def test_jobs_are_processes(config, tmp_path):

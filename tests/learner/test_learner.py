@@ -173,7 +173,7 @@ class TestRefitting:
         for n in range(3):
             trial = learner.ask("red", make.arm(seed=n))
             learner.tell(trial, {"red": False})
-            assert learner.refitted(learner.lessons[0]) == (n == 2)
+            assert learner.refitted(learner.labeled_trials[0]) == (n == 2)
 
 
 class TestAPerceptTable:
@@ -226,7 +226,7 @@ def test_mistakes_are_told(dataset, make):
         with pytest.raises(error, match=says):
             learner.tell(trial, values)
     learner.tell(trial, {"red": None})
-    with pytest.raises(SettingsError, match="Nothing was told"):
+    with pytest.raises(SettingsError, match="has no labels"):
         learner.forget(trial)
     with pytest.raises(SettingsError, match="fit"):
         Learner(dataset.domain).ask("red", make.arm())

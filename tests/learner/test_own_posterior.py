@@ -33,7 +33,7 @@ def drawn(dataset, levels, objects):
 
 
 class TestAPosteriorOfOnesOwn:
-    def test_is_what_the_agent_believes_and_lessons_are_added(self, dataset, make):
+    def test_is_what_the_agent_believes_and_labeled_trials_are_added(self, dataset, make):
         idata = drawn(dataset, 4, 8)
         learner = make.learner(dataset, posterior=idata)
         own = ConfusionPosterior.from_idata(idata, dataset.domain)

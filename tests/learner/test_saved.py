@@ -54,14 +54,16 @@ def test_everything_comes_back(taught, saved, agent, make):
     again = Learner.load(saved, agent=agent, logs=None)
     same(again.knowledge(), learner.knowledge())
     assert (again.seed, again.reward, again.asked) == (5, 70.0, 3)
-    assert [lesson.key for lesson in again.lessons] == [lesson.key for lesson in learner.lessons]
+    assert [labeled.key for labeled in again.labeled_trials] == [
+        labeled.key for labeled in learner.labeled_trials
+    ]
     asked = [one.ask("red", make.arm(seed=9), object_name="mug") for one in (learner, again)]
     learner.asked -= 1
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])
-    assert len(again.lessons) == 1
+    assert len(again.labeled_trials) == 1
 
 
 def test_nothing_is_fitted_again(saved, agent, monkeypatch):
@@ -69,7 +71,7 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
         raise AssertionError("fitted again")
 
     monkeypatch.setattr("meal_bayes.learner.fitted.fit_and_validate", fit)
-    assert len(Learner.load(saved, agent=agent, logs=None).lessons) == 3
+    assert len(Learner.load(saved, agent=agent, logs=None).labeled_trials) == 3
 
 
 def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
@@ -143,12 +145,12 @@ def text(**changes):
     return change
 
 
-def lesson(percept=(), more=0):
-    """Change the first percept of the first lesson, or its levels."""
+def labeled(percept=(), more=0):
+    """Change the first percept of the first labeled, or its levels."""
 
     def change(members):
         meta = json.loads(members["learner.json"])
-        first = meta["lessons"][0]
+        first = meta["labeled_trials"][0]
         first["percepts"][0].update(percept)
         name, buffer = f"fitted/{first['levels']}.npy", io.BytesIO()
         np.save(buffer, np.load(io.BytesIO(members[name])) + np.int8(more))
@@ -182,11 +184,11 @@ HOSTILE = {
     "seed": text(seed="x"),
     "seed below": text(seed=-1),
     "reward": text(reward=[1]),
-    "lessons": text(lessons=7),
-    "a lesson": text(lessons=[{}]),
-    "a level too high": lesson(more=9),
-    "a row that is not there": lesson({"row": 99}),
-    "a behavior that is not there": lesson({"behavior": "fly"}),
+    "labeled_trials": text(labeled_trials=7),
+    "a labeled": text(labeled_trials=[{}]),
+    "a level too high": labeled(more=9),
+    "a row that is not there": labeled({"row": 99}),
+    "a behavior that is not there": labeled({"behavior": "fly"}),
     "another class": state(lambda found: found["perception"].update({"class": "system"})),
     "no perception": state(lambda found: found.pop("perception")),
     "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),

@@ -18,10 +18,10 @@ _POSITIVES = 3  # of every attribute in every part, where a split has them
 
 
 def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
-    """Choose the attributes that percepts tell best, with enough objects of and without each.
+    """Choose the attributes that are perceived best, with enough objects of and without each.
 
-    Enough are three in each of three parts. Told best: by the largest TPR - FPR over behaviors of
-    recorded held-out percepts. What is asked is the protocol's choice; no agent sees why.
+    Enough are three in each of three parts. Best: by the largest TPR - FPR over behaviors of
+    held-out percepts. The choice is the protocol's; agents do not see these rates.
     """
     truth = table.labels
     enough = (
@@ -33,12 +33,14 @@ def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
             f"Only {enough.sum()} attributes of {table.domain.name} have {3 * _POSITIVES} objects "
             f"with and without; {count} are asked."
         )
-    yes = (table.log_odds > 0).mean(axis=1)  # (O,E,P) share of recordings
-    said: NDArray[np.bool_] = np.asarray(~np.isnan(table.log_odds).any(axis=1))
+    yes = (table.log_odds > 0).mean(axis=1)  # (O,E,P) fraction of recordings
+    recorded: NDArray[np.bool_] = np.asarray(~np.isnan(table.log_odds).any(axis=1))
     best = np.full(truth.shape[1], -1.0)
     for p in np.flatnonzero(enough):
         rates = [
-            np.where(said[truth[:, p] == v, :, p], yes[truth[:, p] == v, :, p], 0.5).mean(axis=0)
+            np.where(recorded[truth[:, p] == v, :, p], yes[truth[:, p] == v, :, p], 0.5).mean(
+                axis=0
+            )
             for v in (0, 1)
         ]
         best[p] = (rates[1] - rates[0]).max()
@@ -63,11 +65,19 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """The tasks of one repeat, the same for every agent."""
+    """The tasks of one repeat, the same for every agent.
+
+    Attributes
+    ----------
+    dataset : recordings and labels.
+    split : objects for pretraining, training, tests.
+    attributes : N, asked at a time.
+    seed, repeat : name the random streams.
+    """
 
     dataset: Dataset
     split: ObjectSplit
-    attributes: int  # N
+    attributes: int
     seed: int
     repeat: int
 
@@ -123,7 +133,7 @@ class Protocol:
         return [self._task("test", 0, i, pairs[j]) for i, j in enumerate(chosen.tolist())]
 
     def training(self, batch: int, trials: int) -> list[Task]:
-        """Training tasks of a batch: object and query uniform, as they come to a robot at work."""
+        """Draw the training tasks of a batch: object and query uniform."""
         pairs = self._pairs(self.split.train)
         data = self.dataset.domain.data
         rng = stream(self.seed, "training", data, self.attributes, self.repeat, batch)

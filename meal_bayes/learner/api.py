@@ -32,7 +32,7 @@ def ask(
     dataset : a shipped data set (roc36, ispy32, cy101), the path of an .npz of one's own made by
         `save_percepts`, or a percept table.
     object : the object's name.
-    agent : a named agent, a recipe, or a planner: see `meal_bayes.agents.as_agent`.
+    agent : a name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
     seed : of failures, of the recordings' order, and of planning.
     percepts : "recorded", or "model": drawn from the learned confusion matrices.
     reward : r+ = -r-, the domain's by default.
@@ -52,5 +52,5 @@ def ask(
 
 
 def question_task(question: str | Sequence[str], table: PerceptTable, name: str) -> Task:
-    """Make the task of a question about the object called `name`; raises as `ask` does."""
+    """Build the task of a question about the object called `name`; raises as `ask` does."""
     return replay_task(read_query(question, table.domain), table, name)

@@ -1,6 +1,6 @@
 """The named agents: the paper's strategies (Sect. 7) and ours; and agents given as values.
 
-Every agent answers offline (Sect. 7.2), and learns at work (Sect. 7.3) by its bonus for exploring.
+Every agent runs offline (Sect. 7.2) and online (Sect. 7.3).
 """
 
 from collections.abc import Callable, Iterable
@@ -107,7 +107,7 @@ AGENTS = {
 
 
 def load_agent(name: str) -> Agent:
-    """Look an agent up; `SettingsError` with the nearest names where there is none."""
+    """Return the agent of a name; `SettingsError` with the nearest names where there is none."""
     if name not in AGENTS:
         raise SettingsError(unknown("agent", name, AGENTS))
     return AGENTS[name]

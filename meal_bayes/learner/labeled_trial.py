@@ -1,4 +1,4 @@
-"""What one trial taught: the percepts that it showed, and the labels that a person gave."""
+"""A labeled trial: its percepts, and the labels that a person gave to its object."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class Percept(NamedTuple):
     behavior : str
         The behavior that it came from.
     levels : (P,) int8
-        Level of each attribute; -1 where it was not asked about and not kept.
+        Level of each attribute; -1 unknown.
     features : mapping or None
-        modality -> (D,) float32; None where they were not kept.
+        modality -> (D,) float32; None unknown.
     """
 
     behavior: str
@@ -35,17 +35,17 @@ class Percept(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Lesson:
-    """Percepts of one trial and the labels told of its object.
+class LabeledTrial:
+    """Percepts of one trial and the labels of its object.
 
     Attributes
     ----------
     key : tuple
         The key of the trial's task.
     object_name : str
-        All lessons of one name are of one object.
+        Labeled trials of one name are of one object.
     values : mapping
-        What was told, by attribute.
+        Labels, by attribute.
     percepts : tuple of Percept
         Of behaviors with modalities, in their order.
     """
@@ -57,12 +57,12 @@ class Lesson:
 
     @property
     def refittable(self) -> bool:
-        """Whether classifiers can learn from it: it has percepts, and all kept their features."""
+        """Whether classifiers can be trained on it: it has percepts, all with features."""
         return bool(self.percepts) and all(p.features is not None for p in self.percepts)
 
 
-class Witness:
-    """A perceiver that keeps what it was shown, and what it made of it for every attribute."""
+class RecordingPerceiver:
+    """A perceiver that records its instances, and their percept levels for every attribute."""
 
     def __init__(self, domain: Domain, perceiver: Perceiver) -> None:
         self._domain, self._perceiver = domain, perceiver
@@ -79,7 +79,7 @@ class Witness:
 
 
 def percepts_of(trial: Trial, domain: Domain) -> tuple[Percept, ...]:
-    """Return the percepts that a trial itself holds: levels of what was asked, no features."""
+    """Return the percepts of a trial: levels of the queried attributes, no features."""
     columns = domain.columns(trial.task.query.attributes)
     found = []
     for step in trial.steps:
@@ -93,63 +93,65 @@ def percepts_of(trial: Trial, domain: Domain) -> tuple[Percept, ...]:
 
 
 def checked_values(values: Mapping[str, bool | None], domain: Domain) -> dict[str, bool]:
-    """Return what was told, by attribute; None tells nothing.
+    """Return the labels that are not None, by attribute.
 
     Raises
     ------
     QueryError : an attribute that the domain does not have.
     SettingsError : a value other than True, False and None.
     """
-    told = {}
+    labels = {}
     for name, value in values.items():
         domain.attribute_index(name)
         if value is None:
             continue
         if not isinstance(value, bool | np.bool_) and value not in (0, 1):
-            raise SettingsError(f"{name} is told to be {value!r}; say True, False or None.")
-        told[name] = bool(value)
-    return told
+            raise SettingsError(f"{name} is labeled {value!r}; give True, False or None.")
+        labels[name] = bool(value)
+    return labels
 
 
-def labels_of(lessons: Iterable[Lesson], domain: Domain) -> dict[str, NDArray[np.int8]]:
-    """Return what was told of each object, (P,); of two words the later one holds."""
+def labels_of(
+    labeled_trials: Iterable[LabeledTrial], domain: Domain
+) -> dict[str, NDArray[np.int8]]:
+    """Return the labels of each object, (P,), -1 unknown; the latest where they differ."""
     labels: dict[str, NDArray[np.int8]] = {}
-    for lesson in lessons:
-        own = labels.setdefault(lesson.object_name, np.full(len(domain.attributes), -1, np.int8))
-        for name, value in lesson.values.items():
+    for labeled in labeled_trials:
+        own = labels.setdefault(labeled.object_name, np.full(len(domain.attributes), -1, np.int8))
+        for name, value in labeled.values.items():
             own[domain.attribute_index(name)] = value
     return labels
 
 
 def level_counts(
-    lessons: Iterable[Lesson], labels: NDArray[np.int8], domain: Domain, levels: int
+    labeled_trials: Iterable[LabeledTrial], labels: NDArray[np.int8], domain: Domain, levels: int
 ) -> NDArray[np.int64]:
-    """Count what one object showed, (P,E,2,K), by its labels (P,)."""
+    """Count the percepts of one object with labels (P,); return counts (P,E,2,K)."""
     counts = np.zeros((len(labels), len(domain.behaviors), 2, levels), np.int64)
-    for lesson in lessons:
-        for percept in lesson.percepts:
+    for labeled in labeled_trials:
+        for percept in labeled.percepts:
             known = np.flatnonzero((labels >= 0) & (percept.levels >= 0))
             e = domain.behavior_index(percept.behavior)
             counts[known, e, labels[known], percept.levels[known]] += 1
     return counts
 
 
-def extended(dataset: Dataset, lessons: Sequence[Lesson]) -> Dataset:
-    """Add the recordings and labels of lessons to a data set; its recordings become ragged."""
-    domain, told = dataset.domain, labels_of(lessons, dataset.domain)
-    names = (*dataset.objects, *(name for name in told if name not in dataset.objects))
+def extended(dataset: Dataset, labeled_trials: Sequence[LabeledTrial]) -> Dataset:
+    """Add the recordings and labels of labeled trials to a data set, which becomes ragged."""
+    domain, given = dataset.domain, labels_of(labeled_trials, dataset.domain)
+    names = (*dataset.objects, *(name for name in given if name not in dataset.objects))
     place = {name: o for o, name in enumerate(names)}
     labels = np.full((len(names), len(domain.attributes)), -1, np.int8)
     labels[: len(dataset.objects)] = dataset.labels
-    for name, own in told.items():
+    for name, own in given.items():
         labels[place[name]] = np.where(own < 0, labels[place[name]], own)
     counts = np.zeros((len(names), len(domain.behaviors)), np.int64)
     counts[: len(dataset.objects)] = dataset.recording_counts
     added: list[tuple[int, str, int, Mapping[str, NDArray[np.float32]]]] = []
-    for lesson in lessons:
-        for percept in lesson.percepts:
+    for labeled in labeled_trials:
+        for percept in labeled.percepts:
             if percept.features is not None:
-                o, e = place[lesson.object_name], domain.behavior_index(percept.behavior)
+                o, e = place[labeled.object_name], domain.behavior_index(percept.behavior)
                 added.append((o, percept.behavior, int(counts[o, e]), percept.features))
                 counts[o, e] += 1
     most = max(int(counts.max()), dataset.recordings)
