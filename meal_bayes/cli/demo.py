@@ -63,8 +63,8 @@ def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
         {
             "question": _QUESTION,
             "object": f"{name}, from the recordings of a real robot (ROC36)",
-            "learned": f"from the other {len(table.objects) - 1} objects: how "
-            f"often each of {sensing} behaviors shows each attribute",
+            "learned": f"from the other {len(table.objects) - 1} objects: what each of {sensing} "
+            "behaviors shows",
             "agent": f"{_AGENT}: exact beliefs, tree search (POMCP)",
             "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
         },

@@ -1,6 +1,6 @@
 """The decision problem of one query.
 
-In: a `Domain`, a `Query`, and two arrays (`confusion`, `precision`) of what perception is worth.
+In: a `Domain`, a `Query`, and two arrays (`confusion`, `precision`), the observation model.
 Out: a `MOMDP`, and the exact factored `Belief` that is filtered in it.
 """
 

@@ -1,6 +1,6 @@
 """Solvers of the query MOMDP: what to do next.
 
-In: a `MOMDP` (two arrays say what perception is worth). Out: `Policy`, `Decision`.
+In: a `MOMDP`. Out: `Policy`, `Decision`.
 """
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal

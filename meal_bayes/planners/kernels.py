@@ -1,4 +1,4 @@
-"""How planning kernels are compiled and cached: the one place of this room that knows numba.
+"""How planning kernels are compiled and cached: the one place of this package that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time). Nothing in a kernel allocates, so
