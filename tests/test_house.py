@@ -1,4 +1,4 @@
-"""Rules of the house: sizes of files and functions, first lines of docstrings, the field's words."""
+"""Rules of the house: sizes of files and functions, verbs of docstrings, the field's words."""
 
 import ast
 import re
