@@ -191,7 +191,7 @@ from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.pomcp.search import search
 from meal_bayes.planners.open_loop import growth, library, policy, values
-from meal_bayes.planners.pomcp import leaf, policy as search
+from meal_bayes.planners.pomcp import evaluator, policy as search
 
 def records(value):  # plain Python reads fields of records as NumPy calls them
     if isinstance(value, tuple) and hasattr(value, "_fields"):
@@ -203,7 +203,7 @@ def plain(kernel):
     return lambda *arguments: kernel(*map(records, arguments))
 
 if numba.config.DISABLE_JIT:
-    for module in (library, search, values, leaf, policy):
+    for module in (library, search, values, evaluator, policy):
         for name in ("follow", "grow_plans", "judge_plans", "evaluate_plans", "search"):
             if hasattr(module, name):
                 setattr(module, name, plain(getattr(module, name)))
