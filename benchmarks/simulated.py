@@ -208,6 +208,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         offline.append(bool(trial.success))
     blocks = [done[at : at + 20] for at in range(0, len(done), 20)]
     return {
+        "seed": options.seed,
         "curve": [
             {
                 "trials": block[-1].number,

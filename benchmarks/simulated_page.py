@@ -72,6 +72,10 @@ def page(found: dict[str, Any]) -> str:
         low=difference["low"],
         high=difference["high"],
         live_trials=found["live"]["curve"][-1]["trials"],
+        live_seed=found["live"]["seed"],
+        population=found["population"]["objects"],
+        executions=found["population"]["executions"],
+        curves="\n".join(learned(*one) for one in found["population"]["curves"].items()),
         last=found["live"]["last_50"],
         offline=found["live"]["offline_on_the_same_objects"],
     )
@@ -84,6 +88,13 @@ def row(agent: str, summary: dict[str, float]) -> str:
         f"| {summary['cost_s']:.1f} | {summary['reward']:.1f} "
         f"| {summary['ece']:.3f} ({summary['ece_if_calibrated']:.3f}) | {summary['cpu_s']:.2f} |"
     )
+
+
+def learned(agent: str, curve: list[dict[str, float]]) -> str:
+    """Write the row of an agent that learned from its own trials."""
+    last, rewards = curve[-1], ", ".join(f"{point['reward']:.1f}" for point in curve)
+    ends = " | ".join((f"{last['accuracy']:.3f}", f"{last['ece']:.3f}", f"{last['hours']:.2f}"))
+    return f"| {agent} | {rewards} | {ends} |"
 
 
 def draw_moments(path: Path) -> None:

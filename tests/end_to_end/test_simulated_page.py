@@ -25,14 +25,25 @@ RESULTS = {
     },
 }
 LIVE = {
+    "population": {
+        "objects": 300,
+        "executions": 6400,
+        "curves": {
+            "bayes": [
+                {"hours": 0.1 * n, "accuracy": 0.7, "reward": 40.0 + n, "ece": 0.05}
+                for n in range(6)
+            ]
+        },
+    },
     "live": {
+        "seed": 4,
         "curve": [
             {"trials": 20, "agent": "random_legal", "accuracy": 0.6, "cost_s": 21.0},
             {"trials": 40, "agent": "bayes", "accuracy": 0.8, "cost_s": 7.0},
         ],
         "last_50": 0.86,
         "offline_on_the_same_objects": 0.88,
-    }
+    },
 }
 
 
@@ -50,6 +61,7 @@ def test_the_page_tells_what_was_measured(tmp_path, monkeypatch):
     assert "8.4 (95 % from 4.1 to 12.7)" in page
     assert "| look | shake |\n| --: | --: |\n| 0.50 | 1.00 |" in page
     assert "The last 50 trials: 0.86 right" in page
+    assert "| bayes | 40.0, 41.0, 42.0, 43.0, 44.0, 45.0 | 0.700 | 0.050 | 0.50 |" in page
     for name in ("simulated_arm.png", "simulated_live.png"):
         assert f"]({name})" in page
         assert (tmp_path / name).stat().st_size > 1000
