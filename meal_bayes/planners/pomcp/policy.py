@@ -12,6 +12,7 @@ departs from textbook POMCP, each because the textbook fails here:
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
 """
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -82,6 +83,24 @@ class POMCP:
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
         """Return the policy; plans and tables are built when a decision first needs them."""
         return POMCPPolicy(momdp, self)
+
+
+class _Lent(threading.local):
+    """One generator a thread for the kernels: numba keeps every one that it was ever given."""
+
+    def __init__(self) -> None:
+        self.generator = np.random.Generator(np.random.PCG64(0))
+
+    def of(self, rng: np.random.Generator) -> np.random.Generator:
+        """Return the thread's generator in the state of another; another kind as it is."""
+        state = rng.bit_generator.state
+        if state["bit_generator"] != "PCG64":
+            return rng
+        self.generator.bit_generator.state = state
+        return self.generator
+
+
+_LENT = _Lent()
 
 
 class POMCPPolicy:
@@ -169,10 +188,14 @@ class POMCPPolicy:
         exploration = 0.0 if greedy else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
 
+        lent = _LENT.of(rng)
+
         def grow(simulations: int) -> int:
-            return int(search(self.problem, evaluator, tree, sampled, simulations, options, rng))
+            return int(search(self.problem, evaluator, tree, sampled, simulations, options, lent))
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
+        if lent is not rng:
+            rng.bit_generator.state = lent.bit_generator.state
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0], tree.edge["first"][0] = lower, 0, -1
         values = tree.edge["value"][0]
