@@ -135,7 +135,7 @@ def test_nuts_draws_what_the_grid_integrates():
     (mean, s), (exact_mean, exact_s) = found.rows(), exact.rows()
     assert found.behaviors == ("look", "lift")
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
-    np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
+    np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.1)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
     np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
     assert found.others["tau"][0] == ("behavior", "truth")
