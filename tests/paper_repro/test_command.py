@@ -17,7 +17,7 @@ from paper_repro import frame
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
-NEED_RECORDINGS = {"table2", "table4", "fig10", "fig11", "fig12"}
+NEED_RECORDINGS = {"table2", "table4", "fig10", "fig11", "fig12", "eq10"}
 
 
 def reproduce(*arguments, cwd=ROOT, **variables):
@@ -31,6 +31,7 @@ def reproduce(*arguments, cwd=ROOT, **variables):
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_all_items_quickly(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in FOLDER.rglob("*.[jmp]*") if path.is_file()}
     warm_up(POMCP())  # the first run on a machine does, in half a minute
