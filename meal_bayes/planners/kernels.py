@@ -1,8 +1,9 @@
 """How planning kernels are compiled and cached: the one place of this package that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
-wrappers that Python would need (a seventh of the compile time). Nothing in a kernel allocates, so
-no references are counted: callers bring scratch buffers.
+wrappers that Python would need (a seventh of the compile time), and inlined: a call would pass every
+field of every array of its named tuples, some 200 words. Nothing in a kernel allocates, so no
+references are counted: callers bring scratch buffers.
 
 numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
 digest of every file that may hold one is part of the cache's version: after an edit to any of
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from meal_bayes.cache import compile_kernel
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_INLINED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
 _ROOTS = (Path(__file__).parent, Path(__file__).parents[1] / "momdp" / "observation.py")
 
 
@@ -46,8 +48,7 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call."""
-    wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return _versioned(compile_kernel(function, **_OPTIONS, **wrappers))
+    return _versioned(compile_kernel(function, **_OPTIONS, **_INLINED))
 
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
