@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 
-
 _POOL = 4  # words of a seed, at least
 
 

@@ -120,8 +120,9 @@ class OnlineLearner:
             momdp, policy = self._answer(task)
         else:
             labels = self.experience.object_labels[o, self._columns(task)] if agent.memory else None
-            momdp = self._shaped(self._model(task, labels), o)
-            policy = self._explore(task, momdp)
+            plain = self._model(task, labels)
+            momdp = self._shaped(plain, o)
+            policy = self._explore(task, plain, momdp)
         return self._run(task, momdp, policy, self.experience.supply(o))
 
     def tell(self, trial: Trial) -> None:
@@ -161,14 +162,17 @@ class OnlineLearner:
             self._answering[key] = momdp, policy
         return self._answering[key]
 
-    def _explore(self, task: Task, momdp: MOMDP) -> Policy:
-        """Plan with the bonus of this trial; searches of equal queries share a plan library."""
+    def _explore(self, task: Task, plain: MOMDP, momdp: MOMDP) -> Policy:
+        """Plan with the bonus of this trial; searches of equal queries share a plan library.
+
+        `plain` is without the bonus, but with the labels that memory knows of this object.
+        """
         key, solver, rng = task.query.attributes, self._solver(task), self._planning(task)
         if not isinstance(solver, POMCP):
             return solver.solve(momdp, rng)
         if key not in self._exploring:
-            new = self._shaped(self._model(task, None), None)
-            self._exploring[key] = solver.solve(new, rng)
+            new = self._model(task, None) if self.agent.memory else plain
+            self._exploring[key] = solver.solve(self._shaped(new, None), rng)
         return self._exploring[key].sharing_plans(momdp)
 
     def _solver(self, task: Task) -> Solver:

@@ -1,8 +1,8 @@
 """How planning kernels are compiled and cached: the one place of this package that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
-wrappers that Python would need (a seventh of the compile time), and inlined: a call would pass every
-field of every array of its named tuples, some 200 words. Nothing in a kernel allocates, so no
+wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass
+all fields of all arrays of its named tuples, some 200 words. Nothing in a kernel allocates, so no
 references are counted: callers bring scratch buffers.
 
 numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
