@@ -5,13 +5,15 @@ linearly in each marginal.
 """
 
 from collections.abc import Iterable, Sequence
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import freeze
 from meal_bayes.momdp import MOMDP
+from meal_bayes.planners.compiled import Dynamics, Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 Floats = NDArray[np.float64]
@@ -76,10 +78,12 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
 
 def between(axis: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the point below each belief, and the weight of the point above it."""
-    low = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, max(len(axis) - 2, 0))
-    width = axis[np.minimum(low + 1, len(axis) - 1)] - axis[low]
-    fraction = np.divide(at - axis[low], width, out=np.zeros_like(at), where=width > 0)
-    return low, fraction.clip(0.0, 1.0)
+    last = len(axis) - 1
+    low = (axis.searchsorted(at, side="right") - 1).clip(0, max(last - 1, 0))
+    below = axis[low]
+    width, fraction = axis[np.minimum(low + 1, last)] - below, np.zeros_like(at)
+    np.divide(at - below, width, out=fraction, where=width > 0)
+    return low, fraction.clip(0.0, 1.0, out=fraction)
 
 
 def informative_pairs(momdp: MOMDP) -> NDArray[np.bool_]:
@@ -99,13 +103,18 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     """
     ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
     reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
+    return _uneven_axis(_prior_log_odds(momdp, attribute), reach, level)
+
+
+@lru_cache(maxsize=64)
+def _uneven_axis(prior: float, reach: float, level: int) -> Floats:
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
-    log_odds = _prior_log_odds(momdp, attribute) + np.concatenate([-half[:0:-1], half])
+    log_odds = prior + np.concatenate([-half[:0:-1], half])
     if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
         log_odds = np.sort(np.append(log_odds, 0.0))
-    return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
+    return freeze(np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]]))
 
 
 def axis_reach(inner: int) -> float:
@@ -201,3 +210,22 @@ def value_after(
     for k in range(count):
         value += scratch[1, k] * table.value[x, int(scratch[0, k])]
     return value
+
+
+@entry_kernel
+def add_values_ahead(
+    dynamics: Dynamics, percepts: Percepts, table: Table, x: int, prob: Floats, scratch: Floats,
+    out: Floats,
+) -> None:  # fmt: skip
+    """Add to `out` (E,) the discounted expected value after each legal behavior from x.
+
+    Parameters are those of `value_after`.
+    """
+    for e in range(out.shape[0]):
+        step = dynamics.step[x, e]
+        for k in range(dynamics.branch.shape[2]):
+            branch = dynamics.branch[x, e, k]
+            if step.legal and branch.p > 0.0:
+                behavior = e if branch.senses and percepts.limit[e] > 0.0 else -1
+                mean = value_after(table, percepts.rows, branch.x, behavior, prob, scratch)
+                out[e] += step.discount * branch.p * mean

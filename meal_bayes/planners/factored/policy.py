@@ -41,7 +41,13 @@ from numpy.typing import NDArray
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import Floats, Table, make_scratch, value_after
+from meal_bayes.planners.factored.grid import (
+    Floats,
+    Table,
+    add_values_ahead,
+    make_scratch,
+    value_after,
+)
 from meal_bayes.planners.factored.iteration import ValueIteration
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -114,12 +120,12 @@ class FactoredPolicy:
         report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
         ending = max(report, float(self.iteration.problem.dynamics.exit_value[x]))
         free = compile_momdp(momdp, price=0.0)
-        ahead = float(_values_ahead(momdp, free, self.bound, x, momdp.prior).max())
+        ahead = float(_values_ahead(free, self.bound, x, momdp.prior).max())
         return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
-        return _values_ahead(self.iteration.momdp, self.iteration.problem, self.bound, x, prob)
+        return _values_ahead(self.iteration.problem, self.bound, x, prob)
 
     def value_at(self, x: int, prob: Floats) -> float:
         """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
@@ -132,7 +138,7 @@ class FactoredPolicy:
         belief, prob = history.belief, history.belief.positive
         iteration, table = self._left(belief)
         momdp, problem = iteration.momdp, iteration.problem
-        ahead = _values_ahead(momdp, problem, table, belief.x, prob)
+        ahead = _values_ahead(problem, table, belief.x, prob)
         if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
             ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
         exit_value = float(problem.dynamics.exit_value[belief.x])
@@ -142,7 +148,8 @@ class FactoredPolicy:
         """Return iteration and table without the behaviors whose percepts have run out."""
         momdp = self.iteration.momdp
         gone = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
-        gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
+        if gone.any():
+            gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
         if not gone.any():
             return self.iteration, self.estimate
         key = tuple(np.flatnonzero(gone).tolist())
@@ -168,17 +175,13 @@ def _rounded_up(table: Table) -> Table:
     return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 
-def _values_ahead(momdp: MOMDP, problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
+def _values_ahead(problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
     """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
-    dynamics, step = problem.dynamics, problem.dynamics.step[x]
+    dynamics, percepts, step = problem.dynamics, problem.percepts, problem.dynamics.step[x]
     out = -step["cost"]
     if problem.shaped:
-        bonus = (1 - prob) @ momdp.bonus[..., 0] + prob @ momdp.bonus[..., 1]
+        bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
         out += step["bonus_scale"] * bonus
-    scratch, prob = make_scratch(table, momdp.levels), np.array(prob)
-    for e in np.flatnonzero(step["legal"]).tolist():
-        for p, to, senses in dynamics.outcomes(x, e):
-            behavior = e if senses and momdp.limit[e] > 0 else -1
-            mean = value_after(table, problem.percepts.rows, to, behavior, prob, scratch)
-            out[e] += step["discount"][e] * p * mean
+    scratch = make_scratch(table, percepts.rows.shape[3])
+    add_values_ahead(dynamics, percepts, table, x, np.array(prob), scratch, out)
     return np.where(step["legal"], out, -np.inf)

@@ -85,8 +85,9 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     p = joint + false * (1 - axis)  # (E,K,G)
     after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
     low, fraction = between(axis, after)
-    point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
-    weight = np.stack([1 - fraction, fraction], axis=-1)
+    point, weight = np.empty((*low.shape, 2), np.int64), np.empty((*low.shape, 2))
+    point[..., 0], weight[..., 0] = low, 1 - fraction
+    point[..., 1], weight[..., 1] = np.minimum(low + 1, len(axis) - 1), fraction
     if smooth:
         point, weight = _cubic(axis, after, low, point, weight)
     shape = (len(p), len(axis), -1)
