@@ -289,8 +289,9 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
 
 
 @entry_kernel
-def _first_error(percepts, counts, prob, scratch):
-    return plan_error(percepts, counts, 0, 0, prob, scratch)
+def _error(percepts, counts, plan, i, prob, scratch):
+    """Call the kernel with numbers, not literals: it is compiled for these anyway."""
+    return plan_error(percepts, counts, plan, i, prob, scratch)
 
 
 def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) -> float:
@@ -299,7 +300,8 @@ def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) 
     if seen is not None:
         scratch.counts[:] = seen
         scratch.total[:] = np.sum(seen, axis=2)[0]
-    return float(_first_error(problem.percepts, np.array([counts], np.int64), prob, scratch))
+    uses = np.array([counts], np.int64)
+    return float(_error(problem.percepts, uses, 0, 0, prob, scratch))
 
 
 def search(
