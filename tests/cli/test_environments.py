@@ -18,8 +18,9 @@ DOCTOR = ("doctor",)
 
 # Those tried by default, one of each sort; the others are `long`.
 QUICK = {
-    "no HOME", "HOME without rights", "LANG C", "ascii", "COLUMNS 0",
-    "stdin closed", "stderr full", "stdout closed", "stdout full", "logs in /proc", "no such mode",
+    "no HOME", "HOME that is not there", "LANG C", "ascii, strict", "COLUMNS 1",
+    "stdin closed", "stderr closed", "stdout closed", "stdout full", "logs in /proc",
+    "no such mode",
 }  # fmt: skip
 # Variables, command, redirections, exit code, what is told. A None takes a variable away.
 GOOD = {

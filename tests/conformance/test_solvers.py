@@ -139,8 +139,8 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
     """List domains, attributes and levels; of at most so many percept vectors."""
     out = []
     for name in DOMAINS:
-        marks = [pytest.mark.long] * (name in ("roc36_published", "cy101"))
         for n in (1, 2, 3):
+            marks = [pytest.mark.long] * (n == 2 or name in ("roc36_published", "cy101"))
             if n <= len(load_domain(name).attributes):
                 out += [
                     pytest.param(name, n, k, id=f"{name}-N{n}-K{k}", marks=marks)
@@ -183,7 +183,7 @@ def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]
 
 @pytest.mark.parametrize("abstain", [False, True])
 @pytest.mark.parametrize("precision", [4.0, np.inf])
-@pytest.mark.parametrize("name", ["toy", "roc36", "ispy32"])
+@pytest.mark.parametrize("name", ["toy", "roc36", pytest.param("ispy32", marks=pytest.mark.long)])
 def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
     """Percepts that decide, priors that are sure: log-odds of plus and minus infinity."""
     domain = load_domain(name)

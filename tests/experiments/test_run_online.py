@@ -175,7 +175,9 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
-@pytest.mark.parametrize("stop", [1, 8, 20])
+@pytest.mark.parametrize(
+    "stop", [8, *(pytest.param(stop, marks=pytest.mark.long) for stop in (1, 20))]
+)
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
     train, calls = OnlineLearner.train, []
 

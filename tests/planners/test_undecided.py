@@ -19,10 +19,11 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
     assert np.nanmax(decision.values) <= np.nanmax(searched.values) + 1e-9
 
 
+@pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.long)])
 @pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
-def test_what_is_certain_is_better_than_ending_for_certain(small, options):
+def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds):
     found = 0
-    for seed in range(4):
+    for seed in seeds:
         momdp = small.toy(seed, 2, 2, finite=True, limit=2, **options)
         optimum = small.expectimax(momdp)
         optimum.value(momdp.start, optimum.nothing_seen())
