@@ -25,10 +25,8 @@ from meal_bayes.perception import ConfusionSampler, Kernels, ScoredPercepts, fit
 
 TOY = load_domain("toy")
 PRE, TRAIN, TEST = np.arange(6), np.arange(6, 12), np.arange(12, 18)
-RECORDINGS = 3
-DATASET = make_synthetic(
-    TOY, objects=18, recordings=RECORDINGS, signal=8.0, rng=np.random.default_rng(2)
-)
+RECORDINGS, RNG = 3, np.random.default_rng(2)
+DATASET = make_synthetic(TOY, objects=18, recordings=RECORDINGS, signal=8.0, rng=RNG)
 EVERY = sorted(AGENTS.keys() - {"random", "predefined", "predefined_plus", "olfc"})
 
 
@@ -199,9 +197,9 @@ def test_experience_repels_from_the_next_trial_on():
     np.testing.assert_allclose(lost[senses].mean(axis=-1), repelled, atol=1e-9)
 
 
-class TestTell:
+class TestLearningFromATrial:
     @staticmethod
-    def told(name, context, start, o=7):
+    def after_a_trial(name, context, start, o=7):
         """Return the learner after a trial, the trial, and the posterior before."""
         learner = learner_of(name, context, start)
         before = learner.knowledge.posterior
@@ -212,7 +210,7 @@ class TestTell:
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_percepts_of_a_new_object_are_one_row_of_counts(self, name):
         context, start = context_of(DATASET, feedback=Feedback("all"))
-        learner, trial, before = self.told(name, context, start)
+        learner, trial, before = self.after_a_trial(name, context, start)
         shown = np.zeros(before.counts.shape)
         for step in trial.steps:
             if step.observation is not None:
@@ -227,7 +225,7 @@ class TestTell:
 
     def test_percepts_of_what_classifiers_have_seen_wait_for_the_refit(self):
         context, start = context_of(DATASET, np.append(PRE, 7), feedback=Feedback("all"))
-        learner, _, before = self.told("bayes", context, start)
+        learner, _, before = self.after_a_trial("bayes", context, start)
         assert learner.experience.evidence()[0].sum() > start.evidence()[0].sum()
         np.testing.assert_array_equal(learner.knowledge.posterior.counts, before.counts)
 
@@ -242,13 +240,13 @@ class TestTell:
 
     def test_base_rates_follow_the_labels(self):
         context, start = context_of(DATASET, feedback=Feedback("all"))
-        learner, _, _ = self.told("bayes", context, start)
+        learner, _, _ = self.after_a_trial("bayes", context, start)
         labels = [*start.object_labels[PRE, 0].tolist(), DATASET.labels[7, 0]]
         assert learner.knowledge.base_rates[0] == (sum(labels) + 1) / (len(labels) + 2)
         assert learner.test(task_of(13, "red")).momdp.prior == learner.knowledge.base_rates[:1]
 
 
-def test_a_told_object_is_known_again_only_with_memory():
+def test_a_labelled_object_is_known_again_only_with_memory():
     for name, prior in (("bayes_memory", 0.9), ("morc_itrs", 0.5)):
         context, start = context_of(DATASET, feedback=Feedback("all", 0.1))
         learner = learner_of(name, context, start)

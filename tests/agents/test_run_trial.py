@@ -58,7 +58,7 @@ class ScriptedPercepts:
 def momdp_of(name="toy", attributes=("red", "heavy"), mistaken=0.0, **options):
     domain = load_domain(name)
     rows = np.array([[0.8, 0.2], [0.3, 0.7]])
-    if mistaken:  # the kinds are what an object seems to be
+    if mistaken:  # the classes are what an object seems to be
         share = [[1 - mistaken, mistaken], [mistaken, 1 - mistaken]]
         options["latent_classes"] = np.broadcast_to(share, (len(attributes), 2, 2))
     confusion = np.tile(rows, (len(attributes), len(domain.behaviors), 1, 1))

@@ -44,7 +44,7 @@ def solvers(domain: Domain) -> list[Solver]:
 
 
 def offline_solvers() -> list[Solver]:
-    """Those that solve for all beliefs beforehand: known rows, one kind of object a truth."""
+    """Those that solve for all beliefs beforehand: known rows, one latent class a truth."""
     return [PBVI(points=40, rounds=2, sweeps=30, trials=30, steps=20), Factored(points=2000)]
 
 
@@ -89,7 +89,7 @@ def check(momdp: MOMDP, history: History, decision: Decision) -> None:
         assert momdp.cost[decision.action] == momdp.cost[~momdp.legal[x]].min()
 
 
-def walk(momdp: MOMDP, solver: Solver, seed: int, steps: int = 12) -> None:
+def follow(momdp: MOMDP, solver: Solver, seed: int, steps: int = 12) -> None:
     """Follow the policy where it goes, and where it would report take any legal behavior."""
     rng = np.random.default_rng(seed)
     policy, again = (solver.solve(momdp, np.random.default_rng(1)) for _ in range(2))
@@ -159,7 +159,7 @@ def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
             (hard, {}) if isinstance(solver, POMCP | OpenLoop) else ((hard, {})[seed % 2],)
         ):
             both = options | {"abstain": seed % 3 == 0, "limit": LIMIT, "prior": 0.3}
-            walk(momdp_of(domain, n, levels, seed, **both), solver, seed)
+            follow(momdp_of(domain, n, levels, seed, **both), solver, seed)
 
 
 @pytest.mark.parametrize(("name", "n", "levels"), cases(largest=16))
@@ -168,7 +168,7 @@ def test_offline_solvers(name: str, n: int, levels: int) -> None:
     for seed, solver in enumerate(offline_solvers()):
         for abstain in (False, True):
             options = {"abstain": abstain, "limit": (LIMIT, np.inf)[abstain], "prior": 0.3}
-            walk(momdp_of(domain, n, levels, seed, **options), solver, seed)
+            follow(momdp_of(domain, n, levels, seed, **options), solver, seed)
 
 
 @pytest.mark.parametrize(
@@ -197,14 +197,14 @@ def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
         )
         known = np.isinf(precision)
         for seed, solver in enumerate([*solvers(domain), *offline_solvers() * bool(known)]):
-            walk(momdp, solver, seed, steps=6)
+            follow(momdp, solver, seed, steps=6)
 
 
 def test_deciding_percepts_of_objects_that_may_deceive() -> None:
     domain = load_domain("toy")
     momdp = mistaken(domain, np.eye(2), 0.05)
     for seed, solver in enumerate(solvers(domain)):
-        walk(momdp, solver, seed, steps=6)
+        follow(momdp, solver, seed, steps=6)
 
 
 def test_certain_reports_are_right() -> None:
@@ -268,7 +268,7 @@ def test_odd_domains(limit: float, discount: float) -> None:
             options = {"limit": limit, "discount": discount, "abstain": abstain}
             for seed, solver in enumerate(solvers(domain)):
                 n = 1 + seed % len(domain.attributes)
-                walk(momdp_of(domain, n, 2, seed, **options), solver, seed)
+                follow(momdp_of(domain, n, 2, seed, **options), solver, seed)
 
 
 @pytest.mark.parametrize("n", [5, 81])
@@ -276,7 +276,7 @@ def test_large_queries(n: int) -> None:
     domain = load_domain("ispy32")
     momdp = momdp_of(domain, n, 2, 5, limit=LIMIT, abstain=True)
     for seed, solver in enumerate(solvers(domain)):
-        walk(momdp, solver, seed, steps=2)
+        follow(momdp, solver, seed, steps=2)
 
 
 def test_shaped_rewards() -> None:
@@ -284,4 +284,4 @@ def test_shaped_rewards() -> None:
     momdp = momdp_of(domain, 2, 2, 6, limit=LIMIT)
     bonus = np.random.default_rng(6).uniform(-10, 10, momdp.bonus.shape)
     for seed, solver in enumerate([*solvers(domain), *offline_solvers()]):
-        walk(replace(momdp, bonus=bonus), solver, seed)
+        follow(replace(momdp, bonus=bonus), solver, seed)

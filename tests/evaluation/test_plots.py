@@ -119,7 +119,7 @@ def test_the_trace_is_the_trials_beliefs(trial):
     assert labels[-1] == "report"
 
 
-def test_costs_are_drawn_as_shares():
+def test_costs_are_drawn_as_fractions():
     ax = plots.cost_distribution({"a": [1.0, 5.0, 5.0, 9.0]})
     (line,) = ax.lines
     found = dict(zip(*line.get_data(), strict=True))

@@ -131,7 +131,7 @@ def test_the_next_ask_differs_without_a_refit(dataset, make):
     assert not np.array_equal(before.prior, after.prior)
 
 
-def test_what_was_told_of_an_object_is_believed_of_it_only(dataset, make):
+def test_labels_of_an_object_are_believed_of_it_only(dataset, make):
     learner = make.learner(dataset)
     trial = learner.ask("red", make.arm(), object_name="mug")
     learner.tell(trial, {"red": True})
@@ -156,7 +156,7 @@ def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
 
 
 class TestRefitting:
-    def test_a_refit_learns_from_the_features_of_told_trials(self, dataset, make):
+    def test_a_refit_learns_from_the_features_of_labelled_trials(self, dataset, make):
         learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
         trial = learner.ask("red, full", make.arm(), object_name="mug")
         learner.tell(trial, {"red": False, "full": True})
@@ -182,7 +182,7 @@ class TestAPerceptTable:
     def table():
         return load_percepts("roc36")
 
-    def test_a_told_label_teaches_of_all_other_objects(self, table):
+    def test_a_label_teaches_of_all_other_objects(self, table):
         labels = np.array(table.labels)
         heavy, name = table.domain.attribute_index("heavy"), table.objects[0]
         labels[0, heavy] = -1

@@ -80,7 +80,7 @@ def test_six_equal_percepts(follow, scale, expected):
 
 
 def test_no_belief_is_cut_off_at_the_ends(follow):
-    """Log-odds far beyond what a probability can tell from 1, of a kind and of its truth."""
+    """Log-odds far beyond what a probability can tell from 1, of a class and of its truth."""
     latent_classes = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
     rows = np.tile([[0.99, 0.01], [0.01, 0.99]], (2, 3, 1, 1))
     momdp = build_momdp(
@@ -102,7 +102,7 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     return build_momdp(domain, Query((attribute,)), rows, latent_classes=latent_classes, **options)
 
 
-def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind(follow):
+def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_latent_class(follow):
     momdp = mistaken("toy", 0.05)
     once, *_, often = follow(momdp, [("look", [1])] * 60)
     assert once.positive[0] == pytest.approx((0.95 * 0.9 + 0.05 * 0.2) / 1.1)

@@ -50,8 +50,8 @@ def test_ask_answers_the_whole_vector_right_with_the_stated_accuracy(n, levels):
     assert momdp.limit[look] == 5
 
 
-def test_kinds_are_split_where_someone_answers():
-    """An answer tells of the truth, other percepts of the kind alone."""
+def test_latent_classes_are_split_where_someone_answers():
+    """An answer tells of the truth, other percepts of the latent class alone."""
     domain, rng = load_domain("ispy32"), np.random.default_rng(0)
     rows = rng.dirichlet(np.ones(2), (2, len(domain.behaviors), 3))
     latent_classes = rng.dirichlet(np.ones(3), (2, 2))
@@ -68,7 +68,7 @@ def test_kinds_are_split_where_someone_answers():
     look, ask = (momdp.behavior_names.index(name) for name in ("look", "ask"))
     np.testing.assert_array_equal(momdp.confusion[:, look], np.tile(rows[:, look], (1, 2, 1)))
     right = np.sqrt(0.7)
-    answers = [[right, 1 - right]] * 3 + [[1 - right, right]] * 3  # whatever kind it is
+    answers = [[right, 1 - right]] * 3 + [[1 - right, right]] * 3  # whatever its class
     np.testing.assert_allclose(momdp.confusion[:, ask], [answers] * 2)
     assert np.isinf(momdp.precision[:, ask]).all()
     for i, v in np.ndindex(2, 2):
@@ -81,7 +81,7 @@ def test_kinds_are_split_where_someone_answers():
     np.testing.assert_array_equal(again.confusion, momdp.confusion)  # split already
 
 
-def test_truths_may_share_kinds():
+def test_truths_may_share_latent_classes():
     rng = np.random.default_rng(0)
     rows, latent_classes = rng.dirichlet(np.ones(2), (2, 3, 5)), rng.dirichlet(np.ones(5), (2, 2))
     momdp = build_momdp(
@@ -118,7 +118,7 @@ def test_a_kind_that_the_prior_rules_out_keeps_its_truth():
         ),
     ],
 )
-def test_kinds_that_are_none_are_refused(latent_classes, says):
+def test_wrong_latent_classes_are_refused(latent_classes, says):
     with pytest.raises(SettingsError, match=says):
         build_momdp(
             load_domain("toy"),

@@ -133,18 +133,18 @@ class Expectimax:
         return [sum(true) / (sum(false) + sum(true)) for false, true in both]
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
-        """Pr(is v, of kind c, percepts), [v][c]."""
+        """Pr(is v, of class c, percepts), [v][c]."""
         prior, classes = float(self.momdp.prior[i]), self.momdp.latent_classes[i].tolist()
         return [
             [p * share * self._likelihood(i, c, seen) for c, share in enumerate(classes[v])]
             for v, p in enumerate((1 - prior, prior))
         ]
 
-    def _likelihood(self, i: int, kind: int, seen: tuple[tuple[int, ...], ...]) -> float:
+    def _likelihood(self, i: int, latent_class: int, seen: tuple[tuple[int, ...], ...]) -> float:
         out = 1.0
         for e, counts in enumerate(seen):
-            row = self.momdp.confusion[i, e, kind].tolist()
-            s = float(self.momdp.precision[i, e, kind])
+            row = self.momdp.confusion[i, e, latent_class].tolist()
+            s = float(self.momdp.precision[i, e, latent_class])
             if math.isinf(s):
                 out *= math.prod(c**n for c, n in zip(row, counts, strict=True))
             else:
@@ -300,8 +300,7 @@ def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) 
     if seen is not None:
         scratch.counts[:] = seen
         scratch.total[:] = np.sum(seen, axis=2)[0]
-    uses = np.array([counts], np.int64)
-    return float(_error(problem.percepts, uses, 0, 0, prob, scratch))
+    return float(_error(problem.percepts, np.array([counts], np.int64), 0, 0, prob, scratch))
 
 
 def search(

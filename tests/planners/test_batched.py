@@ -64,7 +64,7 @@ def test_better_percepts_are_worth_no_less(rates, prior, e, step):
 
 
 @given(chance, rate)
-def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
+def test_equal_rates_are_worth_the_report_or_abstaining(prior, yes):
     rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
     (value,) = batched_value_iteration(problem(), rates, [prior])
     assert value == pytest.approx(now, abs=0.7)  # a kink between grid points at even odds

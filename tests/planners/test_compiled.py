@@ -89,19 +89,19 @@ def test_published_shakes_are_repeated_until_the_object_falls(small):
     assert dynamics.step["cost"][1, tap] == pytest.approx(4.2 / (1 - 0.99 * 0.10))
 
 
-def test_where_illegal_changes_nothing_there_is_no_exit(small):
+def test_where_illegal_changes_nothing_none_abstains(small):
     momdp = small.momdp("roc36_published", {"heavy": {}}, abstain=True)
     assert np.isneginf(dynamics_of(momdp).exit_value[:6]).all()
 
 
-def test_the_exit_is_the_cheapest_illegal_behavior(small):
+def test_abstaining_is_the_cheapest_illegal_behavior(small):
     rates = {"heavy": {}}
     dynamics = dynamics_of(small.momdp("roc36", rates, abstain=True))
     np.testing.assert_array_equal(dynamics.exit_value[:6], [-1.0, -0.5, -0.5, -0.5, -0.5, -0.5])
     assert np.isneginf(dynamics_of(small.momdp("roc36", rates)).exit_value).all()
 
 
-def test_where_everything_is_legal_there_is_no_exit(small):
+def test_where_everything_is_legal_none_abstains(small):
     everywhere = TransitionDiagram(("x0", "term"), "x0", (Effect("*", "look", "*"),))
     domain = Domain("one", ("red",), (Behavior("look", 1.0, ("color",)),), everywhere)
     assert dynamics_of(small.momdp(domain, {"red": {}}, abstain=True)).exit_value[0] == -np.inf
@@ -168,13 +168,13 @@ def test_shaping_pays_for_percepts_within_the_limit(small):
     assert compile_momdp(replace(momdp, bonus=np.ones((1, 3, 2)))).shaped
 
 
-def test_rows_that_tell_nothing_are_not_planned_with(small):
+def test_rows_without_information_are_not_planned_with(small):
     problem = compile_momdp(small.momdp("toy", {"red": {"look": (0.6, 0.5)}, "heavy": {}}))
     informative = problem.percepts.informative
     np.testing.assert_array_equal(informative, [[True, False, False], [False] * 3])
 
 
-def test_what_tells_of_the_latent_class_is_planned_with():
+def test_information_on_the_latent_class_is_planned_with():
     """Look says nothing of the truth, but whether lift is to be believed."""
     honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]

@@ -34,7 +34,7 @@ class TestThePolicy:
 
     @pytest.mark.statistical
     @pytest.mark.parametrize(("n", "floor"), [(1, 434), (2, 372), (3, 200)])
-    def test_worth_on_the_noisy_robot(self, small, n, floor):
+    def test_value_on_the_noisy_robot(self, small, n, floor):
         """Known: 441.4, 387.2, 239.4. SARSOP's of 60 s are worth 441, 386, 109."""
         momdp = small.noisy_roc36(n)
         policy = solve(momdp, 20_000)

@@ -248,7 +248,7 @@ class TestPartsOfAQuery:
         assert bounds[1] >= bounds[2] > 238
         assert bounds[1] < 243
 
-    def test_attributes_that_nothing_tells_of_need_no_axis(self, small):
+    def test_attributes_without_informative_behaviors_need_no_axis(self, small):
         """All they do is to be guessed: r+ shrinks by the chance of that."""
         rates = {"red": {"look": (0.8, 0.25)}, "heavy": {}}
         momdp = small.momdp("toy", rates, prior=[0.5, 0.3])

@@ -31,7 +31,7 @@ def solvers(momdp):
 )
 @pytest.mark.parametrize("free", [(0,), pytest.param((0, 1, 2), marks=pytest.mark.long)])
 def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
-    """The same objects and luck, so that the values are compared pair by pair."""
+    """The same objects and random numbers, so that the values are compared pair by pair."""
     rates = {"red": {"look": (0.8, 0.25)}, "heavy": {"look": (0.55, 0.4), "lift": (0.85, 0.2)}}
     cheap = small.momdp("toy", rates, **PROBLEMS[name])
     cost, episodes = cheap.cost.copy(), 20 if name in ENDLESS else 60
@@ -53,7 +53,7 @@ def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
 
 @pytest.mark.parametrize("settings", [{"precision": 8.0}, {}])
 @pytest.mark.parametrize("solver", [POMCP(100), POMCP(100, points=0), OpenLoop(), Greedy()])
-def test_what_tells_nothing_more_is_not_done_again(small, solver, settings):
+def test_what_is_not_informative_is_not_done_again(small, solver, settings):
     """Recordings of the free look have run out, and lift tells nothing."""
     rates = {"red": {"look": (0.8, 0.25)}}
     momdp = small.momdp("toy", rates, limit=2, discount=1.0, **settings)

@@ -229,7 +229,7 @@ def library(plans, x):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_plans_are_walks_of_the_diagram(small, seed):
+def test_plans_are_paths_of_the_diagram(small, seed):
     problem, plans = made(small.toy(seed, 2, 2, finite=False, limit=3))
     for x in range(2):
         walks = {account(problem, x, p) for p, _ in toy_paths(problem, x, (4, 4)) if p}
@@ -322,7 +322,7 @@ def test_ways_are_found_once_for_a_diagram(small):
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])
-def test_sure_priors_of_shared_kinds_have_plans(small, prior):
+def test_sure_priors_of_shared_latent_classes_have_plans(small, prior):
     """No percept moves them; every plan is worth its report, less what it costs."""
     momdp = small.toy(1, 2, 2, finite=True, shared=3)
     momdp = replace(momdp, prior=np.broadcast_to(prior, 2))

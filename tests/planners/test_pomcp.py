@@ -26,8 +26,8 @@ PROBLEMS = {
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "misperceived": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2}
     | {"mistaken": [0.05, 0.2]},
-    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
-    "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
+    "six classes": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
+    "shared classes": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
 }
 
 
@@ -209,7 +209,7 @@ class TestWithoutThese:
     @pytest.mark.parametrize(
         ("n", "floor"), [(1, 425), (2, 360), pytest.param(3, 185, marks=pytest.mark.long)]
     )
-    def test_worth_on_the_noisy_robot(self, small, n, floor):
+    def test_value_on_the_noisy_robot(self, small, n, floor):
         """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""
         momdp = small.noisy_roc36(n)
         for solver in (POMCP(30), POMCP(30, points=0)):
@@ -217,7 +217,7 @@ class TestWithoutThese:
             assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > floor
 
     @pytest.mark.statistical
-    def test_worth_of_open_loop_feedback(self, small):
+    def test_value_of_open_loop_feedback(self, small):
         """Without simulations; plans that never leave a loop would be worth 260."""
         momdp = small.noisy_roc36(2)
         policy = POMCP(0, points=0).solve(momdp, np.random.default_rng(0))

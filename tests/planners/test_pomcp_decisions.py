@@ -67,14 +67,14 @@ def test_only_who_may_abstains(small, n, simulations):
         assert ending.values[-1] == -1.0
 
 
-def test_abstaining_is_the_cheapest_exit_of_each_x(small):
+def test_abstaining_is_the_cheapest_illegal_behavior_of_each_x(small):
     momdp = hopeless(3, abstain=True)
     for x in range(1, 6):
         history = History(initial_belief(momdp).at(x))
         assert momdp.behavior_names[small.search(momdp, 10, history=history).action] == "look"
 
 
-def test_published_diagrams_have_no_exit(small):
+def test_in_published_diagrams_none_abstains(small):
     rates = {"heavy": {}, "blue": {}, "beans": {}}
     momdp = small.momdp("roc36_published", rates, abstain=True, discount=1.0)
     decision = small.search(momdp, 20)

@@ -86,11 +86,15 @@ def test_the_program_is_found(program, monkeypatch):
     text = f'{HEADER}<AlphaVector vectorLength="2" numObsValue="3" numVectors="1">'
     write = f"pathlib.Path('out.policy').write_text({text!r} + vector + '</AlphaVector></Policy>')"
 
-    def worth(value, name):
+    def bounded_by(value, name):
         line = f'<Vector action="0" obsValue="0">{value} {value}</Vector>'
         return program(f"vector = {line!r}", write, name=name)
 
-    on_path, named, given = worth(51, "pomdpsol"), worth(52, "other"), worth(53, "third")
+    on_path, named, given = (
+        bounded_by(51, "pomdpsol"),
+        bounded_by(52, "other"),
+        bounded_by(53, "third"),
+    )
     monkeypatch.setenv("PATH", str(on_path.parent))
     monkeypatch.delenv("MEAL_BAYES_POMDPSOL", raising=False)
     assert solve(momdp_of()).lower_bound == 51

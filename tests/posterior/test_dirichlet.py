@@ -198,7 +198,7 @@ def test_percepts_of_inverted_pairs_move_no_belief():
         assert (abs(belief.log_odds[0]) > 1e-9) == moves
 
 
-def test_worth_is_judged_by_the_upper_half_of_the_levels():
+def test_information_is_judged_by_the_upper_half_of_the_levels():
     rows = [[[[1, 1, 4, 4], [4, 4, 1, 1]], [[4, 4, 1, 1], [5, 1, 0, 4]]]]
     posterior = ConfusionPosterior.from_counts(rows)
     np.testing.assert_array_equal(posterior.informative, [[False, True]])

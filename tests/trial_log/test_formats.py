@@ -137,10 +137,10 @@ def test_rows_by_truth_are_those_of_drawn_objects(make):
         momdp = make.momdp(load_domain("toy"), 1, rng)
     mean, sd = truth_rows(momdp, 1)
     for truth in (0, 1):
-        kinds = rng.choice(momdp.n_classes, 20_000, p=momdp.latent_classes[0, truth])
+        classes = rng.choice(momdp.n_classes, 20_000, p=momdp.latent_classes[0, truth])
         drawn = []
-        for kind in kinds:
-            row, weight = momdp.confusion[0, 1, kind], momdp.precision[0, 1, kind]
+        for c in classes:
+            row, weight = momdp.confusion[0, 1, c], momdp.precision[0, 1, c]
             drawn.append(row if np.isinf(weight) else rng.dirichlet(weight * row))
         assert np.allclose(np.mean(drawn, axis=0), mean[0, truth], atol=0.015)
         assert np.allclose(np.std(drawn, axis=0), sd[0, truth], atol=0.015)

@@ -57,8 +57,8 @@ def decisions(draw, momdp):
 def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
-    kinds = n * momdp.n_classes
-    weight = np.array(draw(st.lists(LOGS, min_size=kinds, max_size=kinds))).reshape(n, -1)
+    classes = n * momdp.n_classes
+    weight = np.array(draw(st.lists(LOGS, min_size=classes, max_size=classes))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
