@@ -162,12 +162,13 @@ def test_a_folder_that_is_gone_is_told(tmp_path):
     assert b"Traceback" not in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("target", "before"),
     [
         ("a.rrd", "ulimit -f 8;"),
-        pytest.param("/proc/a.rrd", "", marks=pytest.mark.long),
-        pytest.param("/proc/no/a.rrd", "", marks=pytest.mark.long),
+        ("/proc/a.rrd", ""),
+        ("/proc/no/a.rrd", ""),
     ],
 )
 def test_a_recording_that_cannot_be_written_is_told(target, before, tmp_path):

@@ -25,8 +25,6 @@ from meal_bayes.planners.point_based.pbvi import PBVI
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 
 def solvers(domain: Domain) -> list[Solver]:
     sequence = domain.predefined or domain.behavior_names
@@ -140,7 +138,7 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
     out = []
     for name in DOMAINS:
         for n in (1, 2, 3):
-            marks = [pytest.mark.long] * (n == 2 or name in ("roc36_published", "cy101"))
+            marks = [pytest.mark.long] * (n == 2 or name not in ("toy", "roc36"))
             if n <= len(load_domain(name).attributes):
                 out += [
                     pytest.param(name, n, k, id=f"{name}-N{n}-K{k}", marks=marks)

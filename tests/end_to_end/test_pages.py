@@ -108,7 +108,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.long] * (page.parent.name == "how-to"))
+        pytest.param(page, marks=[pytest.mark.long] * (page.parent.name in ("how-to", "tutorials")))
         for page in PAGES
         if any(map(runs, blocks(page)))
     ],

@@ -68,10 +68,9 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
         assert run.cost_sd == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.statistical
-@pytest.mark.parametrize(
-    ("n", "cost", "sd"), [(2, 19.2, 28.0), pytest.param(3, 9.7, 18.0, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize(("n", "cost", "sd"), [(2, 19.2, 28.0), (3, 9.7, 18.0)])
 def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     """Costs of an independent simulation of the published code."""
     setting = frame.Setting(quick=True, logs=tmp_path)

@@ -324,13 +324,13 @@ def search(
 
 
 @pytest.fixture(scope="session")
-def toy(compiled: None) -> MOMDP:
+def toy() -> MOMDP:
     """Two attributes, few percepts: small enough for brute force."""
     return momdp_of("toy", TOY_RATES, limit=3)
 
 
 @pytest.fixture(scope="session")
-def small(compiled: None) -> SimpleNamespace:
+def small() -> SimpleNamespace:
     """The makers of small problems, and their exact solution."""
     return SimpleNamespace(
         momdp=momdp_of,

@@ -207,7 +207,8 @@ class TestWithoutThese:
 
     @pytest.mark.statistical
     @pytest.mark.parametrize(
-        ("n", "floor"), [(1, 425), (2, 360), pytest.param(3, 185, marks=pytest.mark.long)]
+        ("n", "floor"),
+        [(1, 425), *(pytest.param(*more, marks=pytest.mark.long) for more in ((2, 360), (3, 185)))],
     )
     def test_value_on_the_noisy_robot(self, small, n, floor):
         """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""

@@ -36,7 +36,13 @@ def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds
     assert found > 0
 
 
-@pytest.mark.parametrize("odds", [[9.0, -9.0], [12.0, 12.0], [-8.0, 10.0]])
+@pytest.mark.parametrize(
+    "odds",
+    [
+        [9.0, -9.0],
+        *(pytest.param(odds, marks=pytest.mark.long) for odds in ([12.0, 12.0], [-8.0, 10.0])),
+    ],
+)
 def test_bounds_end_a_trial_without_a_search(small, odds):
     momdp = small.noisy_roc36(2)
     for x in range(momdp.terminal):
