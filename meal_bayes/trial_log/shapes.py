@@ -51,7 +51,9 @@ def start_misfits(trial: Trial) -> Iterator[str]:
             yield f"the MOMDP has {len(names)} {noun}, a log holds at most {NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
-    if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
+    if trial.truth.shape != (n,):  # of which there may be millions
+        yield f"truth has shape {trial.truth.shape}, expected {(n,)}"
+    elif not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
 
