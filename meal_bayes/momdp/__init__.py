@@ -7,6 +7,7 @@ Out: a `MOMDP`, and the exact factored `Belief` that is filtered in it.
 from meal_bayes.momdp.belief import (
     Belief,
     Transition,
+    belief_of,
     best_report,
     initial_belief,
     report_value,
@@ -27,6 +28,7 @@ __all__ = [
     "Belief",
     "FlatPOMDP",
     "Transition",
+    "belief_of",
     "best_report",
     "build_momdp",
     "flatten",

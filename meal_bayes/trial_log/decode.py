@@ -11,7 +11,7 @@ from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.arrays import freeze
 from meal_bayes.domain import Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.compact import decode_outcomes
 from meal_bayes.trial_log.encode import judgment
@@ -263,7 +263,7 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     counts = message.percept_counts
     counted = _array(counts, replayed.shape, np.int64) if counts else replayed
     log_prob = _array(message.log_prob, (len(replayed), -1))
-    return Belief(message.belief_x, log_prob, counted, momdp.log_truth)
+    return belief_of(momdp, message.belief_x, log_prob, counted)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:

@@ -106,7 +106,7 @@ class TrialEncoder:
         self._edges += len(step.decision.tree)
         self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
         self._check(step_misfits(step, momdp, index))
-        positive = _positive(step.belief)
+        positive = step.belief.positive.tolist()
         replayed = _replays(self._before, step, momdp)
         counts = [] if replayed else step.belief.percept_counts.ravel().tolist()
         data = _bytes(_step(step, momdp, self._number, index, positive, counts))
@@ -157,13 +157,6 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
-def _positive(belief: Belief) -> list[float]:
-    """Compute Pr(attribute is true), (N,); NaN where log-probabilities are not finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        values: list[float] = belief.positive.tolist()
-    return values
-
-
 def _start(trial: Trial, number: int, momdp: int) -> Any:
     task, first = trial.task, trial.first_belief
     return TrialMessage(
@@ -178,7 +171,7 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         truth=trial.truth.tolist(),
         belief_x=first.x,
         log_prob=first.log_prob.ravel().tolist(),
-        positive=_positive(first),
+        positive=first.positive.tolist(),
         percept_counts=first.percept_counts.ravel().tolist() if first.percept_counts.any() else [],
     )
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp.belief import log_odds
 from meal_bayes.trial_log.schema import COUNT_LIMIT, EDGE_LIMIT, NAME_LIMIT
 
 
@@ -65,9 +66,8 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
         yield f"{where} has log_prob of shape {found}, expected {(n, momdp.n_classes)}"
     elif np.isnan(belief.log_prob).any() or not np.isfinite(belief.log_prob.max(axis=1)).all():
         yield f"{where} has weights that are no logarithms of probabilities"
-    shared = belief.log_truth is momdp.log_truth
-    if not (shared or np.array_equal(belief.log_truth, momdp.log_truth)):
-        yield f"{where} has other truths of the latent classes than the MOMDP"
+    elif not np.array_equal(belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True):
+        yield f"{where} has other log-odds than its MOMDP makes of its log-probabilities"
     if belief.percept_counts.shape != (n, e, momdp.levels):
         found = belief.percept_counts.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"

@@ -19,7 +19,7 @@ from meal_bayes.cli.narration import (
 from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.api import ask
-from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 
 
@@ -45,7 +45,7 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
     belief = initial_belief(momdp)
     counts = belief.percept_counts.copy()
     counts[:, action, 0] = seen
-    after = Belief(next_x, belief.log_prob, counts, belief.log_truth)
+    after = replace(belief, x=next_x, percept_counts=counts)
     return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
 
 

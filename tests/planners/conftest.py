@@ -11,7 +11,15 @@ import pytest
 from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import (
+    MOMDP,
+    Belief,
+    Transition,
+    belief_of,
+    build_momdp,
+    initial_belief,
+    update_belief,
+)
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import entry_kernel
@@ -285,7 +293,7 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.latent_classes), axis=1)
-    return Belief(x, log_prob, initial_belief(momdp).percept_counts, momdp.log_truth)
+    return belief_of(momdp, x, log_prob, initial_belief(momdp).percept_counts)
 
 
 @entry_kernel
