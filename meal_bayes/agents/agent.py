@@ -114,7 +114,6 @@ class Agent:
             latent_classes=latent_classes,
             discount=self.discount,
             abstain=self.abstain,
-            counts=knowledge.posterior.counts[columns],
         )
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:

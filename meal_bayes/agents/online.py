@@ -222,6 +222,7 @@ class OnlineLearner:
                 self.perceiver,
                 Streams.of(self.seed, task, self.agent.name),
                 context.dataset.labels[o, self._columns(task)],
+                self.knowledge.posterior.counts[self._columns(task)],
             ),
             agent=self.agent.name,
         )

@@ -19,7 +19,6 @@ class Objective(TypedDict, total=False):
     incorrect: float | None
     discount: float
     abstain: bool
-    counts: ArrayLike
 
 
 def build_momdp(
@@ -50,7 +49,7 @@ def build_momdp(
     limit : (E,) or a number: recordings that can be perceived in one trial.
     latent_classes : (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
     **objective : fields of `MOMDP`: `correct` and `incorrect` (the domain's +-r by default),
-        `discount`, `abstain`, and `counts`.
+        `discount`, and `abstain`.
 
     Raises
     ------

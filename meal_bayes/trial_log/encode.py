@@ -46,8 +46,9 @@ class Packed(NamedTuple):
     data: bytes
 
 
-def encode_momdp(momdp: MOMDP) -> bytes:
-    """Pack a MOMDP, without its number in the file."""
+def encode_momdp(trial: Trial) -> bytes:
+    """Pack a trial's MOMDP and the counts behind it, without its number in the file."""
+    momdp = trial.momdp
     fields = {name: getattr(momdp, name).ravel().tolist() for name in _ARRAYS}
     return _bytes(
         MomdpMessage(
@@ -59,7 +60,7 @@ def encode_momdp(momdp: MOMDP) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
-            row_counts=momdp.counts.ravel().tolist() if momdp.counts.any() else [],
+            row_counts=() if trial.counts is None else trial.counts.ravel().tolist(),
             **fields,
         )
     )

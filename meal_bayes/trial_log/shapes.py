@@ -54,6 +54,11 @@ def start_misfits(trial: Trial) -> Iterator[str]:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
     if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
+    expected = (n, momdp.n_behaviors, 2, momdp.levels)
+    if trial.counts is not None and trial.counts.shape != expected:
+        yield f"counts have shape {trial.counts.shape}, expected {expected}"
+    elif trial.counts is not None and not np.isfinite(trial.counts).all():
+        yield "counts are not finite"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
 
 

@@ -62,9 +62,7 @@ def test_every_outcome_has_its_words(momdp):
 
 
 def test_levels_have_words(momdp):
-    four, six = (
-        replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1)), counts=None) for k in (4, 6)
-    )
+    four, six = (replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1))) for k in (4, 6))
     assert percept_text(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
     assert percept_text(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
 
