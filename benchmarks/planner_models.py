@@ -66,7 +66,7 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     from meal_bayes.datasets import load_percepts  # noqa: PLC0415
 
     table = load_percepts(dataset)
-    columns = [table.domain.attribute_index(name) for name in asked]
+    columns = table.domain.columns(asked)
     posterior = knowledge_without(table, 0, object_level=False).posterior
     confusion, precision = posterior.select(columns, exact=True)
     domain, query = _unasked(table.domain), Query(tuple(asked))

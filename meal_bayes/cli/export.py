@@ -126,7 +126,7 @@ def _query(options: dict[str, Any]) -> "MOMDP":
         counts = held_out_counts(table, 2)
     else:
         counts = table_counts(table, object_index(table.objects, name))
-    columns = [table.domain.attribute_index(attribute) for attribute in query.attributes]
+    columns = table.domain.columns(query.attributes)
     confusion, precision = ConfusionPosterior.from_counts(counts).select(columns, exact=True)
     return build_momdp(table.domain, query, confusion, precision, abstain=True)
 
