@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP, build_momdp
+from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.momdp.reference import load_reference
 
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
@@ -73,7 +73,7 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     kept = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
     return build_momdp(
         domain, query, confusion[:, kept], precision[:, kept],
-        correct=500, incorrect=-500, abstain=True,
+        objective=Objective(correct=500, incorrect=-500, abstain=True),
     )  # fmt: skip
 
 

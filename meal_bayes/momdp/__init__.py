@@ -13,7 +13,7 @@ from meal_bayes.momdp.belief import (
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import build_momdp
+from meal_bayes.momdp.build import Objective, build_momdp
 from meal_bayes.momdp.flat import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.pomdp_file import write_pomdp
@@ -27,6 +27,7 @@ __all__ = [
     "MOMDP",
     "Belief",
     "FlatPOMDP",
+    "Objective",
     "Transition",
     "belief_of",
     "best_report",
