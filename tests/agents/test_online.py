@@ -16,9 +16,8 @@ from meal_bayes.agents import (
     load_agent,
 )
 from meal_bayes.agents.knowledge import knowledge_of
-from meal_bayes.agents.online import with_success
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
-from meal_bayes.domain import Query, load_domain
+from meal_bayes.domain import Query, learn_success, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import ConfusionSampler, Kernels, ScoredPercepts, fit_and_score
@@ -322,13 +321,13 @@ class TestSuccess:
         return effect.probability
 
     def test_no_attempts_leave_the_domain_s(self):
-        learned = with_success(TOY, np.zeros((3, 2), int))
+        learned = learn_success(TOY, np.zeros((3, 2), int))
         assert self.lift(learned) == pytest.approx(0.9)
 
     def test_means_are_those_of_beta_posteriors(self):
         attempts = np.array([[0, 4], [6, 2], [0, 0]])
-        assert self.lift(with_success(TOY, attempts)) == pytest.approx((2 * 0.9 + 2) / 10)
-        assert with_success(TOY, attempts).diagram.effects[0].probability == 1.0
+        assert self.lift(learn_success(TOY, attempts)) == pytest.approx((2 * 0.9 + 2) / 10)
+        assert learn_success(TOY, attempts).diagram.effects[0].probability == 1.0
 
     @pytest.mark.statistical
     def test_true_success_of_one_half_is_learned(self):
