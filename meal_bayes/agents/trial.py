@@ -1,7 +1,9 @@
 """Records of a trial: its task, its steps, what came of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -123,17 +125,22 @@ class Trial:
     @property
     def cost(self) -> float:
         """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
-        return float(sum(step.cost for step in self.steps))
+        return _total(step.cost for step in self.steps)
 
     @property
     def reward(self) -> float:
         """Undiscounted, unshaped return; nan where the truth of a report is not known."""
-        return float(sum(step.reward for step in self.steps))
+        return _total(step.reward for step in self.steps)
 
     @property
     def last_belief(self) -> Belief:
         """The belief when the trial ended."""
         return self.steps[-1].belief if self.steps else self.first_belief
+
+
+def _total(values: Iterable[float]) -> float:
+    """Add in order; `sum` rounds otherwise from Python 3.12 on, and logs hold every bit."""
+    return reduce(add, values, 0.0)
 
 
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:

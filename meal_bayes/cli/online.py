@@ -36,8 +36,12 @@ from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares, 
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from meal_bayes.evaluation import LearningSummary
-    from meal_bayes.trial_log import BatchOutcomes
+    from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
+
+    Training = Callable[[str], list[TrialOutcomes]]
 
 _MOST = 40  # repeats of a run that goes on until it is decided
 
@@ -154,12 +158,12 @@ def online(
             }
         )
     else:
-        _print(output(), results)
+        _print(output(), results, finished.training)
     note(f"trials in {finished.folder}")
     note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
 
-def _print(console: Console, results: "list[BatchOutcomes]") -> None:
+def _print(console: Console, results: "list[BatchOutcomes]", training: "Training") -> None:
     from meal_bayes.evaluation import learning_rows, summarize_learning
 
     rows, summary = learning_rows(results), summarize_learning(results)
@@ -182,7 +186,9 @@ def _print(console: Console, results: "list[BatchOutcomes]") -> None:
     console.print(Text(f"repeats: {repeats}; after the last batch, ECE of the last three", "dim"))
     if len(summary) > 1:
         console.print()
-        console.print(_differences(results, summary, signs_of(console).interval))
+        spread = signs_of(console).interval
+        console.print(_differences(results, summary, spread))
+        console.print(_successes(training, [one.agent for one in summary], spread))
 
 
 def _differences(
@@ -204,6 +210,19 @@ def _differences(
             f"{one.reward_after_difference:+.1f}",
         )
     table.caption = f"{spread}: half of the 90 % interval over repeats"
+    return table
+
+
+def _successes(training: "Training", agents: list[str], spread: str) -> Table:
+    """Return a table of differences in training's successes within budgets (Eq. 7)."""
+    from meal_bayes.evaluation.learning import BUDGETS, success_difference
+
+    names = (f"in {budget:g} h" for budget in BUDGETS)
+    table = _narrow(new_table(f"successes less {agents[0]}'s", *names))
+    for name in agents[1:]:
+        found = [success_difference(training, name, agents[0], 3600 * h) for h in BUDGETS]
+        table.add_row(name, *(_with_reach(at.estimate, at.high, spread) for at in found))
+    table.caption = "of training trials, none of those that pass the budget (Eq. 7)"
     return table
 
 

@@ -42,8 +42,6 @@ from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
-_ROUNDING = 1e-9  # sums of floats differ from one Python to the next
-
 
 class _Known(NamedTuple):
     momdp: MOMDP
@@ -53,7 +51,7 @@ class _Known(NamedTuple):
 
 @dataclass
 class TrialBuilder:
-    """Puts the messages of a file together again and counts what they hold."""
+    """Assembles trials from the messages of a file, and counts what they hold."""
 
     header: dict[str, object] | None = None
     read: End = End()  # noqa: RUF009  immutable
@@ -92,7 +90,7 @@ class TrialBuilder:
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
         if end is None:
             raise LogCorruptError("the closing record of the writer is missing")
-        if not np.allclose(self.read, end, rtol=_ROUNDING, atol=0.0):
+        if self.read != end:
             raise LogCorruptError(
                 f"the trials are not those that were written ({self.read}, {end})"
             )
@@ -146,8 +144,9 @@ class TrialBuilder:
         messages = (_parse(StepMessage, step) for step in steps)
         trial = _trial(begin, messages, outcome, known)
         found = (judgment(trial), trial.cost, trial.reward)
-        written = (outcome.success, outcome.cost, outcome.reward)
-        if not np.allclose(found, written, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True):
+        if not np.array_equal(
+            found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
+        ):
             raise LogCorruptError(f"the outcome of trial {begin.trial} is not that of its steps")
         return begin.trial, trial
 

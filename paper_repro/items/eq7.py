@@ -43,7 +43,7 @@ def run(setting: Setting) -> Result:
             evidence[protocol] |= found
             compared[f"{title}, {protocol}"] = runs
     rows: list[tuple[Cell, ...]] = [
-        (title, agent, *(successes_within(own.success, own.cost, budget) for budget in BUDGETS))
+        (title, agent, *(repeated_successes(own.success, own.cost, budget) for budget in BUDGETS))
         for title, runs in compared.items()
         for agent, own in runs.items()
     ]
@@ -72,7 +72,9 @@ def run(setting: Setting) -> Result:
     )
 
 
-def successes_within(success: NDArray[np.float64], cost: NDArray[np.float64], budget: float) -> int:
+def repeated_successes(
+    success: NDArray[np.float64], cost: NDArray[np.float64], budget: float
+) -> int:
     """Count successes of trials whose summed costs stay below a budget (Eq. 7).
 
     Trials come in their order, and again when all are done; those that cost nothing at all once.
@@ -122,7 +124,7 @@ def figure(runs: Mapping[str, Columns]) -> canvas.Axes:
     lines = [
         plots.Series(
             agent, hours,
-            np.array([successes_within(one.success, one.cost, 3600 * h) for h in hours], float),
+            np.array([repeated_successes(one.success, one.cost, 3600 * h) for h in hours], float),
         )
         for agent, one in runs.items()
     ]  # fmt: skip

@@ -1,20 +1,14 @@
 """`run online`: one JSON object, a table, one line for what is wrong, nothing done twice."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from meal_bayes.evaluation.learning import LearningRow, LearningSummary
 from meal_bayes.trial_log import log_info
 
-ROW = [
-    "agent", "repeat", "batch", "hours", "accuracy", "reward", "ece", "accuracy_se", "test_cost_s",
-    "nll", "claimed_accuracy",
-]  # fmt: skip
-SUMMARY = [
-    "agent", "area_hours", "area_reward_difference", "area_low", "area_high", "reward_after",
-    "reward_after_difference", "accuracy_after", "ece_after",
-]  # fmt: skip
 VARIANTS = dict.fromkeys(("shaped_test", "sample_wise", "joint_label", "model_percepts"), False)
 SMALL = ("--batches", "2", "--trials", "4")
 
@@ -45,13 +39,13 @@ def test_json_is_one_object_with_every_field(run, words):
         for batch in (0, 1, 2)
     ]
     for row in told["rows"]:
-        assert list(row) == ROW
+        assert list(row) == [field.name for field in fields(LearningRow)]
         assert 0 <= row["accuracy"] <= 1
         assert 0 <= row["claimed_accuracy"] <= 1
         assert (row["hours"] == 0) == (row["batch"] == 0)
     assert [row["agent"] for row in told["summary"]] == config["agents"]
     for row in told["summary"]:
-        assert list(row) == SUMMARY
+        assert list(row) == [field.name for field in fields(LearningSummary)]
     reference = told["summary"][0]
     assert reference["area_reward_difference"] == reference["reward_after_difference"] == 0
     forms = [(p.name[3:-5], log_info(p).form) for p in Path("logs").rglob("*.mcap")]
@@ -82,8 +76,9 @@ def test_the_table_fits_and_names_the_log(run, words):
 
 def test_differences_of_several_repeats_have_intervals(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
-    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
-    assert row.count("±") + row.count("+-") == 1
+    rows = [line for line in result.stdout.splitlines()[5:] if line.startswith("iterative")]
+    reward, successes = (row.count("±") + row.count("+-") for row in rows)
+    assert (reward, successes) == (1, 4)  # of the mean over hours; in each budget
     assert "nan" not in result.stdout
 
 

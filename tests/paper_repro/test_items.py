@@ -97,8 +97,14 @@ def test_eq_7_judges_successes_within_a_budget(kind, lead):
 
 def test_successes_are_counted_while_the_budget_lasts():
     success, cost = np.array([1.0, 0.0, 1.0, 1.0]), np.array([10.0, 10.0, 10.0, 10.0])
-    assert [eq7.successes_within(success, cost, b) for b in (5, 15, 35, 40, 75)] == [0, 1, 2, 3, 5]
-    assert eq7.successes_within(success, np.zeros(4), 60) == 3
+    assert [eq7.repeated_successes(success, cost, b) for b in (5, 15, 35, 40, 75)] == [
+        0,
+        1,
+        2,
+        3,
+        5,
+    ]
+    assert eq7.repeated_successes(success, np.zeros(4), 60) == 3
 
 
 @pytest.mark.parametrize(("kind", "more"), kinds(1.0, -1.0, 0.0))

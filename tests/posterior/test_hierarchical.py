@@ -124,7 +124,7 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     found = fit_hierarchical(
-        counts, **names, sampling=Sampling(1000, tune=500, chains=2, cores=1, seed=4),
+        counts, **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
@@ -135,11 +135,11 @@ def test_nuts_draws_what_the_grid_integrates():
     (mean, s), (exact_mean, exact_s) = found.rows(), exact.rows()
     assert found.behaviors == ("look", "lift")
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
-    np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.1)
+    np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
     np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
     assert found.others["tau"][0] == ("behavior", "truth")
-    assert not steps or steps[-1] == (3000, 3000)  # nutpie has a bar of its own
+    assert not steps or steps[-1] == (5000, 5000)  # nutpie has a bar of its own
     posterior = found.posterior(counts)
     assert posterior.mean.shape == (4, 3, 2, 2)
     np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))

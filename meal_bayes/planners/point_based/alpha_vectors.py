@@ -39,7 +39,7 @@ class AlphaVectors:
 
 @dataclass(frozen=True, slots=True)
 class AlphaVectorPolicy:
-    """Takes the first action of the best plan.
+    """Policy that starts the best plan of several, each an alpha vector.
 
     Reports need no vector, as their value is exact. The vectors of illegal behaviors are left out,
     unless the MOMDP lets a planner abstain and they end the trial. A behavior that keeps x and
