@@ -150,7 +150,8 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     query = Query(domain.attributes[:1])
     momdp = build_momdp(
         domain, query, np.full((1, e, 2, 2), 0.5), np.inf,
-        objective=Objective(correct=reward, incorrect=-reward, discount=discount), )  # fmt: skip
+        objective=Objective(correct=reward, incorrect=-reward, discount=discount),
+    )  # fmt: skip
     prior = np.repeat(knowledge.base_rates, 1 + e)
     values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
     return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))

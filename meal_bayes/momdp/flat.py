@@ -137,7 +137,7 @@ def reward_table(momdp: MOMDP, n_y: int) -> NDArray[np.float64]:
     agrees = (truth[:, None] == truth).astype(float)  # (Y,Y,N) report against truth
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     for x in range(momdp.terminal):
-        likeliest = momdp.transition[:, x].argmax(axis=1)  # x'; one alone, where not legal
+        likeliest = momdp.transition[:, x].argmax(axis=1)  # x', the only one where it is illegal
         cost = [momdp.step_cost(x, e, to) for e, to in enumerate(likeliest)]
         reward[x, :, : momdp.n_behaviors] = np.where(momdp.legal[x], bonus, 0.0) - cost
         reward[x, :, momdp.n_behaviors :] = momdp.report_reward(agrees)
