@@ -28,7 +28,13 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import report_misfits, size_misfits, start_misfits, step_misfits
+from meal_bayes.trial_log.shapes import (
+    odds_misfits,
+    report_misfits,
+    size_misfits,
+    start_misfits,
+    step_misfits,
+)
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -96,6 +102,7 @@ class TrialEncoder:
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
         self._check(start_misfits(trial))
+        self._check(odds_misfits(trial.first_belief, trial.momdp))
         self._check(size_misfits(0, 0, trial.first_belief.percept_counts.size))
         self._trial, self._before = trial, trial.first_belief
         start = _bytes(_start(trial, self._number, self._momdp))
@@ -107,6 +114,7 @@ class TrialEncoder:
         self._edges += len(step.decision.tree)
         self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
         self._check(step_misfits(step, momdp, index))
+        self._check(odds_misfits(step.belief, momdp))
         positive = step.belief.positive.tolist()
         replayed = _replays(self._before, step, momdp)
         counts = [] if replayed else step.belief.percept_counts.ravel().tolist()

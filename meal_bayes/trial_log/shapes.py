@@ -71,11 +71,15 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
         yield f"{where} has log_prob of shape {found}, expected {(n, momdp.n_classes)}"
     elif np.isnan(belief.log_prob).any() or not np.isfinite(belief.log_prob.max(axis=1)).all():
         yield f"{where} has weights that are no logarithms of probabilities"
-    elif not np.array_equal(belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True):
-        yield f"{where} has other log-odds than its MOMDP makes of its log-probabilities"
     if belief.percept_counts.shape != (n, e, momdp.levels):
         found = belief.percept_counts.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"
+
+
+def odds_misfits(belief: Belief, momdp: MOMDP) -> Iterator[str]:
+    """Yield whether a belief has other log-odds than a reader computes."""
+    if not np.array_equal(belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True):
+        yield "a belief has other log-odds than its MOMDP makes of its log-probabilities"
 
 
 def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
