@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.agents import Environment, Streams, Task, run_trial, truth_of
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import CheckedRobot, Outcome, RecordedRobot
 
@@ -146,7 +146,9 @@ class TestAWholeTrial:
     ("report", "right"), [((1, 0), True), ((0, 0), False), ((1, 1), False), ((0, 1), False)]
 )
 def test_reports_are_right_in_every_attribute_or_wrong(report, right):
-    momdp = momdp_of(correct=300.0, incorrect=-200.0)
+    momdp = momdp_of(
+        objective=Objective(correct=300.0, incorrect=-200.0),
+    )
     trial = trial_of(momdp, Script(momdp, report=report))
     assert trial.success == right
     assert trial.reward == (300.0 if right else -200.0)

@@ -7,7 +7,14 @@ import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import (
+    MOMDP,
+    Objective,
+    Transition,
+    build_momdp,
+    initial_belief,
+    update_belief,
+)
 from meal_bayes.planners import (
     POMCP,
     Decision,
@@ -151,12 +158,13 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
 def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
     domain = load_domain(name)
-    hard = {"precision": 4.0, "n_classes": 2, "discount": 1.0}
+    hard = {"precision": 4.0, "n_classes": 2}
     for seed, solver in enumerate(solvers(domain)):
         for options in (
             (hard, {}) if isinstance(solver, POMCP | OpenLoop) else ((hard, {})[seed % 2],)
         ):
-            both = options | {"abstain": seed % 3 == 0, "limit": LIMIT, "prior": 0.3}
+            goal = Objective(discount=1.0 if options else 0.99, abstain=seed % 3 == 0)
+            both = options | {"limit": LIMIT, "prior": 0.3, "objective": goal}
             follow(momdp_of(domain, n, levels, seed, **both), solver, seed)
 
 
@@ -165,7 +173,11 @@ def test_offline_solvers(name: str, n: int, levels: int) -> None:
     domain = load_domain(name)
     for seed, solver in enumerate(offline_solvers()):
         for abstain in (False, True):
-            options = {"abstain": abstain, "limit": (LIMIT, np.inf)[abstain], "prior": 0.3}
+            options = {
+                "limit": (LIMIT, np.inf)[abstain],
+                "prior": 0.3,
+                "objective": Objective(abstain=abstain),
+            }
             follow(momdp_of(domain, n, levels, seed, **options), solver, seed)
 
 
@@ -191,7 +203,13 @@ def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
     query = Query(domain.attributes[:2])
     for confusion, prior in ((deciding, 0.5), (mixed, [0.5, 1.0]), (mixed, [1.0, 0.0])):
         momdp = build_momdp(
-            domain, query, confusion, precision, prior=prior, limit=LIMIT, abstain=abstain
+            domain,
+            query,
+            confusion,
+            precision,
+            prior=prior,
+            limit=LIMIT,
+            objective=Objective(abstain=abstain),
         )
         known = np.isinf(precision)
         for seed, solver in enumerate([*solvers(domain), *offline_solvers() * bool(known)]):
@@ -207,7 +225,9 @@ def test_deciding_percepts_of_objects_that_may_deceive() -> None:
 
 def test_certain_reports_are_right() -> None:
     domain = load_domain("roc36")
-    momdp = momdp_of(domain, 3, 2, 0, prior=[1.0, 0.0, 1.0], abstain=True, limit=LIMIT)
+    momdp = momdp_of(
+        domain, 3, 2, 0, prior=[1.0, 0.0, 1.0], objective=Objective(abstain=True), limit=LIMIT
+    )
     for solver in (Greedy(), OpenLoop(), POMCP(0), POMCP(12), *offline_solvers()):
         rng = np.random.default_rng(0)
         action = solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng).action
@@ -218,7 +238,7 @@ def test_certain_reports_are_right() -> None:
 def test_used_up_recordings(name: str) -> None:
     """Every percept has been had: whatever is decided tells nothing more, so values report."""
     domain = load_domain(name)
-    momdp = momdp_of(domain, 1, 2, 3, limit=0, discount=1.0)
+    momdp = momdp_of(domain, 1, 2, 3, limit=0, objective=Objective(discount=1.0))
     momdp = replace(momdp, limit=np.zeros(momdp.n_behaviors))  # a person's answers too
     for x in range(momdp.terminal):
         history = History(initial_belief(momdp).at(x))
@@ -263,7 +283,7 @@ def odd_domains() -> list[Domain]:
 def test_odd_domains(limit: float, discount: float) -> None:
     for domain in odd_domains():
         for abstain in (False, True):
-            options = {"limit": limit, "discount": discount, "abstain": abstain}
+            options = {"limit": limit, "objective": Objective(discount=discount, abstain=abstain)}
             for seed, solver in enumerate(solvers(domain)):
                 n = 1 + seed % len(domain.attributes)
                 follow(momdp_of(domain, n, 2, seed, **options), solver, seed)
@@ -272,7 +292,7 @@ def test_odd_domains(limit: float, discount: float) -> None:
 @pytest.mark.parametrize("n", [5, 81])
 def test_large_queries(n: int) -> None:
     domain = load_domain("ispy32")
-    momdp = momdp_of(domain, n, 2, 5, limit=LIMIT, abstain=True)
+    momdp = momdp_of(domain, n, 2, 5, limit=LIMIT, objective=Objective(abstain=True))
     for seed, solver in enumerate(solvers(domain)):
         follow(momdp, solver, seed, steps=2)
 

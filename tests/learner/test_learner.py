@@ -53,7 +53,9 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
                 told.pop(number, None)
                 told[number] = values  # the later word holds
             posterior = learner.knowledge().posterior
-            np.testing.assert_array_equal(posterior.evidence, learner.source.instances)
+            np.testing.assert_array_equal(
+                posterior.counts.sum(axis=(2, 3)), learner.source.instances
+            )
             labels = {"cup 3": {"red": True, "full": True}}  # a training object's are known
             for n, value in told.items():
                 labels.setdefault(trials[n].task.object_name, {}).update(value)
@@ -151,7 +153,7 @@ def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     assert momdp.n_classes == len(knowledge.trait.points)
     np.testing.assert_array_equal(momdp.prior, [5 / 10, 7 / 14])
     known = labels[:, 0] >= 0
-    counted = knowledge.posterior.evidence[0, 0]
+    counted = knowledge.posterior.counts[0, 0].sum()
     assert counted == known.sum() * dataset.recordings
 
 

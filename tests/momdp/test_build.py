@@ -5,7 +5,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import build_momdp
+from meal_bayes.momdp import Objective, build_momdp
 
 
 def uninformed(name, n, levels=2, **options):
@@ -30,7 +30,11 @@ def test_states_of_the_paper(name, n, states):
 
 def test_rewards_are_the_domains_unless_told():
     assert (uninformed("cy101", 1).correct, uninformed("cy101", 1).incorrect) == (300.0, -300.0)
-    momdp = uninformed("cy101", 1, correct=10, incorrect=-20)
+    momdp = uninformed(
+        "cy101",
+        1,
+        objective=Objective(correct=10, incorrect=-20),
+    )
     assert (momdp.correct, momdp.incorrect) == (10, -20)
 
 
@@ -129,7 +133,11 @@ def test_wrong_latent_classes_are_refused(latent_classes, says):
 
 
 def test_reports_are_paid_all_or_nothing():
-    momdp = uninformed("toy", 2, correct=30.0, incorrect=-10.0)
+    momdp = uninformed(
+        "toy",
+        2,
+        objective=Objective(correct=30.0, incorrect=-10.0),
+    )
     right = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.5, 0.8]])
     np.testing.assert_allclose(momdp.report_reward(right), [30.0, -10.0, -10.0, 6.0])
 
@@ -153,14 +161,13 @@ def test_arrays_cannot_be_written_to():
         ({"prior": 1.5}, r"prior must lie in \[0, 1\]"),
         ({"prior": np.nan}, r"prior must lie in \[0, 1\]"),
         ({"precision": 0.0}, "precision must be above 0"),
-        ({"discount": 0.0}, "Need 0 < discount <= 1"),
-        ({"correct": -9, "incorrect": 9}, "correct >= incorrect"),
-        ({"correct": np.inf}, "correct must be finite"),
-        ({"incorrect": -np.inf}, "incorrect must be finite"),
-        ({"incorrect": np.nan}, "incorrect must be finite"),
+        ({"objective": Objective(discount=0.0)}, "Need 0 < discount <= 1"),
+        ({"objective": Objective(correct=-9, incorrect=9)}, "correct >= incorrect"),
+        ({"objective": Objective(correct=np.inf)}, "correct must be finite"),
+        ({"objective": Objective(incorrect=-np.inf)}, "incorrect must be finite"),
+        ({"objective": Objective(incorrect=np.nan)}, "incorrect must be finite"),
         ({"limit": -1}, "0 or more"),
         ({"limit": np.nan}, "0 or more"),
-        ({"counts": np.full((2, 3, 2, 2), np.nan)}, "counts must be finite"),
         ({"levels": 3}, "an even number"),
     ],
 )

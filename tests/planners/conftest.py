@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp.belief import belief_of
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import entry_kernel
@@ -79,9 +81,8 @@ def random_toy(
         precision = precision[:, :, swapped] if finite else np.inf
         error = np.broadcast_to(mistaken, (n,))[:, None]
         classes = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
-    query = Query(domain.attributes[:n])
     options |= {"prior": prior, "latent_classes": classes}
-    return build_momdp(domain, query, confusion, precision, **options)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, precision, **options)
 
 
 def random_momdp(
@@ -273,7 +274,7 @@ def noisy_roc36(n: int) -> MOMDP:
         attribute: {row["name"]: (row["tpr"][i], row["fpr"][i]) for row in rows if "tpr" in row}
         for i, attribute in enumerate(domain.attributes[:n])
     }
-    return momdp_of(domain, rates, abstain=True)
+    return replace(momdp_of(domain, rates), abstain=True)
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
@@ -285,7 +286,7 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.latent_classes), axis=1)
-    return Belief(x, log_prob, initial_belief(momdp).percept_counts, momdp.log_truth)
+    return belief_of(momdp, x, log_prob, initial_belief(momdp).percept_counts)
 
 
 @entry_kernel

@@ -9,6 +9,7 @@ from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import (
+    Objective,
     Transition,
     initial_belief,
     report_value,
@@ -49,7 +50,7 @@ class TestAgainstTheOptimum:
     @pytest.mark.parametrize("problem", PROBLEMS)
     @pytest.mark.parametrize("simulations", [30, 300, 3000])
     def test_the_value_approaches_it_from_below(self, small, solved, problem, abstain, simulations):
-        momdp, _, best = solved(problem, abstain=abstain)
+        momdp, _, best = solved(problem, objective=Objective(abstain=abstain))
         value = small.best_value(small.search(momdp, simulations))
         assert value <= best + 1e-9
         assert value >= best - 55 / np.sqrt(simulations)  # of 200 between right and wrong
@@ -63,7 +64,7 @@ class TestAgainstTheOptimum:
 
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_without_discount(self, small, solved, problem):
-        momdp, _, best = solved(problem, discount=1.0)
+        momdp, _, best = solved(problem, objective=Objective(discount=1.0))
         value = small.best_value(small.search(momdp, 3000))
         assert best - 3.0 <= value <= best + 1e-9
 

@@ -8,7 +8,7 @@ from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, best_report, initial_belief, update_belief
 from meal_bayes.planners import Decision, Greedy
 
 EPISODES = 500
@@ -20,7 +20,7 @@ PROBLEMS = {
     "six classes": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
     "shared classes": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
     "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
-    | {"discount": 1.0},
+    | {"objective": Objective(discount=1.0)},
 }
 
 
@@ -106,7 +106,7 @@ def test_rows_are_drawn_once_an_episode(small):
 
 
 def test_who_abstains_pays_for_what_he_does_and_gets_no_reward(small):
-    momdp = small.toy(**PROBLEMS["independent"], abstain=True)
+    momdp = small.toy(**PROBLEMS["independent"], objective=Objective(abstain=True))
     found = run(momdp, Gather(momdp, 1, leaves=True), 200)
     left = found.abstained
     assert 0 < left.sum() < 200

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meal_bayes.momdp import Objective
 from meal_bayes.planners import History
 from meal_bayes.planners.pomcp.certain import certain_behavior
 
@@ -20,7 +21,9 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
 
 
 @pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.long)])
-@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
+@pytest.mark.parametrize(
+    "options", [{}, {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}]
+)
 def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds):
     found = 0
     for seed in seeds:

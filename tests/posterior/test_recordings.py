@@ -23,7 +23,7 @@ def repeats_nll(posteriors, table, columns, exact):
         truth = table.labels[o, columns] == 1
         others = (np.delete(table.labels, o, axis=0)[:, columns] == 1).mean(axis=0)
         log_odds = np.tile(np.log(others / (1 - others)), (len(sensing), 1)).T  # (N,E)
-        confusion, precision = posterior.select(columns, exact=exact, believe_inverted=True)
+        confusion, precision = posterior.mean[columns], posterior.precision[columns]
         hits = yes[o].T[np.ix_(columns, sensing)]
         for value, sign in ((1, 1), (0, -1)):
             m, s = confusion[:, sensing, value, 1], precision[:, sensing, value]

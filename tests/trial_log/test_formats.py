@@ -42,14 +42,14 @@ def test_a_log_of_an_earlier_format_is_refused_in_one_clear_line(read, version):
 
 def test_counts_come_back(make, tmp_path):
     (trial,) = make.trials(1, 5)
-    shape = trial.momdp.counts.shape
+    shape = (2, trial.momdp.n_behaviors, 2, trial.momdp.levels)
     counts = np.arange(np.prod(shape), dtype=float).reshape(shape)
-    trial = dataclasses.replace(trial, momdp=dataclasses.replace(trial.momdp, counts=counts))
+    trial = dataclasses.replace(trial, counts=counts)
     path = tmp_path / "a.mcap"
     write_trials(path, [trial], header={})
     (back,) = read_trials(path)
     assert make.equal(back, trial)
-    assert (back.momdp.counts == counts).all()
+    assert (back.counts == counts).all()
 
 
 def test_unknown_truth_warnings_and_the_end_come_back(make, tmp_path):
