@@ -222,6 +222,10 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
     if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
         raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
+    if len(begin.truth) != len(momdp.query):  # before they are copied: there may be millions
+        raise LogCorruptError(
+            f"trial {begin.trial} has {len(begin.truth)} truths, expected {len(momdp.query)}"
+        )
     belief = _belief(begin, nothing, momdp)
     first, steps, edges = belief, list[Step](), 0
     for index, message in enumerate(messages):
