@@ -160,7 +160,7 @@ def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
 def measure(name: str, pairs: str) -> tuple[list[dict[str, Any]], float]:
     """Measure one data set: rows, and CPU seconds of learning all folds of the default."""
     table = load_percepts(name)
-    columns = [table.domain.attribute_index(attribute) for attribute in askable(table)]
+    columns = table.domain.columns(askable(table))
     start = time.process_time()
     for o in range(len(table.objects)):
         knowledge_without(table, o, levels=LEVELS[DEFAULT])

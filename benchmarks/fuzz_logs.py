@@ -52,7 +52,7 @@ def logs(log: "Log") -> Iterator[Case]:
     }
     for name, value in arrays.items():
         yield case(f"long {name}", log.changing(_long(schema.STEP, name, value, 900_000)))
-    yield case("long truth", log.changing(_long(schema.TRIAL, "truth", True, 7_000_000)))
+    yield case("long truth", log.changing(_long(schema.TRIAL, "truth", 1, 7_000_000)))
     yield case("long legal", log.changing(_long(schema.MOMDPS, "legal", True, 7_000_000)))
     for edges, steps in ((100_000, 1), (60_000, 8)):
         yield case(f"{edges} edges, {steps} steps", log.changing(_edges(edges), steps))
@@ -287,7 +287,7 @@ def _wide(n: int) -> Any:
             assert e
         elif topic == schema.TRIAL:
             message.attributes[:] = names
-            message.truth[:] = [True] * n
+            message.truth[:] = [1] * n
             message.log_prob[:] = list(message.log_prob[:2]) * n
         elif topic == schema.STEP:
             message.log_prob[:] = list(message.log_prob[:2]) * n

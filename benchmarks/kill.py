@@ -3,10 +3,12 @@
 Each round starts the same command twice at once on one new folder of logs, each with two processes,
 kills both at random moments (one by SIGKILL, one by SIGTERM), waits that all their children are
 gone, and starts both again until they end. The tables that they print and all logs must equal
-those of one run that nobody disturbed, byte for byte.
+those of one run that nobody disturbed, byte for byte. `--kills 5 --at-once 1` kills one run five
+times in a row; `--cluster` kills one of the two workers of a Dask cluster instead, in mid-run.
 
     python benchmarks/kill.py --rounds 50
-    python benchmarks/kill.py --rounds 5 --kind online --root FOLDER_OF_RECORDINGS --json
+    python benchmarks/kill.py --rounds 10 --kind online --root FOLDER --kills 5 --at-once 1
+    python benchmarks/kill.py --rounds 5 --kind online --root FOLDER --cluster --json
 """
 
 import argparse
@@ -20,25 +22,60 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 PATIENCE = 5.0  # s until nothing of a killed command may run
-LONGEST = 600.0  # s of one undisturbed command
+LONGEST = 900.0  # s of one undisturbed command
 MARK = "MEAL_BAYES_KILL_ROUND"  # in the environment of all that a round starts
+
+Outcome = tuple[str, dict[str, str]]  # the table of a run, and the digests of its logs by name
+Found = tuple[int, int, list[Outcome]]  # of a round: kills, processes left after them, outcomes
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is run, and how it is disturbed.
+
+    Attributes
+    ----------
+    words : the command without its folder of logs.
+    expected : what a run printed and wrote that nobody disturbed.
+    seconds : that it took.
+    moments : random numbers.
+    kills : times in a row that a command is killed.
+    at_once : commands on one folder.
+    """
+
+    words: list[str]
+    expected: Outcome
+    seconds: float
+    moments: random.Random
+    kills: int = 1
+    at_once: int = 2
 
 
 def main() -> None:
     """Run the rounds and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=50)
-    parser.add_argument("--trials", type=int, default=300, help="of each agent")
+    parser.add_argument("--kills", type=int, default=1, help="of a command, in a row")
+    parser.add_argument("--at-once", type=int, default=2, help="commands on one folder")
+    parser.add_argument("--cluster", action="store_true", help="kill one of two Dask workers")
     parser.add_argument("--kind", choices=["offline", "online"], default="offline")
+    parser.add_argument("--trials", type=int, help="of each agent, or of a batch of it")
     parser.add_argument("--root", help="recordings of an online run")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = measure(command(options), options.rounds, random.Random(options.seed))
+    words = command(options)
+    expected, seconds = undisturbed([*words, "--jobs", "2"])
+    plan = Plan(
+        words, expected, seconds, random.Random(options.seed), options.kills, options.at_once
+    )
+    found = measure(plan, options.rounds, round_on_cluster if options.cluster else round_here)
     if options.json:
         print(json.dumps(found))
         return
@@ -47,30 +84,38 @@ def main() -> None:
 
 
 def command(options: argparse.Namespace) -> list[str]:
-    """Make the command line, but its folder of logs."""
-    words = [sys.executable, "-m", "meal_bayes", "run", options.kind, "--jobs", "2", "--json"]
+    """Return the command line, but its folder of logs and its workers."""
+    words = [sys.executable, "-m", "meal_bayes", "run", options.kind, "--json"]
     if options.kind == "offline":
-        return [*words, "--trials", str(options.trials), "--agent", "random,predefined_plus"]
-    words += ["--trials", "6", "--batches", "2", "--repeats", "2", "--agent"]
-    words += ["iterative_random_legal"]
+        trials = options.trials or 300
+        return [*words, "--trials", str(trials), "--agent", "random,predefined_plus"]
+    words += ["--dataset", "cy101", "--agent", "bayes,morc_itrs", "--repeats", "2"]
+    words += ["--batches", "3", "--trials", str(options.trials or 4)]
     return [*words, "--root", options.root] if options.root else words
 
 
-def measure(words: Sequence[str], rounds: int, moments: random.Random) -> dict[str, object]:
-    """Compare rounds with one undisturbed run."""
+def undisturbed(words: list[str]) -> tuple[Outcome, float]:
+    """Run a command that nobody disturbs; return its outcome and its seconds, kernels compiled."""
     with tempfile.TemporaryDirectory() as name:
-        begin = time.perf_counter()
-        expected = outcome(Path(name), run_to_end(words, Path(name)))
-        whole = time.perf_counter() - begin
+        finish(start(words, Path(name), "first"))
+    with tempfile.TemporaryDirectory() as name:
+        begin = time.monotonic()
+        found = finish(start(words, Path(name), "undisturbed"))
+        return outcome(Path(name), found), time.monotonic() - begin
+
+
+def measure(
+    plan: Plan, rounds: int, one_round: Callable[[Plan, Path, str], Found]
+) -> dict[str, object]:
+    """Compare rounds with the undisturbed run."""
     different, left, killed = 0, 0, 0
     for number in range(rounds):
         with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            killed += disturb(words, folder, whole, moments, str(number))
-            left += remaining(str(number))
-            pair = [start(words, folder, str(number)) for _ in range(2)]
-            outcomes = [outcome(folder, finish(one)) for one in pair]
-            different += any(found != expected for found in outcomes)
+            mark, folder = str(number), Path(name)
+            hit, orphans, outcomes = one_round(plan, folder, mark)
+            killed += hit
+            left += orphans + remaining(mark)
+            different += any(found != plan.expected for found in outcomes)
             different += any(folder.rglob("*.active"))  # a draft that nobody needs
         print(f"round {number + 1} of {rounds}: {killed} killed, {different} different, "
               f"{left} left", file=sys.stderr)  # fmt: skip
@@ -79,27 +124,48 @@ def measure(words: Sequence[str], rounds: int, moments: random.Random) -> dict[s
         "killed": killed,
         "different": different,
         "processes_left": left,
-        "undisturbed_s": round(whole, 1),
+        "undisturbed_s": round(plan.seconds, 1),
     }
 
 
-def disturb(
-    words: Sequence[str], folder: Path, whole: float, moments: random.Random, mark: str
-) -> int:
-    """Start two commands and kill them at random moments; returns how many still ran."""
-    pair = [start(words, folder, mark) for _ in range(2)]
-    ends = sorted(moments.uniform(0.0, 1.5 * whole) for _ in pair)
-    begin, killed = time.monotonic(), 0
-    for one, end, kind in zip(pair, ends, (signal.SIGKILL, signal.SIGTERM), strict=True):
+def round_here(plan: Plan, folder: Path, mark: str) -> Found:
+    """Kill the commands as often as planned, then run them to their end."""
+    words, signals = [*plan.words, "--jobs", "2"], cycle((signal.SIGKILL, signal.SIGTERM))
+    longest = 3.0 * plan.seconds / (plan.kills + 1)  # so that most kills find something to kill
+    killed, left = 0, 0
+    for _ in range(plan.kills):
+        group = [start(words, folder, mark) for _ in range(plan.at_once)]
+        ends = sorted(plan.moments.uniform(0.0, longest) for _ in group)
+        begin = time.monotonic()
+        for one, end, kind in zip(group, ends, signals, strict=False):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                one.wait(max(0.0, begin + end - time.monotonic()))
+            killed += one.poll() is None
+            one.send_signal(kind)
+            one.wait()
+        left += remaining(mark)
+    group = [start(words, folder, mark) for _ in range(plan.at_once)]
+    return killed, left, [outcome(folder, finish(one)) for one in group]
+
+
+def round_on_cluster(plan: Plan, folder: Path, mark: str) -> Found:
+    """Kill one of two workers while it works; the other, and the one that replaces it, go on."""
+    from dask.distributed import LocalCluster  # noqa: PLC0415  an extra
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        address, states = cluster.scheduler_address, cluster.scheduler.workers
+        one = start([*plan.words, "--cluster", address], folder, mark)
+        while one.poll() is None and not all(state.processing for state in states.values()):
+            time.sleep(0.1)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            one.wait(max(0.0, begin + end - time.monotonic()))
-        killed += one.poll() is None
-        one.send_signal(kind)
-        one.communicate()
-    return killed
+            one.wait(plan.moments.uniform(0.0, plan.seconds / 2))
+        victim = plan.moments.choice(list(cluster.workers.values()))
+        killed = bool(states[victim.worker_address].processing)
+        os.kill(victim.pid, signal.SIGKILL)
+        return int(killed), 0, [outcome(folder, finish(one))]
 
 
-def start(words: Sequence[str], folder: Path, mark: str) -> "subprocess.Popen[str]":
+def start(words: list[str], folder: Path, mark: str) -> "subprocess.Popen[str]":
     """Start a command on a folder of logs."""
     return subprocess.Popen(
         [*words, "--logs", str(folder)], text=True, env={**os.environ, MARK: mark},
@@ -109,21 +175,16 @@ def start(words: Sequence[str], folder: Path, mark: str) -> "subprocess.Popen[st
 
 def finish(process: "subprocess.Popen[str]") -> str:
     """Wait for a command and return its output."""
-    said, told = process.communicate(timeout=LONGEST)
+    printed, errors = process.communicate(timeout=LONGEST)
     if process.returncode:
-        sys.exit(f"a run ended with {process.returncode}: {told[-2000:]}")
-    return said
+        sys.exit(f"a run ended with {process.returncode}: {errors[-2000:]}")
+    return printed
 
 
-def run_to_end(words: Sequence[str], folder: Path) -> str:
-    """Run a command that nobody disturbs."""
-    return finish(start(words, folder, "undisturbed"))
-
-
-def outcome(folder: Path, said: str) -> tuple[str, dict[str, str]]:
+def outcome(folder: Path, printed: str) -> Outcome:
     """Return the table of a run, and the digests of its logs by name."""
-    facts = json.loads(said)
-    facts.pop("log")
+    facts = json.loads(printed)
+    facts.pop("log", None)  # the folder
     for row in facts["rows"]:  # seconds of the clock are no result
         for name in [name for name in row if "seconds" in name]:
             del row[name]

@@ -78,7 +78,6 @@ def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
         precision=momdp.precision[some],
         prior=momdp.prior[some],
         latent_classes=momdp.latent_classes[some],
-        counts=momdp.counts[some],
         bonus=bonus,
     )
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP, build_momdp
+from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.momdp.reference import load_reference
 
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
@@ -66,14 +66,14 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     from meal_bayes.datasets import load_percepts  # noqa: PLC0415
 
     table = load_percepts(dataset)
-    columns = [table.domain.attribute_index(name) for name in asked]
+    columns = table.domain.columns(asked)
     posterior = knowledge_without(table, 0, object_level=False).posterior
     confusion, precision = posterior.select(columns, exact=True)
     domain, query = _unasked(table.domain), Query(tuple(asked))
     kept = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
     return build_momdp(
         domain, query, confusion[:, kept], precision[:, kept],
-        correct=500, incorrect=-500, abstain=True,
+        objective=Objective(correct=500, incorrect=-500, abstain=True),
     )  # fmt: skip
 
 

@@ -17,13 +17,13 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
+from sbc_ranks import coverage, rank_statistics, simulate, uniformity
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.checks import coverage, rank_statistics, simulate, uniformity
 from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.draws import Draws, draw_grid, replicate
 from meal_bayes.seeds import stream

@@ -38,7 +38,7 @@ def main() -> None:
     options = parser.parse_args()
     texts = [file.read_text() for file in options.results] if options.results else [measure()]
     found = {part: result for text in texts for part, result in json.loads(text).items()}
-    draw_moments(options.out / "simulated_arm.png")
+    draw_frames(options.out / "simulated_arm.png")
     draw_curve(found["live"]["curve"], options.out / "simulated_live.png")
     (options.out / PAGE).write_text(page(found), encoding="utf-8")
     print(options.out / PAGE)
@@ -57,7 +57,7 @@ def page(found: dict[str, Any]) -> str:
     answers, difference = found["answers"], found["answers"]["reward_bayes_minus_morc"]
     rows = [row(name, answers[name]) for name in ("bayes", "morc")]
     return TEMPLATE.read_text(encoding="utf-8").format(
-        moments=", ".join(SHOWN),
+        frames=", ".join(SHOWN),
         picture="simulated_arm.png",
         curve="simulated_live.png",
         chance=found["labels"]["accuracy"],
@@ -97,7 +97,7 @@ def learned(agent: str, curve: list[dict[str, float]]) -> str:
     return f"| {agent} | {rewards} | {ends} |"
 
 
-def draw_moments(path: Path) -> None:
+def draw_frames(path: Path) -> None:
     """Draw what the camera sees after some behaviors, at a finer resolution than the robot's."""
     arm = SimulatedArm(draw_object(2, "new", 0), 2, "picture")
     arm.start()

@@ -66,9 +66,12 @@ def running() -> Callable[[int], bool]:
     return is_running
 
 
-@pytest.fixture(scope="session")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Compile the planners' kernels, or load what the test process that came first compiled."""
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compile the planners' kernels, or load what the test process that came first compiled.
+
+    Before any test, or two processes would compile the same at once.
+    """
     with (tmp_path_factory.getbasetemp().parent / "compiling").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         for solver in (Factored(500), OpenLoop(), POMCP(5)):

@@ -53,7 +53,9 @@ def run(code, **options):
             process.kill()
 
 
-@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "kind", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2), (CONTEXT, 2)])
 def test_children_end_with_a_killed_parent(code, count, kind, running, eventually):
     with run(code, stdout=subprocess.PIPE) as parent:

@@ -125,9 +125,9 @@ def test_ask_takes_a_name_a_path_or_a_table(tmp_path):
     assert len(set(costs)) == 1
 
 
-def test_ask_takes_a_recipe_a_reward_and_drawn_percepts():
-    recipe = replace(load_agent("greedy"), name="mine", base_rates=True)
-    trial = meal_bayes.ask("heavy", **{**QUESTION, "agent": recipe}, reward=80.0, percepts="model")
+def test_ask_takes_an_agent_a_reward_and_drawn_percepts():
+    agent = replace(load_agent("greedy"), name="mine", base_rates=True)
+    trial = meal_bayes.ask("heavy", **{**QUESTION, "agent": agent}, reward=80.0, percepts="model")
     assert trial.agent == "mine"
     assert trial.momdp.correct == -trial.momdp.incorrect == 80.0
     assert trial.momdp.prior[0] != 0.5

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
-from meal_bayes.momdp import MOMDP, build_momdp
+from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import Policy, Solver, warm_up
 
 TRUST = 0.99  # Pr(a label that a person gave is right)
@@ -108,13 +108,14 @@ class Agent:
             confusion,
             precision,
             prior=prior,
-            correct=reward,
-            incorrect=None if reward is None else -reward,
+            objective=Objective(
+                correct=reward,
+                incorrect=None if reward is None else -reward,
+                discount=self.discount,
+                abstain=self.abstain,
+            ),
             limit=limit,
             latent_classes=latent_classes,
-            discount=self.discount,
-            abstain=self.abstain,
-            counts=knowledge.posterior.counts[columns],
         )
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:

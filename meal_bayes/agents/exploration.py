@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from meal_bayes.agents.experience import Experience
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.momdp import ITRS, MOMDP, build_momdp, observation_entropy, shape_reward
+from meal_bayes.momdp import ITRS, MOMDP, Objective, build_momdp, observation_entropy, shape_reward
 from meal_bayes.planners import batched_value_iteration
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     query = Query(domain.attributes[:1])
     momdp = build_momdp(
         domain, query, np.full((1, e, 2, 2), 0.5), np.inf,
-        correct=reward, incorrect=-reward, discount=discount,
+        objective=Objective(correct=reward, incorrect=-reward, discount=discount),
     )  # fmt: skip
     prior = np.repeat(knowledge.base_rates, 1 + e)
     values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)

@@ -63,6 +63,7 @@ class Environment:
     perceiver : turns sensor data into percept levels.
     streams : random streams of the trial.
     truth : see `truth_of`; compared with the report only, neither policy nor belief sees it.
+    counts : labeled percepts behind the MOMDP, for the record alone; see `Trial`.
 
     Raises
     ------
@@ -73,6 +74,7 @@ class Environment:
     perceiver: Perceiver
     streams: Streams
     truth: Mapping[str, bool] | ArrayLike | None = None
+    counts: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, CheckedRobot):
@@ -149,7 +151,7 @@ class RunningTrial:
         """Return the trial so far."""
         return Trial(
             self.task, agent, self.momdp, self.first, tuple(self.steps), self.truth, self.report,
-            ended,
+            ended, self.environment.counts,
         )  # fmt: skip
 
     def start(self) -> None:

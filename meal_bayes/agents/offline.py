@@ -123,6 +123,7 @@ class OfflineRunner:
     def environment(self, task: Task) -> Environment:
         """Return the environment of a trial, with random streams of the trial's own."""
         domain = self.table.domain
+        columns = domain.columns(task.query.attributes)
         robot = RecordedRobot(
             domain,
             task.object_index,
@@ -135,7 +136,8 @@ class OfflineRunner:
             CheckedRobot(robot, domain, object_index=task.object_index),
             self._perceiver(task),
             Streams.of(self.seed, task, self.agent.name),
-            self.table.labels[task.object_index, domain.columns(task.query.attributes)],
+            self.table.labels[task.object_index, columns],
+            self.knowledge(task.object_index).posterior.counts[columns],
         )
 
     def _perceiver(self, task: Task) -> Perceiver:

@@ -25,7 +25,7 @@ from meal_bayes.agents.inner_loop import Environment, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
 from meal_bayes.agents.trial import Task, Trial
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
-from meal_bayes.domain import Domain
+from meal_bayes.domain import learn_success
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
     Kernels,
@@ -87,7 +87,7 @@ class OnlineLearner:
         )
         domain = dataset.domain
         if context.learn_success:
-            domain = with_success(domain, experience.attempts)
+            domain = learn_success(domain, experience.attempts)
         knowledge = knowledge_of(
             domain, counts, experience.object_labels, object_level=agent.object_level
         )
@@ -226,24 +226,7 @@ class OnlineLearner:
                 self.perceiver,
                 Streams.of(self.seed, task, self.agent.name),
                 context.dataset.labels[o, self._columns(task)],
+                self.knowledge.posterior.counts[self._columns(task)],
             ),
             agent=self.agent.name,
         )
-
-
-def with_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
-    """Replace success probabilities by the mean of Beta posteriors.
-
-    A behavior's prior is worth two executions at the domain's own probability.
-
-    Parameters
-    ----------
-    attempts : (E,2) legal executions that failed, and that succeeded.
-    """
-    weight = 2.0
-
-    def mean(behavior: str, prior: float) -> float:
-        failed, succeeded = attempts[domain.behavior_index(behavior)]
-        return float((weight * prior + succeeded) / (weight + failed + succeeded))
-
-    return replace(domain, diagram=domain.diagram.succeeding(mean))

@@ -79,6 +79,7 @@ class Trial:
     truth : (N,) 1 true, 0 false, -1 not known.
     report : (N,) bool; None: the agent abstained.
     ended : why the trial was broken off, such as "robot error: ..."; empty: it was not.
+    counts : (N,E,2,K) labeled percepts behind the rows of the MOMDP; None where they are not known.
     """
 
     task: Task
@@ -89,9 +90,12 @@ class Trial:
     truth: NDArray[np.int8]
     report: NDArray[np.bool_] | None
     ended: str = ""
+    counts: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         set_frozen(self, truth=freeze(self.truth, np.int8))
+        if self.counts is not None:
+            set_frozen(self, counts=freeze(self.counts))
         if self.report is not None:
             set_frozen(self, report=freeze(self.report, np.bool_))
 

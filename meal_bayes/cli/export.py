@@ -116,7 +116,7 @@ def _query(options: dict[str, Any]) -> "MOMDP":
     """Build the paper's problem of a query, from all objects or all but one."""
     from meal_bayes.datasets import load_percepts, object_index
     from meal_bayes.domain import read_query
-    from meal_bayes.momdp import build_momdp
+    from meal_bayes.momdp import Objective, build_momdp
     from meal_bayes.perception import table_counts
     from meal_bayes.posterior import ConfusionPosterior
 
@@ -126,9 +126,9 @@ def _query(options: dict[str, Any]) -> "MOMDP":
         counts = held_out_counts(table, 2)
     else:
         counts = table_counts(table, object_index(table.objects, name))
-    columns = [table.domain.attribute_index(attribute) for attribute in query.attributes]
+    columns = table.domain.columns(query.attributes)
     confusion, precision = ConfusionPosterior.from_counts(counts).select(columns, exact=True)
-    return build_momdp(table.domain, query, confusion, precision, abstain=True)
+    return build_momdp(table.domain, query, confusion, precision, objective=Objective(abstain=True))
 
 
 def held_out_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":

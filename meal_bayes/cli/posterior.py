@@ -94,7 +94,7 @@ def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[A
 
     table, levels = load_percepts(config["dataset"]), config["levels"]
     names = [name.strip() for name in (config["attributes"] or "").split(",") if name.strip()]
-    columns = sorted({table.domain.attribute_index(name) for name in names})
+    columns = sorted({*table.domain.columns(names)})
     columns = columns or list(range(len(table.domain.attributes)))
     if config["held_out"] is None:
         counts = held_out_counts(table, levels)

@@ -74,7 +74,7 @@ def _labels(folder: Path, domain: Domain, objects: tuple[str, ...]) -> NDArray[n
     check_labeled(domain, words, "ISPY32")
     labels = table[:, [words.index(attribute) for attribute in domain.attributes]]
     if {"heavy", "light"} <= set(domain.attributes):
-        heavy, light = (domain.attribute_index(word) for word in ("heavy", "light"))
+        heavy, light = domain.columns(("heavy", "light"))
         both = np.flatnonzero(labels[:, heavy] & labels[:, light])
         names = ", ".join(objects[o] for o in both)
         log.info("ispy32: kept objects that are both heavy and light: %s", names)

@@ -68,7 +68,7 @@ def _draw_labels(domain: Domain, objects: int, rng: np.random.Generator) -> NDAr
         if grouped & set(members):
             raise SettingsError(f"Group {name!r} shares attributes with another; expected none.")
         grouped |= set(members)
-        columns = [domain.attribute_index(member) for member in members]
+        columns = domain.columns(members)
         which = rng.permutation(columns)[rng.permutation(objects) % len(columns)]
         labels[np.arange(objects), which] = 1
     for column, attribute in enumerate(domain.attributes):

@@ -1,11 +1,20 @@
-"""How often behaviors succeed, learned from what happened."""
+"""How often behaviors succeed, learned from what happened.
+
+`learn_diagram` learns each arrow from the states before and after. Where a behavior keeps its state
+these do not show whether it failed, but percepts do: `learn_success` learns one rate a behavior.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from meal_bayes.domain.diagram import Effect, TransitionDiagram
+from meal_bayes.domain.domain import Domain
 
 _PSEUDO_COUNT = 0.5  # of each outcome: Jeffreys' prior
+_PRIOR = 2.0  # executions at the domain's own probability
 
 Outcomes = Mapping[tuple[str, str, str], int]  # (state, behavior, state after) -> times
 
@@ -45,3 +54,20 @@ def _learned(arrows: list[Effect], happened: Outcomes) -> list[Effect]:
     counts = {end: _PSEUDO_COUNT + happened.get((state, behavior, end), 0) for end in ends}
     total = sum(counts.values())
     return [replace(arrow, probability=counts[arrow.target] / total) for arrow in arrows]
+
+
+def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
+    """Return the domain with the posterior mean of every behavior's success probability.
+
+    The prior is worth two executions at the domain's own probability.
+
+    Parameters
+    ----------
+    attempts : (E,2) legal executions that failed, and that succeeded.
+    """
+
+    def mean(behavior: str, prior: float) -> float:
+        failed, succeeded = attempts[domain.behavior_index(behavior)]
+        return float((_PRIOR * prior + succeeded) / (_PRIOR + failed + succeeded))
+
+    return replace(domain, diagram=domain.diagram.succeeding(mean))

@@ -84,15 +84,9 @@ def lines(
         return to
 
 
-def learning_curve(
-    series: Sequence[Series],
-    *,
-    x_label: str = "exploration, h",
-    y_label: str = "accuracy",
-    ax: Axes | None = None,
-) -> Axes:
+def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
     """Draw accuracy over the hours of exploration behind it, one line an agent (Figs. 10, 11)."""
-    ax = lines(series, x_label=x_label, y_label=y_label, ax=ax)
+    ax = lines(series, x_label="exploration, h", y_label="accuracy", ax=ax)
     ax.set_ylim(max(ax.get_ylim()[0], -0.02), min(ax.get_ylim()[1], 1.02))
     return ax
 
@@ -102,8 +96,6 @@ def bars(
     names: Sequence[str],
     *,
     y_label: str,
-    reference: Sequence[float] | None = None,
-    reference_name: str = "paper",
     fraction: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
@@ -113,7 +105,6 @@ def bars(
     ----------
     groups : for each color an interval for each name; one group stands without a legend.
     names : under the bars.
-    reference : (names,) numbers to compare with; NaN where there is none.
     fraction : whether y is drawn on 0 to 1.
     """
     with axes_to_draw(ax) as to:
@@ -130,8 +121,6 @@ def bars(
                 at, heights, _reach(found), fmt="none", ecolor="#222222", elinewidth=1.1,
                 capsize=2.5,
             )  # fmt: skip
-        if reference is not None:
-            to.plot(place, reference, "D", mfc="white", mec="black", ms=5, label=reference_name)
         crowded = sum(map(len, names)) > _LETTERS
         turn: dict[str, Any] = (
             {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
@@ -140,7 +129,7 @@ def bars(
         name_axes(to, "", y_label, grid="y")
         if fraction:
             to.set_ylim(0, 1.04)
-        legend(to, (0 if single else len(groups)) + (reference is not None) + 1)
+        legend(to, 1 if single else len(groups) + 1)
         return to
 
 
@@ -209,20 +198,15 @@ def heat_map(
 
 
 def confusion_matrices(
-    confusion: ArrayLike,
-    attributes: Sequence[str],
-    *,
-    sd: ArrayLike | None = None,
-    title: str = "",
-    ax: Axes | None = None,
+    confusion: ArrayLike, attributes: Sequence[str], *, title: str = "", ax: Axes | None = None
 ) -> Axes:
-    """Draw one behavior's matrices (N,2,K), rows = truth, with their sd under the means."""
+    """Draw one behavior's matrices (N,2,K), rows = truth."""
     table = np.asarray(confusion, float)
     n, _, k = table.shape
-    rows, deviation = table.reshape(2 * n, k), None if sd is None else np.reshape(sd, (2 * n, k))
+    rows = table.reshape(2 * n, k)
     with axes_to_draw(ax, height=1.2 + 0.5 * len(rows)) as to:
         image = to.imshow(rows, cmap="viridis", vmin=0, vmax=1, aspect="auto")
-        _numbers(to, rows, image, 2, deviation)
+        _numbers(to, rows, image, 2)
         to.set_xticks(range(k), level_names(k))
         names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
         to.set_yticks(range(len(rows)), names)
@@ -305,7 +289,7 @@ def _reach(found: Sequence[Interval]) -> NDArray[np.float64]:
     return np.asarray(np.nan_to_num(np.clip(ends, 0, None)).T)
 
 
-def _numbers(ax: Axes, table: NDArray[np.float64], image: Any, digits: int, sd: Any = None) -> None:
+def _numbers(ax: Axes, table: NDArray[np.float64], image: Any, digits: int) -> None:
     """Write the numbers into an image, light on dark and dark on light."""
     low, high = image.get_clim()
     small = 8 if table.size <= _CELLS else 6
@@ -313,6 +297,5 @@ def _numbers(ax: Axes, table: NDArray[np.float64], image: Any, digits: int, sd: 
         if not np.isfinite(value):
             continue
         light = value < low + 0.6 * (high - low)
-        text = f"{value:.{digits}f}" + ("" if sd is None else f"\n± {sd[row, column]:.{digits}f}")
-        color = "white" if light else "black"
+        text, color = f"{value:.{digits}f}", "white" if light else "black"
         ax.text(column, row, text, ha="center", va="center", color=color, fontsize=small)

@@ -208,6 +208,7 @@ class Fitted:
                 perceiver,
                 Streams.of(self.seed, task, agent.name),
                 truth,
+                self.knowledge.posterior.counts[columns],
             ),
             agent=agent.name,
             on_step=on_step,

@@ -7,12 +7,13 @@ Out: a `MOMDP`, and the exact factored `Belief` that is filtered in it.
 from meal_bayes.momdp.belief import (
     Belief,
     Transition,
+    belief_of,
     best_report,
     initial_belief,
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import build_momdp
+from meal_bayes.momdp.build import Objective, build_momdp
 from meal_bayes.momdp.flat import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.pomdp_file import write_pomdp
@@ -26,7 +27,9 @@ __all__ = [
     "MOMDP",
     "Belief",
     "FlatPOMDP",
+    "Objective",
     "Transition",
+    "belief_of",
     "best_report",
     "build_momdp",
     "flatten",

@@ -1,6 +1,6 @@
 """The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,32 +33,26 @@ class Transition(NamedTuple):
 class Belief:
     """The information state: x, the evidence on each attribute, and the percepts of this trial.
 
-    Percepts and truth are independent given the latent class, so Pr(truth | class) is constant.
-
     Attributes
     ----------
     x : index of the state.
     log_prob : (N,C) ln Pr(latent class); of false and true in the paper.
     percept_counts : (N,E,K) percepts of this object so far, by level.
-    log_truth : (N,2,C) ln Pr(truth | latent class), the MOMDP's.
+    log_odds : (N,) of the truth, see `belief_of`.
     """
 
     x: int
     log_prob: NDArray[np.float64]
     percept_counts: NDArray[np.int64]
-    log_truth: NDArray[np.float64]
-    _log_odds: NDArray[np.float64] | None = field(
-        default=None, init=False, repr=False, compare=False
-    )  # computed when first asked for
+    log_odds: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         set_frozen(
             self,
             log_prob=freeze(self.log_prob),
             percept_counts=freeze(self.percept_counts, np.int64),
+            log_odds=freeze(self.log_odds),
         )
-        if self.log_truth.flags.writeable:  # else all beliefs of a MOMDP hold the same array
-            set_frozen(self, log_truth=freeze(self.log_truth))
 
     def __repr__(self) -> str:
         """Return the belief in three lines."""
@@ -69,15 +63,7 @@ class Belief:
 
     def at(self, x: int) -> "Belief":
         """Return the same belief at another x."""
-        return Belief(x, self.log_prob, self.percept_counts, self.log_truth)
-
-    @property
-    def log_odds(self) -> NDArray[np.float64]:
-        """Log-odds of the truth, (N,)."""
-        if self._log_odds is None:
-            of_truth = _log_sum(self.log_prob[:, None] + self.log_truth)  # (N,2)
-            set_frozen(self, _log_odds=freeze(of_truth[:, 1] - of_truth[:, 0]))
-        return self._log_odds  # type: ignore[return-value]  # just set
+        return replace(self, x=x)
 
     @property
     def positive(self) -> NDArray[np.float64]:
@@ -121,13 +107,30 @@ def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.logaddexp.reduce(log_prob, axis=-1))
 
 
+def belief_of(
+    momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
+) -> Belief:
+    """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K)."""
+    return Belief(x, log_prob, percept_counts, log_odds(momdp, log_prob))
+
+
+def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the log-odds of the truth, (N,), from ln Pr(latent class), (N,C).
+
+    Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
+    """
+    with np.errstate(invalid="ignore"):  # nan where these are no logarithms of probabilities
+        of_truth = _log_sum(log_prob[:, None] + momdp.log_truth)  # (N,2)
+        return np.asarray(of_truth[:, 1] - of_truth[:, 0])
+
+
 def initial_belief(momdp: MOMDP) -> Belief:
     """Return the belief at the start of a trial: x0, the prior, no percepts."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
     percept_counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return Belief(momdp.start, log_prob, percept_counts, momdp.log_truth)
+    return belief_of(momdp, momdp.start, log_prob, percept_counts)
 
 
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
@@ -168,7 +171,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    return Belief(transition.next_x, log_prob - log_total[:, None], counted, belief.log_truth)
+    return belief_of(momdp, transition.next_x, log_prob - log_total[:, None], counted)
 
 
 def _check(momdp: MOMDP, transition: Transition) -> None:
@@ -193,7 +196,7 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
     total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
-    prob = np.exp(belief.log_prob[:, None] + belief.log_truth)  # (N,2,C) Pr(truth, class)
+    prob = np.exp(belief.log_prob[:, None] + momdp.log_truth)  # (N,2,C) Pr(truth, class)
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 

@@ -1,6 +1,6 @@
 """Build the MOMDP of a query (Alg. 1, l. 1-4): only queried attributes enter."""
 
-from typing import TypedDict, Unpack
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +12,21 @@ from meal_bayes.momdp.model import MOMDP
 Floats = NDArray[np.float64]
 
 
-class Objective(TypedDict, total=False):
-    """Fields of a `MOMDP` that `build_momdp` passes on as they are."""
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """What a planner maximizes.
 
-    correct: float | None
-    incorrect: float | None
-    discount: float
-    abstain: bool
-    counts: ArrayLike
+    Attributes
+    ----------
+    correct, incorrect : r+ and r-, rewards of a right and a wrong report; the domain's by default.
+    discount : factor a step, in planning only.
+    abstain : whether a planner may end a trial by an illegal behavior.
+    """
+
+    correct: float | None = None
+    incorrect: float | None = None
+    discount: float = 0.99
+    abstain: bool = False
 
 
 def build_momdp(
@@ -31,7 +38,7 @@ def build_momdp(
     prior: ArrayLike = 0.5,
     limit: ArrayLike = np.inf,
     latent_classes: ArrayLike | None = None,
-    **objective: Unpack[Objective],
+    objective: Objective | None = None,
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
 
@@ -49,8 +56,7 @@ def build_momdp(
     prior : (N,) or a number, Pr(attribute is true); the paper's is uniform.
     limit : (E,) or a number: recordings that can be perceived in one trial.
     latent_classes : (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
-    **objective : fields of `MOMDP`: `correct` and `incorrect` (the domain's +-r by default),
-        `discount`, `abstain`, and `counts`.
+    objective : by default the domain's rewards, discounted by 0.99 a step.
 
     Raises
     ------
@@ -59,9 +65,7 @@ def build_momdp(
     n, e = len(query), len(domain.behaviors)
     rows, spread, classes = _latent_rows(domain, n, confusion, precision, latent_classes)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
-    arrays, reward = domain.transitions(), domain.report_reward
-    rest = {"correct": reward, "incorrect": -reward}
-    rest |= {name: value for name, value in objective.items() if value is not None}  # type: ignore[misc]
+    arrays, goal, reward = domain.transitions(), objective or Objective(), domain.report_reward
     senses = np.array([behavior.senses for behavior in domain.behaviors])
     return MOMDP(
         query=query,
@@ -78,7 +82,10 @@ def build_momdp(
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),
         limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
-        **rest,  # type: ignore[arg-type]
+        correct=reward if goal.correct is None else goal.correct,
+        incorrect=-reward if goal.incorrect is None else goal.incorrect,
+        discount=goal.discount,
+        abstain=goal.abstain,
     )
 
 

@@ -137,10 +137,9 @@ def reward_table(momdp: MOMDP, n_y: int) -> NDArray[np.float64]:
     agrees = (truth[:, None] == truth).astype(float)  # (Y,Y,N) report against truth
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     for x in range(momdp.terminal):
-        # An illegal behavior that changes nothing is not executed, so it costs nothing.
-        free = ~momdp.legal[x] & (momdp.transition[:, x, x] == 1)
-        reward[x, :, : momdp.n_behaviors] = np.where(free, 0.0, -momdp.cost)
-        reward[x, :, : momdp.n_behaviors] += np.where(momdp.legal[x], bonus, 0.0)
+        likeliest = momdp.transition[:, x].argmax(axis=1)  # x', the only one where it is illegal
+        cost = [momdp.step_cost(x, e, to) for e, to in enumerate(likeliest)]
+        reward[x, :, : momdp.n_behaviors] = np.where(momdp.legal[x], bonus, 0.0) - cost
         reward[x, :, momdp.n_behaviors :] = momdp.report_reward(agrees)
     return np.concatenate([reward.reshape(-1, momdp.n_actions), np.zeros((1, momdp.n_actions))])
 

@@ -42,7 +42,6 @@ class MOMDP:
     limit : (E,) percepts that a trial can have, inf where they never run out.
     discount : factor a step, in planning only.
     abstain : whether a planner may end a trial by an illegal behavior.
-    counts : (N,E,2,K) labeled percepts behind the rows, for display; 0 by default.
     log_truth : (N,2,C) ln Pr(truth | latent class) under the prior.
     """
 
@@ -64,7 +63,6 @@ class MOMDP:
     limit: NDArray[np.float64]
     discount: float = 0.99
     abstain: bool = False
-    counts: NDArray[np.float64] = None  # type: ignore[assignment]  # made in __post_init__
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -74,10 +72,6 @@ class MOMDP:
         ):  # fmt: skip
             set_frozen(self, **{name: freeze(getattr(self, name))})
         set_frozen(self, legal=freeze(self.legal, np.bool_))
-        if self.counts is None:
-            shape = (len(self.query), len(self.behavior_names), 2, *self.confusion.shape[3:])
-            set_frozen(self, counts=np.zeros(shape))
-        set_frozen(self, counts=freeze(self.counts))
         self._check()
         set_frozen(self, log_truth=freeze(self._log_truth()))
 
@@ -101,7 +95,6 @@ class MOMDP:
             "precision": (n, e, c),
             "prior": (n,),
             "latent_classes": (n, 2, c),
-            "counts": (n, e, 2, self.levels),
             "cost": (e,),
             "bonus": (n, e, 2),
             "limit": (e,),
@@ -118,7 +111,7 @@ class MOMDP:
             raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
         if not (self.precision > 0).all():
             raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
-        for name in ("cost", "bonus", "correct", "incorrect", "counts"):
+        for name in ("cost", "bonus", "correct", "incorrect"):
             if not np.isfinite(getattr(self, name)).all():
                 raise SettingsError(f"MOMDP.{name} must be finite; found {getattr(self, name)}.")
         if not ((self.cost >= 0).all() and (self.limit >= 0).all()):

@@ -12,7 +12,7 @@ import numpy as np
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.errors import DataError, DomainError, QueryError, SettingsError
-from meal_bayes.momdp.build import build_momdp
+from meal_bayes.momdp.build import Objective, build_momdp
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.untrusted import JSON_LIMIT, read_bytes, read_json
 
@@ -98,8 +98,10 @@ def _model(model: dict[str, Any]) -> MOMDP:
         domain,
         Query(domain.attributes),
         confusion,
-        correct=float(model["correct"]),
-        incorrect=float(model["incorrect"]),
-        discount=float(model["discount"]),
-        abstain=True,
+        objective=Objective(
+            correct=float(model["correct"]),
+            incorrect=float(model["incorrect"]),
+            discount=float(model["discount"]),
+            abstain=True,
+        ),
     )

@@ -6,7 +6,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
@@ -146,10 +145,6 @@ class Perception:
                 )
         single = {name: np.asarray(values)[None] for name, values in features.items()}
         return round_log_odds(classifier.log_odds(single)[0, columns]).astype(np.float64)
-
-    def probabilities(self, instance: Instance, query: Query) -> Floats:
-        """Return Pr(true) under even prior odds, (N,); NaN where a person answers."""
-        return np.asarray(expit(self.log_odds(instance, query)))
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator

@@ -16,6 +16,7 @@ from meal_bayes.planners.point_based import (
     read_policy,
 )
 from meal_bayes.planners.pomcp import POMCP
+from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
     Decision,
     History,
@@ -25,7 +26,6 @@ from meal_bayes.planners.solver import (
     TreeEdge,
     unvalued,
 )
-from meal_bayes.planners.warm_up import warm_up
 
 __all__ = [
     "PBVI",

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
@@ -155,11 +154,6 @@ class ConfusionPosterior:
         return freeze(row_precision(self.dispersion, self.concentration.sum(axis=-1)))
 
     @property
-    def evidence(self) -> NDArray[np.float64]:
-        """Labelled percepts counted, (P,E): delta x IE of Eq. 10."""
-        return freeze(self.counts.sum(axis=(-1, -2)))
-
-    @property
     def informative(self) -> NDArray[np.bool_]:
         """Whether TPR - FPR > 0, (P,E), in the percepts counted and in the mean.
 
@@ -206,42 +200,26 @@ class ConfusionPosterior:
         weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
         return np.asarray(weight * counts)
 
-    def forget(self, factor: float) -> Self:
-        """Keep this fraction of the evidence, as percepts age when their classifier changes."""
-        if not 0 <= factor <= 1:
-            raise SettingsError(f"forget({factor}): give the fraction to keep, from 0 to 1.")
-        aged = self.prior + factor * (self.concentration - self.prior)
-        return type(self)(self.prior, factor * self.counts, aged, self.dispersion)
-
-    def interval(self, mass: float = 0.95) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the equal-tailed credible interval of each entry's mean, (P,E,2,K) each end."""
-        if not 0 < mass < 1:
-            raise SettingsError(f"interval({mass}): give a probability mass between 0 and 1.")
-        rest = self.concentration.sum(axis=-1, keepdims=True) - self.concentration
-        tail = (1 - mass) / 2
-        lower, upper = (betaincinv(self.concentration, rest, q) for q in (tail, 1 - tail))
-        return freeze(lower), freeze(upper)
-
     def select(
-        self, columns: Sequence[int], *, exact: bool = False, believe_inverted: bool = False
+        self, columns: Sequence[int], *, exact: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what planning needs of a query: confusion (N,E,2,K), precision (N,E,2).
+
+        Both rows of a pair that is not `informative` are the pooled row, so that no percept of
+        theirs moves a belief.
 
         Parameters
         ----------
         columns : the queried attributes' positions among the P.
         exact : treat the mean as known exactly (precision inf): the paper's Eq. 8.
-        believe_inverted : pass pairs that are not `informative` on as they are. By default both
-            of their rows become the pooled row, so that no percept of theirs moves a belief.
         """
         picked = np.asarray(columns, dtype=np.intp)
         alpha, precision = self.concentration[picked], self.precision[picked]
-        if not believe_inverted:
-            informative = self.informative[picked]
-            pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
-            alpha = np.where(informative[..., None, None], alpha, pooled)
-            shared = precision.min(axis=2, keepdims=True)  # unequal ones would inform on repeats
-            precision = np.where(informative[..., None], precision, shared)
+        informative = self.informative[picked]
+        pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
+        alpha = np.where(informative[..., None, None], alpha, pooled)
+        shared = precision.min(axis=2, keepdims=True)  # unequal ones would inform on repeats
+        precision = np.where(informative[..., None], precision, shared)
         if exact:
             precision = np.full_like(precision, np.inf)
         return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.cache import writable_caches
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.posterior.draws import Draws
 
@@ -109,21 +109,8 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
     return target
 
 
-def load_netcdf(path: str | Path) -> Any:
-    """Read what `save_netcdf` wrote.
-
-    Raises
-    ------
-    DataError : the file is not there or is not netCDF.
-    """
-    try:
-        return az.from_netcdf(str(path), engine=_engine())
-    except (OSError, ValueError) as fault:
-        raise DataError(f"{path} is not a posterior in netCDF: {fault}") from None
-
-
 def _engine() -> str:
-    """Choose the library that reads and writes netCDF with groups."""
+    """Choose the library that writes netCDF with groups."""
     for name, modules in _ENGINES.items():
         if all(util.find_spec(module) for module in modules):
             return name

@@ -18,7 +18,7 @@ from meal_bayes.trial_log.reader import (
     read_outcomes,
     read_trials,
 )
-from meal_bayes.trial_log.salvage import LogReport, check_log, recover_log, salvage
+from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
 from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, read_seconds, write_trials
 

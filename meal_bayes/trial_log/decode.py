@@ -11,7 +11,7 @@ from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.arrays import freeze
 from meal_bayes.domain import Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.compact import decode_outcomes
 from meal_bayes.trial_log.encode import judgment
@@ -45,6 +45,7 @@ UNFINISHED = "the log ends here"  # why a trial without an outcome was broken of
 
 class _Known(NamedTuple):
     momdp: MOMDP
+    counts: NDArray[np.float64] | None  # behind its rows
     size: int  # bytes of its message
 
 
@@ -65,7 +66,7 @@ class TrialBuilder:
             self.header = decode_header(data)
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
-            self._remember(message.id, _Known(_momdp(message), len(data)))
+            self._remember(message.id, _Known(*_momdp(message), len(data)))
         elif topic == TRIAL:
             self._check_closed()
             self._keep(data)
@@ -111,15 +112,15 @@ class TrialBuilder:
             return None
         start, *steps = self._open
         begin = _parse(TrialMessage, start)
-        momdp = self._momdp_of(begin)
+        known = self._known_of(begin)
         outcome = OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
-        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, momdp)
+        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, known)
 
-    def _momdp_of(self, begin: Any) -> MOMDP:
+    def _known_of(self, begin: Any) -> _Known:
         known = self._momdps.get(begin.momdp)
         if known is None:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        return known.momdp
+        return known
 
     def drop(self) -> None:
         """Forget the trial under way."""
@@ -137,11 +138,11 @@ class TrialBuilder:
         start, *steps = self._open
         self.drop()
         begin, outcome = _parse(TrialMessage, start), _parse(OutcomeMessage, data)
-        momdp = self._momdp_of(begin)
+        known = self._known_of(begin)
         if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
         messages = (_parse(StepMessage, step) for step in steps)
-        trial = _trial(begin, messages, outcome, momdp)
+        trial = _trial(begin, messages, outcome, known)
         found = (judgment(trial), trial.cost, trial.reward)
         if not np.array_equal(
             found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
@@ -184,7 +185,8 @@ def _array(values: Iterable[Any], shape: Sequence[int], dtype: Any = np.float64)
     return np.array(list(values), dtype=dtype).reshape(shape)
 
 
-def _momdp(message: Any) -> MOMDP:
+def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
+    """Read a MOMDP and the counts behind it."""
     names = (message.attributes, message.behavior_names, message.x_names)
     n, e, x = (len(column) for column in names)
     if not all(0 < count <= NAME_LIMIT for count in (n, e, x)):
@@ -192,7 +194,7 @@ def _momdp(message: Any) -> MOMDP:
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
     classes = _array(message.latent_classes, (n, 2, -1))
     c = classes.shape[2]
-    return MOMDP(
+    momdp = MOMDP(
         query=Query(tuple(message.attributes)),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
@@ -211,14 +213,19 @@ def _momdp(message: Any) -> MOMDP:
         latent_classes=classes,
         discount=message.discount,
         abstain=message.abstain,
-        counts=counts,  # type: ignore[arg-type]  # zeros by default
     )
+    return momdp, counts
 
 
-def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> Trial:
+def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> Trial:
+    momdp = known.momdp
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
     if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
         raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
+    if len(begin.truth) != len(momdp.query):  # before they are copied: there may be millions
+        raise LogCorruptError(
+            f"trial {begin.trial} has {len(begin.truth)} truths, expected {len(momdp.query)}"
+        )
     belief = _belief(begin, nothing, momdp)
     first, steps, edges = belief, list[Step](), 0
     for index, message in enumerate(messages):
@@ -244,6 +251,7 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, momdp: MOMDP) -> T
         truth=np.array(list(begin.truth), dtype=np.int8),
         report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
         ended=outcome.ended,
+        counts=known.counts,
     )
     for problem in misfits(trial):
         raise LogCorruptError(f"trial {begin.trial}: {problem}")
@@ -262,7 +270,7 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     counts = message.percept_counts
     counted = _array(counts, replayed.shape, np.int64) if counts else replayed
     log_prob = _array(message.log_prob, (len(replayed), -1))
-    return Belief(message.belief_x, log_prob, counted, momdp.log_truth)
+    return belief_of(momdp, message.belief_x, log_prob, counted)
 
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:

@@ -28,7 +28,13 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import report_misfits, size_misfits, start_misfits, step_misfits
+from meal_bayes.trial_log.shapes import (
+    odds_misfits,
+    report_misfits,
+    size_misfits,
+    start_misfits,
+    step_misfits,
+)
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -46,8 +52,9 @@ class Packed(NamedTuple):
     data: bytes
 
 
-def encode_momdp(momdp: MOMDP) -> bytes:
-    """Pack a MOMDP, without its number in the file."""
+def encode_momdp(trial: Trial) -> bytes:
+    """Pack a trial's MOMDP and the counts behind it, without its number in the file."""
+    momdp = trial.momdp
     fields = {name: getattr(momdp, name).ravel().tolist() for name in _ARRAYS}
     return _bytes(
         MomdpMessage(
@@ -59,7 +66,7 @@ def encode_momdp(momdp: MOMDP) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
-            row_counts=momdp.counts.ravel().tolist() if momdp.counts.any() else [],
+            row_counts=() if trial.counts is None else trial.counts.ravel().tolist(),
             **fields,
         )
     )
@@ -95,6 +102,7 @@ class TrialEncoder:
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
         self._check(start_misfits(trial))
+        self._check(odds_misfits(trial.first_belief, trial.momdp))
         self._check(size_misfits(0, 0, trial.first_belief.percept_counts.size))
         self._trial, self._before = trial, trial.first_belief
         start = _bytes(_start(trial, self._number, self._momdp))
@@ -106,7 +114,8 @@ class TrialEncoder:
         self._edges += len(step.decision.tree)
         self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
         self._check(step_misfits(step, momdp, index))
-        positive = _positive(step.belief)
+        self._check(odds_misfits(step.belief, momdp))
+        positive = step.belief.positive.tolist()
         replayed = _replays(self._before, step, momdp)
         counts = [] if replayed else step.belief.percept_counts.ravel().tolist()
         data = _bytes(_step(step, momdp, self._number, index, positive, counts))
@@ -157,13 +166,6 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
-def _positive(belief: Belief) -> list[float]:
-    """Compute Pr(attribute is true), (N,); NaN where log-probabilities are not finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        values: list[float] = belief.positive.tolist()
-    return values
-
-
 def _start(trial: Trial, number: int, momdp: int) -> Any:
     task, first = trial.task, trial.first_belief
     return TrialMessage(
@@ -178,7 +180,7 @@ def _start(trial: Trial, number: int, momdp: int) -> Any:
         truth=trial.truth.tolist(),
         belief_x=first.x,
         log_prob=first.log_prob.ravel().tolist(),
-        positive=_positive(first),
+        positive=first.positive.tolist(),
         percept_counts=first.percept_counts.ravel().tolist() if first.percept_counts.any() else [],
     )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log.reader import read_header
-from meal_bayes.trial_log.salvage import salvage
+from meal_bayes.trial_log.recovery import salvage
 from meal_bayes.trial_log.writer import read_seconds, write_trials
 
 log = logging.getLogger("meal_bayes.trial_log")

@@ -6,6 +6,7 @@ import numpy as np
 
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp.belief import log_odds
 from meal_bayes.trial_log.schema import COUNT_LIMIT, EDGE_LIMIT, NAME_LIMIT
 
 
@@ -51,8 +52,15 @@ def start_misfits(trial: Trial) -> Iterator[str]:
             yield f"the MOMDP has {len(names)} {noun}, a log holds at most {NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
-    if trial.truth.shape != (n,) or not np.isin(trial.truth, (-1, 0, 1)).all():
+    if trial.truth.shape != (n,):  # of which there may be millions
+        yield f"truth has shape {trial.truth.shape}, expected {(n,)}"
+    elif not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
+    expected = (n, momdp.n_behaviors, 2, momdp.levels)
+    if trial.counts is not None and trial.counts.shape != expected:
+        yield f"counts have shape {trial.counts.shape}, expected {expected}"
+    elif trial.counts is not None and not np.isfinite(trial.counts).all():
+        yield "counts are not finite"
     yield from _belief_misfits(trial.first_belief, momdp, "the first belief")
 
 
@@ -65,12 +73,15 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
         yield f"{where} has log_prob of shape {found}, expected {(n, momdp.n_classes)}"
     elif np.isnan(belief.log_prob).any() or not np.isfinite(belief.log_prob.max(axis=1)).all():
         yield f"{where} has weights that are no logarithms of probabilities"
-    shared = belief.log_truth is momdp.log_truth
-    if not (shared or np.array_equal(belief.log_truth, momdp.log_truth)):
-        yield f"{where} has other truths of the latent classes than the MOMDP"
     if belief.percept_counts.shape != (n, e, momdp.levels):
         found = belief.percept_counts.shape
         yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"
+
+
+def odds_misfits(belief: Belief, momdp: MOMDP) -> Iterator[str]:
+    """Yield whether a belief has other log-odds than a reader computes."""
+    if not np.array_equal(belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True):
+        yield "a belief has other log-odds than its MOMDP makes of its log-probabilities"
 
 
 def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+import numpy as np
+
 from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log.compact import encode_outcomes
 from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
 from meal_bayes.trial_log.log_file import LogFile
@@ -54,7 +55,7 @@ class TrialWriter(LogFile):
         self._momdps = 0
         self._pictures = ConfusionPictures()
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
-        self._last: tuple[MOMDP, bytes] | None = None
+        self._last: tuple[Trial, bytes] | None = None
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
@@ -93,7 +94,7 @@ class TrialWriter(LogFile):
         if self.begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
         number = self.written.trials
-        content, momdp = self._packed(self._place, trial.momdp)
+        content, momdp = self._packed(self._place, trial)
         self._content, self._momdp_size = content, len(momdp)
         known = self._known.get(content)
         self._encoder = TrialEncoder(
@@ -107,18 +108,21 @@ class TrialWriter(LogFile):
         except (TypeError, ValueError, OverflowError) as fault:
             raise LogError(f"Trial {self.written.trials} cannot be logged: {fault}.") from fault
 
-    def _place(self, momdp: MOMDP) -> tuple[bytes, bytes]:
-        """Return a digest of a MOMDP's content and, where it is new, its message."""
-        if self._last is not None and self._last[0] is momdp:
-            return self._last[1], b""
-        packed = encode_momdp(momdp)
+    def _place(self, trial: Trial) -> tuple[bytes, bytes]:
+        """Return a digest of the MOMDP's content and, where it is new, its message."""
+        if self._last is not None:
+            last, content = self._last
+            same = np.array_equal(last.counts, trial.counts)  # type: ignore[arg-type]  # or None
+            if last.momdp is trial.momdp and same:
+                return content, b""
+        packed = encode_momdp(trial)
         content = hashlib.blake2b(packed, digest_size=16).digest()
         return content, b"" if content in self._known else numbered(self._momdps, packed)
 
     def _close(self, trial: Trial) -> None:
         """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
         self.written = self.written.after(trial)
-        self._last = trial.momdp, self._content
+        self._last = trial, self._content
         if self._content not in self._known:
             self._known[self._content] = _Placed(self._momdps, self._momdp_size)
             self._momdps += 1

@@ -68,8 +68,8 @@ def belief_bars(frame: TrialFrame) -> Picture:
 class Matrices:
     """Pictures of the confusion matrices of one MOMDP, each drawn once."""
 
-    def __init__(self, momdp: MOMDP) -> None:
-        self._momdp = momdp
+    def __init__(self, momdp: MOMDP, counts: NDArray[np.float64] | None) -> None:
+        self._momdp, self._counts = momdp, counts
         self._known: dict[int, Picture] = {}
 
     def of(self, action: int, sampled: NDArray[np.float64] | None = None) -> Picture:
@@ -95,8 +95,8 @@ class Matrices:
         mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
         blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
         blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
-        point = point_estimate(momdp)
-        if point is not None:
+        if self._counts is not None:
+            point = point_estimate(self._counts)
             blocks.append(("paper: counts only", point[:n, action].reshape(2 * n, k), 1.0))
         # A wide picture is shown smaller; its rows must still be as high as a label.
         width, high = k * _cell_width(k), _CELL_HIGH
@@ -134,11 +134,8 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
     return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
 
 
-def point_estimate(momdp: MOMDP) -> NDArray[np.float64] | None:
-    """Return the paper's matrices (N,E,2,K), fractions of counted percepts; None without counts."""
-    counts = momdp.counts
-    if not counts.any():
-        return None
+def point_estimate(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the paper's matrices (N,E,2,K), fractions of counted percepts; nan of none."""
     total = counts.sum(axis=-1, keepdims=True)
     return np.where(total > 0, counts / np.maximum(total, 1), np.nan)
 

@@ -100,7 +100,7 @@ class RunView:
         for entity, (mean, variance) in measures:
             to = f"{entity}/{part(name)}"
             self._to.add(to, rr.Measurements, time, values=[mean], variances=[variance])
-        self._count_evidence(trial.momdp, time)
+        self._count_evidence(trial, time)
         if trial.judged:
             self._note_worst(number, trial)
         if number % _EVERY == 0 or tally.trials <= _EVERY:
@@ -130,10 +130,10 @@ class RunView:
             self._to.stream.send_property(name, rr.AnyValues(value=value[:_LONG]))
         self._to.add_static(FACTS, rr.TextDocument.from_fields(text="\n".join(rows)))
 
-    def _count_evidence(self, momdp: MOMDP, time: Time) -> None:
+    def _count_evidence(self, trial: Trial, time: Time) -> None:
         """Add the percepts behind each behavior's matrices, mean over the queried attributes."""
-        counts = momdp.counts
-        if momdp is self._momdp or not counts.any():
+        counts, momdp = trial.counts, trial.momdp
+        if momdp is self._momdp or counts is None:
             return
         self._momdp = momdp
         for name, total in zip(momdp.behavior_names, counts.sum(axis=(2, 3)).mean(0), strict=True):

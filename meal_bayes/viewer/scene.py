@@ -63,7 +63,7 @@ class Scene:
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
         self._values(frame, time)
         self._picture(BARS, belief_bars(frame), time)
-        _, diagram, matrices = self._of(frame.trial.momdp)
+        _, diagram, matrices = self._of(frame.trial)
         drawn = diagram.at(frame)
         self._nodes(DIAGRAM, drawn, time)
         if drawn.edges != self._arrows:
@@ -101,13 +101,15 @@ class Scene:
         self._to.add_line(ENTROPY, "entropy, bits", ORANGE)
         self._to.add_line(COST, "cost so far, s", RED)
 
-    def _of(self, momdp: MOMDP) -> tuple[MOMDP, Diagram, Matrices]:
-        """Return a MOMDP with its drawings; it is kept, so that no other gets its id."""
+    def _of(self, trial: Trial) -> tuple[MOMDP, Diagram, Matrices]:
+        """Return a trial's MOMDP with its drawings; it is kept, so that no other gets its id."""
+        momdp = trial.momdp
         found = self._diagrams.get(id(momdp))
         if found is None:
             if len(self._diagrams) > _MOMDPS:
                 self._diagrams.clear()
-            found = self._diagrams[id(momdp)] = (momdp, Diagram(momdp), Matrices(momdp))
+            matrices = Matrices(momdp, trial.counts)
+            found = self._diagrams[id(momdp)] = (momdp, Diagram(momdp), matrices)
         return found
 
     def _belief(self, name: str) -> str:

@@ -123,7 +123,7 @@ class Viewer:
 
 
 def take_picture(
-    recording: str | Path, path: str | Path | None = None, *, row: int = 0, notices: bool = False
+    recording: str | Path, path: str | Path | None = None, *, row: int = 0
 ) -> tuple[bytes, Any]:
     """Return a picture (PNG) of a recording in a viewer without a window, and the viewer's state.
 
@@ -132,7 +132,6 @@ def take_picture(
     recording : .rrd file.
     path : file to write the picture to, if any.
     row : on the timeline `step`.
-    notices : take the picture at once, though the viewer's greeting may still be in it.
 
     Raises
     ------
@@ -142,7 +141,7 @@ def take_picture(
         client = viewer.client()
         client.open(str(Path(recording).resolve()))
         client.set_time("step", sequence=row, play_state="paused")
-        picture = _stable_picture(client, 0.0 if notices else _NOTICE)
+        picture = _stable_picture(client, _NOTICE)
         state = client.get_state()
     if path is not None:
         write_whole(path, picture)

@@ -83,12 +83,9 @@ def kappa(matrix: NDArray[np.float64]) -> float:
 
 def held_out_counts(table: PerceptTable, attributes: list[str]) -> Counts:
     """Count each object's percepts, yes or no, by classifiers that never saw it."""
-    e, columns = (
-        table.domain.behavior_index(BEHAVIOR),
-        map(table.domain.attribute_index, attributes),
-    )
-    odds = table.log_odds[:, :, e][..., list(columns)]  # (O,R,P)
-    labels = table.labels[:, [table.domain.attribute_index(name) for name in attributes]]
+    e, columns = table.domain.behavior_index(BEHAVIOR), table.domain.columns(attributes)
+    odds = table.log_odds[:, :, e][..., columns]  # (O,R,P)
+    labels = table.labels[:, columns]
     levels, known = table.levels_of(odds, 2), ~np.isnan(odds)
     counts = np.zeros((*labels.shape, 2, 2))
     for truth in range(2):

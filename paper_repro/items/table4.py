@@ -135,13 +135,13 @@ def _read(log: Path) -> dict[str, float]:
         p = momdp.query.attributes.index(ATTRIBUTE)
         press, grasp = (momdp.behavior_names.index(name) for name in (PRESS, GRASP))
         presses.append(any(step.decision.action == press for step in trial.steps))
-        if not found and momdp.counts is not None:
+        if not found and trial.counts is not None:
             rows = momdp.rows[p]
             found = {
                 "0": float(rows[press, 0, 1]),
                 "1": float(rows[press, 1, 1]),
                 "grasp": float(rows[grasp, 1, 1] - rows[grasp, 0, 1]),
-                "count": float(momdp.counts[p, grasp].sum()),
+                "count": float(trial.counts[p, grasp].sum()),
             }
     return found | ({"presses": float(np.mean(presses))} if presses else {})
 

@@ -44,8 +44,8 @@ def work(experience, o, attributes, seed, budget=BUDGET):
     columns = [TOY.attribute_index(name) for name in attributes]
     momdp = build_momdp(TOY, query, FAIR[columns], limit=RECORDINGS)
     task = Task("a task", query, o, DATASET.objects[o], (seed, o, *attributes))
-    luck = stream(seed, "robot", *task.key)
-    robot = RecordedRobot(TOY, o, RECORDINGS, experience.supply(o), luck)
+    rng = stream(seed, "robot", *task.key)
+    robot = RecordedRobot(TOY, o, RECORDINGS, experience.supply(o), rng)
     trial = run_trial(
         task, momdp, RandomLegal(budget).solve(momdp, None),
         Environment(
@@ -69,7 +69,7 @@ trials = st.lists(
 
 
 @given(trials=trials, memory=st.booleans())
-def test_d_holds_what_was_shown_with_what_was_told(trials, memory):
+def test_d_holds_what_was_shown_with_its_labels(trials, memory):
     experience, ledger, told = empty(memory=memory), {}, {}
     for o, attributes, seed, right in trials:
         done = work(experience, o, attributes, seed)
@@ -226,8 +226,8 @@ class TestFeedback:
     def test_an_erring_verdict_on_two_attributes_labels_the_wrong_report(self, trial):
         two = replace(trial, report=np.array([True, False]), truth=np.array([True, True]))
         feedback, rng = Feedback("verdict", 0.5), np.random.default_rng(1)
-        heard = {tuple(feedback.labels(two, rng).tolist()) for _ in range(50)}
-        assert heard == {(-1, -1), (1, 0)}
+        labels = {tuple(feedback.labels(two, rng).tolist()) for _ in range(50)}
+        assert labels == {(-1, -1), (1, 0)}
 
     @pytest.mark.parametrize(
         ("wrong", "message"),

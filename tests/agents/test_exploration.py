@@ -64,7 +64,7 @@ class TestBonus:
         bonus = bonus_of(replace(start(), labels=labels), 4, [0])
         np.testing.assert_allclose(bonus, [9 * 1.0 / 3, 0.0, 0.0])
 
-    def test_memory_pays_for_what_was_told_before_as_well(self):
+    def test_memory_pays_for_labels_of_before_as_well(self):
         for memory in (False, True):
             experience = start(memory=memory)
             told = experience.object_labels.copy()

@@ -223,7 +223,7 @@ def test_percepts_are_one_of_two_kinds(table):
         OfflineRunner(table, fast("random"), 0, "imagined")
 
 
-class TestRecipes:
+class TestNames:
     def test_unknown_agents_are_told_the_nearest(self):
         with pytest.raises(SettingsError, match="did you mean 'bayes'"):
             load_agent("bayess")

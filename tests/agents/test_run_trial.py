@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.agents import Environment, Streams, Task, run_trial, truth_of
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import CheckedRobot, Outcome, RecordedRobot
 
@@ -58,7 +58,7 @@ class ScriptedPercepts:
 def momdp_of(name="toy", attributes=("red", "heavy"), mistaken=0.0, **options):
     domain = load_domain(name)
     rows = np.array([[0.8, 0.2], [0.3, 0.7]])
-    if mistaken:  # the kinds are what an object seems to be
+    if mistaken:  # the classes are what an object seems to be
         share = [[1 - mistaken, mistaken], [mistaken, 1 - mistaken]]
         options["latent_classes"] = np.broadcast_to(share, (len(attributes), 2, 2))
     confusion = np.tile(rows, (len(attributes), len(domain.behaviors), 1, 1))
@@ -146,7 +146,9 @@ class TestAWholeTrial:
     ("report", "right"), [((1, 0), True), ((0, 0), False), ((1, 1), False), ((0, 1), False)]
 )
 def test_reports_are_right_in_every_attribute_or_wrong(report, right):
-    momdp = momdp_of(correct=300.0, incorrect=-200.0)
+    momdp = momdp_of(
+        objective=Objective(correct=300.0, incorrect=-200.0),
+    )
     trial = trial_of(momdp, Script(momdp, report=report))
     assert trial.success == right
     assert trial.reward == (300.0 if right else -200.0)

@@ -76,7 +76,7 @@ def test_equal_commands_write_equal_logs(run, table):
     assert other.name != logs[0][0]
 
 
-def test_a_giving_up_is_told(run):
+def test_abstaining_is_reported(run):
     result = run("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "random", "--json")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["trial"]["report"] in ({"heavy": True}, {"heavy": False})

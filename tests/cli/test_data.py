@@ -71,9 +71,10 @@ def test_no_network_and_no_cache_is_told(fails, run):
     assert "embedded percepts" in told
 
 
-def test_own_recordings_end_to_end(run, kitchen):
+@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.long)])
+def test_own_recordings_end_to_end(run, kitchen, jobs):
     words = ("--dataset", "kitchen.toml", "--root", ".")
-    made = run("data", "percepts", *words, "--out", "tables/own.npz", "--jobs", "2")
+    made = run("data", "percepts", *words, "--out", "tables/own.npz", "--jobs", jobs)
     assert made.exit_code == 0
     assert made.stdout == "tables/own.npz: 8 objects, 2 behaviors, 2 attributes, 2 recordings\n"
     saved = load_percepts("tables/own.npz")

@@ -15,7 +15,13 @@ COMMANDS = [
 IDS = [" ".join(command[:2]) for command in COMMANDS]
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=IDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(words, id=name, marks=[pytest.mark.long] * (words[0] == "posterior"))
+        for words, name in zip(COMMANDS, IDS, strict=True)
+    ],
+)
 def test_a_domain_with_recordings_is_a_data_set(run, kitchen, command):
     result = run(*command, *OWN, "--json")
     assert result.exit_code == 0, result.stderr

@@ -18,8 +18,9 @@ DOCTOR = ("doctor",)
 
 # Those tried by default, one of each sort; the others are `long`.
 QUICK = {
-    "no HOME", "HOME without rights", "LANG C", "ascii", "COLUMNS 0", "data folder is a file",
-    "stdin closed", "stderr full", "stdout closed", "stdout full", "logs in /proc", "no such mode",
+    "no HOME", "HOME that is not there", "LANG C", "ascii, strict", "COLUMNS 1",
+    "stdin closed", "stderr closed", "stdout closed", "stdout full", "logs in /proc",
+    "no such mode",
 }  # fmt: skip
 # Variables, command, redirections, exit code, what is told. A None takes a variable away.
 GOOD = {
@@ -161,12 +162,13 @@ def test_a_folder_that_is_gone_is_told(tmp_path):
     assert b"Traceback" not in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("target", "before"),
     [
         ("a.rrd", "ulimit -f 8;"),
-        pytest.param("/proc/a.rrd", "", marks=pytest.mark.long),
-        pytest.param("/proc/no/a.rrd", "", marks=pytest.mark.long),
+        ("/proc/a.rrd", ""),
+        ("/proc/no/a.rrd", ""),
     ],
 )
 def test_a_recording_that_cannot_be_written_is_told(target, before, tmp_path):

@@ -19,7 +19,7 @@ from meal_bayes.cli.narration import (
 from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.api import ask
-from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 
 
@@ -45,7 +45,7 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
     belief = initial_belief(momdp)
     counts = belief.percept_counts.copy()
     counts[:, action, 0] = seen
-    after = Belief(next_x, belief.log_prob, counts, belief.log_truth)
+    after = replace(belief, x=next_x, percept_counts=counts)
     return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
 
 
@@ -62,9 +62,7 @@ def test_every_outcome_has_its_words(momdp):
 
 
 def test_levels_have_words(momdp):
-    four, six = (
-        replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1)), counts=None) for k in (4, 6)
-    )
+    four, six = (replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1))) for k in (4, 6))
     assert percept_text(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
     assert percept_text(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
 

@@ -2,13 +2,13 @@
 
 import json
 
+import arviz as az
 import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.idata import load_netcdf
 
 FILES = {
     "forest.png", "posterior.nc", "predictive.png", "reliability_each.png",
@@ -28,11 +28,11 @@ def test_the_grid_writes_everything(run, tmp_path):
     for name in FILES:
         if name.endswith(".png"):
             assert (tmp_path / "fit" / name).read_bytes().startswith(b"\x89PNG")
-    saved = load_netcdf(tmp_path / "fit" / "posterior.nc")["posterior"]
+    saved = az.from_netcdf(tmp_path / "fit" / "posterior.nc")["posterior"]
     assert saved["mean"].dims == ("chain", "draw", "attribute", "behavior", "truth", "level")
     assert saved["mean"].coords["attribute"].values.tolist() == ["heavy", "beans"]
     assert saved["mean"].shape[:2] == (4, 200)
-    likelihood = load_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["percepts"]
+    likelihood = az.from_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["percepts"]
     assert likelihood.shape == (4, 200, 36 * 2)
     assert (tmp_path / "fit" / "summary.csv").read_text().count("\n") == 1 + 2 * 11 * 2 * 3
     rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
@@ -101,7 +101,7 @@ def test_nuts_writes_the_same_files(run, tmp_path, table):
     rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
     assert rows["red", "look"]["tpr"] > 0.8
     assert rows["red", "look"]["fpr"] < 0.2
-    saved = load_netcdf(tmp_path / "fit" / "posterior.nc")
+    saved = az.from_netcdf(tmp_path / "fit" / "posterior.nc")
     assert "diverging" in saved["sample_stats"]
 
 

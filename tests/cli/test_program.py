@@ -24,7 +24,7 @@ def test_help_says_where_to_start(start):
     assert "meal-bayes demo" in text
 
 
-def test_help_loads_no_room():
+def test_help_loads_no_numeric_library():
     code = (
         "import sys\nfrom meal_bayes.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"

@@ -80,7 +80,7 @@ def test_object_index() -> None:
         object_index(("cup", "stone"), "stome")
 
 
-def test_room_loads_numpy_only() -> None:
+def test_the_package_loads_numpy_only() -> None:
     code = (
         "import sys, meal_bayes.datasets, meal_bayes.robots\n"
         "heavy = {'pooch', 'requests', 'scipy', 'sklearn', 'pandas', 'numba'}\n"

@@ -104,7 +104,7 @@ def test_success_is_the_sum_over_outcomes():
     assert [diagram.success(effect) for effect in effects] == [0.75, 0.75, 0.9]
 
 
-def test_outcomes_keep_their_shares_when_success_changes():
+def test_outcomes_keep_their_fractions_when_success_changes():
     push = (Effect("a", "push", "b", 0.5), Effect("a", "push", "a", 0.25))
     before = TransitionDiagram(("a", "b", "term"), "a", (*push, LOOP))
     asked = []

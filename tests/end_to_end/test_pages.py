@@ -105,7 +105,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if any(map(runs, blocks(p)))], ids=name_of)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.long] * (page.parent.name in ("how-to", "tutorials")))
+        for page in PAGES
+        if any(map(runs, blocks(page)))
+    ],
+    ids=name_of,
+)
 def test_every_block_runs(page: Path, folder: Path) -> None:
     play(page)
 

@@ -48,7 +48,7 @@ def outcomes_of(success, *, cost=10.0, positive=0.8, objects=20):
     )  # fmt: skip
 
 
-def share(accuracy, **options):
+def outcomes_at(accuracy, **options):
     """Trials of which exactly this share is right."""
     return outcomes_of(np.arange(TRIALS) < round(accuracy * TRIALS), **options)
 
@@ -56,7 +56,7 @@ def share(accuracy, **options):
 def curve(agent, accuracies, *, hours=1.0, repeats=3, **options):
     """Return a curve of one point every so many hours, the same in every repeat."""
     return [
-        BatchOutcomes(agent, repeat, batch, batch * hours, share(accuracy, **options))
+        BatchOutcomes(agent, repeat, batch, batch * hours, outcomes_at(accuracy, **options))
         for repeat in range(repeats)
         for batch, accuracy in enumerate(accuracies)
     ]
@@ -97,7 +97,7 @@ class TestSummary:
 
     def test_differences_are_paired_by_repeat(self):
         results = [
-            BatchOutcomes(agent, repeat, batch, batch, share(0.5 + 0.1 * repeat + more))
+            BatchOutcomes(agent, repeat, batch, batch, outcomes_at(0.5 + 0.1 * repeat + more))
             for agent, more in (("iterative_morc", 0.0), ("bayes", 0.05))
             for repeat in range(4)
             for batch in range(4)
@@ -110,7 +110,7 @@ class TestSummary:
     def test_the_interval_is_student_s_at_90_percent(self):
         gains = np.array([0.0, 0.05, 0.1])
         results = [
-            BatchOutcomes(agent, repeat, batch, batch, share(0.5 + gain))
+            BatchOutcomes(agent, repeat, batch, batch, outcomes_at(0.5 + gain))
             for agent, by in (("iterative_morc", 0 * gains), ("bayes", gains))
             for repeat, gain in enumerate(by)
             for batch in range(3)
@@ -203,7 +203,8 @@ def test_pooled_ece_shows_miscalibration_only(wrong_by, excess):
         belief = rng.uniform(0.25, 0.75, TRIALS)
         trials = outcomes_of(rng.random(TRIALS) < belief + wrong_by, positive=belief)
         results += [BatchOutcomes("bayes", repeat, batch, batch, trials) for batch in (8, 9, 10)]
-        results.append(BatchOutcomes("bayes", repeat, 7, 7, share(0.0, positive=1.0)))  # too early
+        early = outcomes_at(0.0, positive=1.0)  # too early to count
+        results.append(BatchOutcomes("bayes", repeat, 7, 7, early))
     error, calibrated = pooled_ece(results)
     assert 0 < calibrated < 0.05
     assert error - calibrated == pytest.approx(excess, abs=0.05)

@@ -28,25 +28,28 @@ def every_figure(trial):
     yield plots.lines(TWO, x_label="cost, s", y_label="accuracy", fraction=True)
     yield plots.learning_curve(TWO)
     yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", fraction=True)
-    yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s", reference=[0.4])
+    yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s")
     yield plots.reliability_diagram(positive, positive > 0.5)
     yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], x_label="a", y_label="b",
                          value_label="accuracy")  # fmt: skip
-    yield plots.confusion_matrices(table, ["heavy", "beans"], sd=table / 10, title="lift")
+    yield plots.confusion_matrices(table, ["heavy", "beans"], title="lift")
     yield plots.belief_trace(trial)
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
     yield plots.accuracy_and_cost({"a": (half, Interval(4.0, 1.0, 2.0, 6.0)), "b": (half, half)})
 
 
-def test_every_figure_is_labelled_and_written(trial, tmp_path):
+@pytest.mark.parametrize(
+    ("ending", "magic"),
+    [(".png", b"\x89PNG"), pytest.param(".pdf", b"%PDF", marks=pytest.mark.long)],
+)
+def test_every_figure_is_labelled_and_written(trial, tmp_path, ending, magic):
     before = dict(mpl.rcParams)
     for number, ax in enumerate(every_figure(trial)):
         assert ax.get_xlabel() or ax.get_xticklabels()
         assert ax.get_xlabel() or ax.get_ylabel()
-        for ending, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
-            path = canvas.save(ax, tmp_path / "figures" / f"{number}{ending}")
-            assert path.read_bytes().startswith(magic)
-            assert path.stat().st_size > 2000
+        path = canvas.save(ax, tmp_path / "figures" / f"{number}{ending}")
+        assert path.read_bytes().startswith(magic)
+        assert path.stat().st_size > 2000
     assert dict(mpl.rcParams) == before
 
 
@@ -76,11 +79,10 @@ def test_lines_and_bands_are_the_numbers():
 
 def test_bars_and_their_intervals_are_the_numbers():
     found = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
-    ax = plots.bars({"": found}, ["a", "b"], y_label="accuracy", reference=[0.3, np.nan])
+    ax = plots.bars({"": found}, ["a", "b"], y_label="accuracy")
     assert [patch.get_height() for patch in ax.patches] == [0.4, 0.9]
     (ends,) = [c.get_segments() for c in ax.collections]
     assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["paper"]
 
 
 def test_the_reliability_diagram_counts():
@@ -100,8 +102,8 @@ def test_numbers_stand_in_the_maps():
     ax = plots.heat_map(table, [1, 2], [3, 4], x_label="a", y_label="b", value_label="accuracy")
     assert [text.get_text() for text in ax.texts] == ["0.25", "0.50", "0.75"]
     rows = np.array([[[0.9, 0.1], [0.2, 0.8]]])
-    ax = plots.confusion_matrices(rows, ["red"], sd=rows / 10)
-    assert [text.get_text() for text in ax.texts][:2] == ["0.90\n± 0.09", "0.10\n± 0.01"]
+    ax = plots.confusion_matrices(rows, ["red"])
+    assert [text.get_text() for text in ax.texts][:2] == ["0.90", "0.10"]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["not red", "red"]
 
 
@@ -116,7 +118,7 @@ def test_the_trace_is_the_trials_beliefs(trial):
     assert labels[-1] == "report"
 
 
-def test_costs_are_drawn_as_shares():
+def test_costs_are_drawn_as_fractions():
     ax = plots.cost_distribution({"a": [1.0, 5.0, 5.0, 9.0]})
     (line,) = ax.lines
     found = dict(zip(*line.get_data(), strict=True))

@@ -35,7 +35,7 @@ def test_forest_says_what_it_leaves_out():
     assert "the 2 pairs that differ most; 4 more are not shown" in axes.get_xlabel()
 
 
-def test_predictive_shows_shares_beside_their_intervals(tmp_path):
+def test_predictive_shows_fractions_beside_their_intervals(tmp_path):
     observed = np.array([[8, 1, 1], [0, 0, 5]])
     predicted = np.stack([observed] * 99 + [[[7, 2, 1], [1, 0, 4]]])
     axes = predictive(observed, predicted)

@@ -76,7 +76,7 @@ def test_wilson_known_answers(hits, n, low, high):
 
 
 @given(st.integers(1, 200), st.data())
-def test_wilson_holds_the_share(n, data):
+def test_wilson_holds_the_fraction(n, data):
     hits = data.draw(st.integers(0, n))
     found = wilson_interval(hits, n)
     assert 0 <= found.low <= found.estimate <= found.high <= 1

@@ -8,7 +8,7 @@ from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import compare, mean, summarize
-from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.momdp import belief_of, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.trial_log import TrialOutcomes
 
@@ -21,7 +21,7 @@ def trial(agent, positive, truth, report, cost=5.0, object_index=0, key=0):
     """A trial of one behavior, then the report (None: it abstained)."""
     first = initial_belief(MOMDP)
     weight = np.log(np.stack([1 - np.array(positive), positive], axis=1))
-    belief = Belief(0, weight, first.percept_counts, first.log_truth)
+    belief = belief_of(MOMDP, 0, weight, first.percept_counts)
     steps = [Step(0, unvalued(MOMDP, 1), 0, None, cost, -cost, belief)]
     if report is not None:
         reward = 100.0 if list(report) == list(truth) else -100.0
@@ -66,9 +66,7 @@ def test_abstentions_are_not_right_and_stand_beside():
 def test_certain_wrong_beliefs_cost_a_finite_nll():
     sure = trial("a", [0.5, 0.5], [True, False], [True, True])
     first = sure.first_belief
-    belief = Belief(
-        0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), first.percept_counts, first.log_truth
-    )
+    belief = belief_of(MOMDP, 0, np.array([[0.0, -np.inf], [-np.inf, 0.0]]), first.percept_counts)
     steps = tuple(Step(s.x, s.decision, s.next_x, None, s.cost, s.reward, belief)
                   for s in sure.steps)  # fmt: skip
     wrong = Trial(sure.task, "a", MOMDP, sure.first_belief, steps, sure.truth, sure.report)

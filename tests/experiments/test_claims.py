@@ -56,7 +56,9 @@ def test_what_another_process_holds_is_told(tmp_path, other):
         assert holder.pid == other.pid
 
 
-@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "kind", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
     other.send_signal(kind)
     other.wait()

@@ -132,6 +132,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
     assert len(list(run.results())) == 2 * 2 * 3
 
 
+@pytest.mark.long
 def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(cluster, tmp_path):
     address, _ = cluster
     domain = load_domain("toy")

@@ -83,7 +83,7 @@ def test_one_process_and_two_write_equal_logs(module, tmp_path):
     assert [trial.agent for trial in runs[0].trials()] == ["Looker"] * 8 + ["predefined"] * 8
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_an_edited_planner_runs_again(module, tmp_path, jobs):
     lengths = {}
     for looks in (1, 2, 1):

@@ -44,7 +44,7 @@ def test_rare_attributes_are_in_every_part_where_they_can_be(dataset, positives,
         assert min(counts) >= each
 
 
-def test_shares_are_followed(dataset):
+def test_fractions_are_followed(dataset):
     split = protocol(dataset, shares=(1, 1, 4)).split
     assert [len(part) for part in (split.pre, split.train, split.test)] == [5, 5, 20]
 

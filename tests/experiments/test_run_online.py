@@ -175,7 +175,9 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
-@pytest.mark.parametrize("stop", [1, 8, 20])
+@pytest.mark.parametrize(
+    "stop", [8, *(pytest.param(stop, marks=pytest.mark.long) for stop in (1, 20))]
+)
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
     train, calls = OnlineLearner.train, []
 
@@ -315,13 +317,13 @@ def test_what_cannot_be_run_leaves_no_log(config, tmp_path, wrong, error, messag
     assert not list(tmp_path.iterdir())
 
 
-def test_a_body_s_outcomes_keep_their_shares(own_data):
+def test_true_dynamics_keep_the_fractions_of_outcomes(own_data):
     domain = load_domain(own_data)
     lifts = (Effect("x0", "lift", "x1", 0.6), Effect("x0", "lift", "x0", 0.2))
     others = tuple(e for e in domain.diagram.effects if e.behavior != "lift")
     two = replace(domain, diagram=replace(domain.diagram, effects=(*others, *lifts)))
-    body = _true_dynamics(two, {"lift": 0.4})
-    assert [e.probability for e in body.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
+    dynamics = _true_dynamics(two, {"lift": 0.4})
+    assert [e.probability for e in dynamics.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
     assert _true_dynamics(two, {}) == two
 
 

@@ -43,6 +43,7 @@ def alone(tmp_path_factory):
     return contents(run_offline(CONFIG, logs=tmp_path_factory.mktemp("alone")).folder)
 
 
+@pytest.mark.long
 def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     started = [

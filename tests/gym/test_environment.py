@@ -69,7 +69,7 @@ def test_masked_behaviors_end_the_episode_and_others_do_not():
             env.step(0)
 
 
-def test_luck_is_new_in_every_episode_and_repeats_under_a_seed():
+def test_randomness_is_new_in_every_episode_and_repeats_under_a_seed():
     env = MealEnv("cy101", agent="greedy", trials=5, max_steps=4)
 
     def episodes(seed):

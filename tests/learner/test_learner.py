@@ -53,7 +53,9 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
                 told.pop(number, None)
                 told[number] = values  # the later word holds
             posterior = learner.knowledge().posterior
-            np.testing.assert_array_equal(posterior.evidence, learner.source.instances)
+            np.testing.assert_array_equal(
+                posterior.counts.sum(axis=(2, 3)), learner.source.instances
+            )
             labels = {"cup 3": {"red": True, "full": True}}  # a training object's are known
             for n, value in told.items():
                 labels.setdefault(trials[n].task.object_name, {}).update(value)
@@ -131,7 +133,7 @@ def test_the_next_ask_differs_without_a_refit(dataset, make):
     assert not np.array_equal(before.prior, after.prior)
 
 
-def test_what_was_told_of_an_object_is_believed_of_it_only(dataset, make):
+def test_labels_of_an_object_are_believed_of_it_only(dataset, make):
     learner = make.learner(dataset)
     trial = learner.ask("red", make.arm(), object_name="mug")
     learner.tell(trial, {"red": True})
@@ -151,12 +153,12 @@ def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     assert momdp.n_classes == len(knowledge.trait.points)
     np.testing.assert_array_equal(momdp.prior, [5 / 10, 7 / 14])
     known = labels[:, 0] >= 0
-    counted = knowledge.posterior.evidence[0, 0]
+    counted = knowledge.posterior.counts[0, 0].sum()
     assert counted == known.sum() * dataset.recordings
 
 
 class TestRefitting:
-    def test_a_refit_learns_from_the_features_of_told_trials(self, dataset, make):
+    def test_a_refit_learns_from_the_features_of_labelled_trials(self, dataset, make):
         learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
         trial = learner.ask("red, full", make.arm(), object_name="mug")
         learner.tell(trial, {"red": False, "full": True})
@@ -182,7 +184,7 @@ class TestAPerceptTable:
     def table():
         return load_percepts("roc36")
 
-    def test_a_told_label_teaches_of_all_other_objects(self, table):
+    def test_a_label_teaches_of_all_other_objects(self, table):
         labels = np.array(table.labels)
         heavy, name = table.domain.attribute_index("heavy"), table.objects[0]
         labels[0, heavy] = -1

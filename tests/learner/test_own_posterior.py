@@ -1,4 +1,4 @@
-"""A posterior of one's own, of PyMC or the grid, is the agent's; a key names a question's luck."""
+"""A posterior of one's own, of PyMC or the grid, is the agent's; keys name random streams."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ class TestAPosteriorOfOnesOwn:
         np.testing.assert_array_equal(found.mean, own.posterior.mean)
 
 
-def test_a_key_names_the_luck_of_a_question(table):
+def test_a_key_names_the_random_stream_of_a_question(table):
     learner = Learner(table.domain, agent="random_legal", logs=None).fit(table)
     asked = [learner.ask("heavy", table.objects[0], key=key) for key in ("a", "a", "b", None)]
     actions = [[step.decision.action for step in trial.steps] for trial in asked]

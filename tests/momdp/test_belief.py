@@ -4,8 +4,8 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp import (
-    Belief,
     Transition,
+    belief_of,
     best_report,
     build_momdp,
     initial_belief,
@@ -80,7 +80,7 @@ def test_six_equal_percepts(follow, scale, expected):
 
 
 def test_no_belief_is_cut_off_at_the_ends(follow):
-    """Log-odds far beyond what a probability can tell from 1, of a kind and of its truth."""
+    """Log-odds far beyond what a probability can tell from 1, of a class and of its truth."""
     latent_classes = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1 - 1e-30, 1e-30], [1e-25, 1 - 1e-25]]])
     rows = np.tile([[0.99, 0.01], [0.01, 0.99]], (2, 3, 1, 1))
     momdp = build_momdp(
@@ -102,7 +102,7 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     return build_momdp(domain, Query((attribute,)), rows, latent_classes=latent_classes, **options)
 
 
-def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_kind(follow):
+def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_latent_class(follow):
     momdp = mistaken("toy", 0.05)
     once, *_, often = follow(momdp, [("look", [1])] * 60)
     assert once.positive[0] == pytest.approx((0.95 * 0.9 + 0.05 * 0.2) / 1.1)
@@ -139,7 +139,7 @@ def test_a_truth_may_lack_a_kind(follow):
     belief = follow(momdp, [("look", [1]), ("lift", [0])])[-1]
     false, true = 0.2 * 0.8, 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
     assert belief.positive[0] == pytest.approx(true / (true + false))
-    assert belief.log_truth[0, 0, 1] == -np.inf
+    assert momdp.log_truth[0, 0, 1] == -np.inf
 
 
 def test_moving_leaves_what_is_believed(follow):
@@ -155,7 +155,7 @@ def test_moving_leaves_what_is_believed(follow):
 def test_sure_weights_are_sure_beliefs():
     seen = np.zeros((2, 3, 2), dtype=int)
     sure = np.array([[0.0, -np.inf], [-np.inf, 0.0]])
-    belief = Belief(0, sure, seen, np.tile(sure, (2, 1, 1)))
+    belief = belief_of(momdp_of("toy", {"red": {}, "heavy": {}}), 0, sure, seen)
     np.testing.assert_array_equal(belief.log_odds, [-np.inf, np.inf])
     np.testing.assert_array_equal(belief.positive, [0.0, 1.0])
     assert belief.certainty == 1.0

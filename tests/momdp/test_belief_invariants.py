@@ -19,12 +19,12 @@ def rows_of(shape):
 
 @st.composite
 def problems(draw, levels=(2, 4)):
-    """A `toy` problem of two attributes: any rows, precisions, kinds; and a history in it."""
+    """A `toy` problem of two attributes: any rows, precisions, latent classes; and a history."""
     k, c = draw(st.sampled_from(levels)), draw(st.sampled_from([2, 3, 4, 6]))
     finite = st.floats(0.1, 300.0)
     precision = draw(hnp.arrays(float, (2, 3, c), elements=finite | st.just(np.inf)))
     latent_classes = draw(rows_of((2, 2, c)))
-    if c % 2 == 0 and draw(st.booleans()):  # kinds of its own for each truth
+    if c % 2 == 0 and draw(st.booleans()):  # latent classes of its own for each truth
         latent_classes = latent_classes * np.eye(2).repeat(c // 2, axis=1)
         latent_classes /= latent_classes.sum(axis=-1, keepdims=True)
     momdp = build_momdp(
@@ -122,7 +122,7 @@ def test_complementing_an_attribute_complements_the_belief(follow, problem):
 
 
 @given(problems())
-def test_kinds_that_are_alike_are_one(follow, problem):
+def test_equal_latent_classes_are_one(follow, problem):
     momdp, steps = problem
     doubled = build_momdp(
         load_domain("toy"),
@@ -138,7 +138,7 @@ def test_kinds_that_are_alike_are_one(follow, problem):
 
 
 def split(momdp):
-    """The same problem, every kind split into a false one and a true one."""
+    """The same problem, every latent class split into a false one and a true one."""
     nobody = np.zeros_like(momdp.latent_classes[:, 0])
     return build_momdp(
         load_domain("toy"),
@@ -157,7 +157,7 @@ def split(momdp):
 
 
 @given(problems())
-def test_kinds_that_truths_share_may_as_well_be_split(follow, problem):
+def test_latent_classes_that_truths_share_may_as_well_be_split(follow, problem):
     momdp, steps = problem
     for one, other in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
         np.testing.assert_allclose(one.log_odds, other.log_odds, rtol=1e-12, atol=1e-12)

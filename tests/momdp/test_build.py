@@ -5,7 +5,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import build_momdp
+from meal_bayes.momdp import Objective, build_momdp
 
 
 def uninformed(name, n, levels=2, **options):
@@ -30,7 +30,11 @@ def test_states_of_the_paper(name, n, states):
 
 def test_rewards_are_the_domains_unless_told():
     assert (uninformed("cy101", 1).correct, uninformed("cy101", 1).incorrect) == (300.0, -300.0)
-    momdp = uninformed("cy101", 1, correct=10, incorrect=-20)
+    momdp = uninformed(
+        "cy101",
+        1,
+        objective=Objective(correct=10, incorrect=-20),
+    )
     assert (momdp.correct, momdp.incorrect) == (10, -20)
 
 
@@ -50,8 +54,8 @@ def test_ask_answers_the_whole_vector_right_with_the_stated_accuracy(n, levels):
     assert momdp.limit[look] == 5
 
 
-def test_kinds_are_split_where_someone_answers():
-    """An answer tells of the truth, other percepts of the kind alone."""
+def test_latent_classes_are_split_where_someone_answers():
+    """An answer tells of the truth, other percepts of the latent class alone."""
     domain, rng = load_domain("ispy32"), np.random.default_rng(0)
     rows = rng.dirichlet(np.ones(2), (2, len(domain.behaviors), 3))
     latent_classes = rng.dirichlet(np.ones(3), (2, 2))
@@ -68,7 +72,7 @@ def test_kinds_are_split_where_someone_answers():
     look, ask = (momdp.behavior_names.index(name) for name in ("look", "ask"))
     np.testing.assert_array_equal(momdp.confusion[:, look], np.tile(rows[:, look], (1, 2, 1)))
     right = np.sqrt(0.7)
-    answers = [[right, 1 - right]] * 3 + [[1 - right, right]] * 3  # whatever kind it is
+    answers = [[right, 1 - right]] * 3 + [[1 - right, right]] * 3  # whatever its class
     np.testing.assert_allclose(momdp.confusion[:, ask], [answers] * 2)
     assert np.isinf(momdp.precision[:, ask]).all()
     for i, v in np.ndindex(2, 2):
@@ -81,7 +85,7 @@ def test_kinds_are_split_where_someone_answers():
     np.testing.assert_array_equal(again.confusion, momdp.confusion)  # split already
 
 
-def test_truths_may_share_kinds():
+def test_truths_may_share_latent_classes():
     rng = np.random.default_rng(0)
     rows, latent_classes = rng.dirichlet(np.ones(2), (2, 3, 5)), rng.dirichlet(np.ones(5), (2, 2))
     momdp = build_momdp(
@@ -118,7 +122,7 @@ def test_a_kind_that_the_prior_rules_out_keeps_its_truth():
         ),
     ],
 )
-def test_kinds_that_are_none_are_refused(latent_classes, says):
+def test_wrong_latent_classes_are_refused(latent_classes, says):
     with pytest.raises(SettingsError, match=says):
         build_momdp(
             load_domain("toy"),
@@ -129,7 +133,11 @@ def test_kinds_that_are_none_are_refused(latent_classes, says):
 
 
 def test_reports_are_paid_all_or_nothing():
-    momdp = uninformed("toy", 2, correct=30.0, incorrect=-10.0)
+    momdp = uninformed(
+        "toy",
+        2,
+        objective=Objective(correct=30.0, incorrect=-10.0),
+    )
     right = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.5, 0.8]])
     np.testing.assert_allclose(momdp.report_reward(right), [30.0, -10.0, -10.0, 6.0])
 
@@ -153,14 +161,13 @@ def test_arrays_cannot_be_written_to():
         ({"prior": 1.5}, r"prior must lie in \[0, 1\]"),
         ({"prior": np.nan}, r"prior must lie in \[0, 1\]"),
         ({"precision": 0.0}, "precision must be above 0"),
-        ({"discount": 0.0}, "Need 0 < discount <= 1"),
-        ({"correct": -9, "incorrect": 9}, "correct >= incorrect"),
-        ({"correct": np.inf}, "correct must be finite"),
-        ({"incorrect": -np.inf}, "incorrect must be finite"),
-        ({"incorrect": np.nan}, "incorrect must be finite"),
+        ({"objective": Objective(discount=0.0)}, "Need 0 < discount <= 1"),
+        ({"objective": Objective(correct=-9, incorrect=9)}, "correct >= incorrect"),
+        ({"objective": Objective(correct=np.inf)}, "correct must be finite"),
+        ({"objective": Objective(incorrect=-np.inf)}, "incorrect must be finite"),
+        ({"objective": Objective(incorrect=np.nan)}, "incorrect must be finite"),
         ({"limit": -1}, "0 or more"),
         ({"limit": np.nan}, "0 or more"),
-        ({"counts": np.full((2, 3, 2, 2), np.nan)}, "counts must be finite"),
         ({"levels": 3}, "an even number"),
     ],
 )

@@ -138,7 +138,7 @@ def test_many_attributes_without_percepts_are_told(tmp_path):
         write_pomdp(momdp, tmp_path / "own.pomdp")
 
 
-def test_kinds_of_object_are_told(tmp_path):
+def test_latent_classes_are_named_in_the_file(tmp_path):
     domain = load_domain("toy")
     momdp = build_momdp(
         domain, Query(("red",)), np.full((1, 3, 4, 2), 0.5), latent_classes=np.full((1, 2, 4), 0.25)

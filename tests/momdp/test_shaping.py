@@ -68,7 +68,7 @@ def test_levels_are_summed_to_yes_and_no():
     np.testing.assert_allclose(observation_entropy(build_momdp(ISPY32, QUERY, four)), expected)
 
 
-def test_kinds_of_objects_are_mixed():
+def test_latent_classes_are_mixed():
     latent_classes = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]] * 2
     rows = np.tile([[0.8, 0.2], [0.3, 0.7], [0.1, 0.9], [0.6, 0.4]], (2, E, 1, 1))
     mean = np.tile([[0.75, 0.25], [0.35, 0.65]], (2, E, 1, 1))

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import meal_bayes
+from meal_bayes.cli import main
 from meal_bayes.cli.reproduce import find_package
 from meal_bayes.planners import POMCP, warm_up
 from paper_repro import frame
@@ -78,9 +80,21 @@ def test_the_items_are_found_here_and_above(tmp_path, monkeypatch):
         find_package(None)
 
 
-def test_online_items_that_are_not_run_say_so(tmp_path):
-    done = reproduce("fig10", "--repeats", 0, "--quick", "--json", "--logs", tmp_path)
-    assert done.returncode == 0, done.stderr
+@pytest.fixture
+def in_checkout(monkeypatch):
+    """Return a function that runs the command in this process, without recordings."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("MEAL_BAYES_OFFLINE", "1")
+
+    def invoke(*arguments):
+        return CliRunner().invoke(main, ["reproduce", *map(str, arguments)], catch_exceptions=False)
+
+    return invoke
+
+
+def test_online_items_that_are_not_run_say_so(in_checkout, tmp_path):
+    done = in_checkout("fig10", "--repeats", 0, "--quick", "--json", "--logs", tmp_path)
+    assert done.exit_code == 0, done.stderr
     (found,) = json.loads(done.stdout)["items"]
     assert found["verdict"] == "not run"
     assert found["statements"]
@@ -88,10 +102,9 @@ def test_online_items_that_are_not_run_say_so(tmp_path):
         assert (one["recorded"], one["published"], one["repeats"]) == (None, None, 0)
 
 
-def test_missing_recordings_are_told_in_a_line(tmp_path):
-    done = reproduce(
-        "table2", "--quick", "--logs", tmp_path,
-        MEAL_BAYES_DATA_URL="", MEAL_BAYES_DATA_DIR=str(tmp_path), MEAL_BAYES_OFFLINE="1",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+def test_missing_recordings_are_told_in_a_line(in_checkout, tmp_path, monkeypatch):
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", "")
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path))
+    done = in_checkout("table2", "--quick", "--logs", tmp_path)
+    assert done.exit_code == 0, done.stderr
     assert "table2 is skipped" in done.stderr

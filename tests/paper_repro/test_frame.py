@@ -68,6 +68,7 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
         assert run.cost_sd == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 @pytest.mark.parametrize(("n", "cost", "sd"), [(2, 19.2, 28.0), (3, 9.7, 18.0)])
 def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):

@@ -96,7 +96,7 @@ def test_permuted_labels_cannot_be_told(estimator):
         GaussianNB(),  # predict_proba alone
         SVC(),  # decision_function alone
         make_pipeline(StandardScaler(), LogisticRegression()),
-        RandomForestClassifier(20),
+        pytest.param(RandomForestClassifier(20), marks=pytest.mark.long),
     ],
     ids=["Bayes", "SVC", "pipeline", "forest"],
 )

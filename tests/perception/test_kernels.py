@@ -20,7 +20,7 @@ from meal_bayes.perception import (
 
 BOTH = Query(("red", "heavy"))
 SENSING = (0, 1)  # look and lift
-RECIPES = pytest.mark.parametrize("settings", [DEFAULT, PAPER], ids=["default", "paper"])
+SETTINGS = pytest.mark.parametrize("settings", [DEFAULT, PAPER], ids=["default", "paper"])
 
 
 def partly_labelled(training_set, rng):
@@ -31,7 +31,7 @@ def partly_labelled(training_set, rng):
     )  # fmt: skip
 
 
-@RECIPES
+@SETTINGS
 @pytest.mark.parametrize(("levels", "signal"), [(2, 6.0), (4, 6.0), (2, 0.0)])
 def test_counts_and_log_odds_equal_a_fit_from_features(make, settings, levels, signal):
     settings = replace(settings, levels=levels)

@@ -24,7 +24,7 @@ from meal_bayes.perception.recordings import dealt
 
 FOLDS = 4
 ABOVE = {"exact_objects": 6, "folds": FOLDS}
-RECIPES = pytest.mark.parametrize(
+SETTINGS = pytest.mark.parametrize(
     "settings",
     [replace(DEFAULT, **ABOVE), replace(PAPER, **ABOVE), with_classifier(GaussianNB(), **ABOVE)],
     ids=["default", "paper", "classifier"],
@@ -59,7 +59,7 @@ def test_with_all_recordings_as_landmarks_outputs_equal_the_exact_ones(nested):
             np.testing.assert_allclose(one, other, atol=1e-4)
 
 
-@RECIPES
+@SETTINGS
 def test_a_fold_leaves_no_trace_in_what_is_learned_without_it(make, relabel, settings):
     dataset, fold = make(3, objects=14), dealt(np.arange(14), FOLDS)
     labels = dataset.labels.copy()
@@ -78,7 +78,7 @@ def test_a_fold_leaves_no_trace_in_what_is_learned_without_it(make, relabel, set
     assert (counts[fold != 2][:, :, :2] == 2).all()
 
 
-@RECIPES
+@SETTINGS
 def test_a_table_of_some_objects_is_a_part_of_the_whole(make, settings):
     dataset = make(6, objects=14)
     whole = build_percept_table(dataset, perception=settings)

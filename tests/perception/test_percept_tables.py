@@ -23,7 +23,7 @@ from meal_bayes.perception.recordings import all_recordings_of
 from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, positive_youden_only=False)
-RECIPES = pytest.mark.parametrize(
+SETTINGS = pytest.mark.parametrize(
     "settings",
     [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)],
     ids=["default", "paper", "classifier"],
@@ -69,7 +69,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
                 np.testing.assert_array_equal(found, expected)
 
 
-@RECIPES
+@SETTINGS
 def test_labels_of_the_held_out_object_do_not_reach_its_table(make, relabel, settings):
     dataset = make(3)
     labels = dataset.labels.copy()
@@ -81,7 +81,7 @@ def test_labels_of_the_held_out_object_do_not_reach_its_table(make, relabel, set
     assert not np.array_equal(before.training_bins[5], after.training_bins[5])
 
 
-@RECIPES
+@SETTINGS
 def test_every_recording_of_the_others_is_counted_once(make, settings):
     table = build_percept_table(make(4), perception=settings)
     total = table.training_bins.sum(axis=-1)
@@ -92,7 +92,7 @@ def test_every_recording_of_the_others_is_counted_once(make, settings):
     assert np.isfinite(table.log_odds[:, :, :2]).all()
 
 
-@RECIPES
+@SETTINGS
 def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relabel, settings):
     dataset = make(5)
     labels = dataset.labels.copy()
@@ -109,7 +109,7 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])
 
 
-@RECIPES
+@SETTINGS
 def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
     dataset = make(6)
     whole = build_percept_table(dataset, perception=settings)

@@ -17,7 +17,7 @@ from meal_bayes.perception import (
 )
 from meal_bayes.perception.quality import held_out_log_odds
 
-RECIPES = pytest.mark.parametrize(
+SETTINGS = pytest.mark.parametrize(
     "settings", [DEFAULT, PAPER, with_classifier(GaussianNB())], ids=["default", "paper", "own"]
 )
 
@@ -42,7 +42,7 @@ def test_counts_tell_what_is_there(ragged):
     assert "0 to 3 recordings" in repr(ragged)
 
 
-@RECIPES
+@SETTINGS
 def test_tables_hold_what_is_there(ragged, settings, tmp_path):
     table = build_percept_table(ragged, perception=settings)
     there = np.arange(3)[:, None] < ragged.recording_counts[:, None, :]  # (O,R,E)
@@ -58,7 +58,7 @@ def test_tables_hold_what_is_there(ragged, settings, tmp_path):
     np.testing.assert_array_equal(again.log_odds, table.log_odds)
 
 
-@RECIPES
+@SETTINGS
 def test_every_recording_that_is_there_counts_once(ragged, settings):
     counts = cross_validate(ragged, TrainingSet.everything(ragged), settings=settings)
     shown = counts.counts.sum(axis=(3, 4))  # (O,P,E)
@@ -67,7 +67,7 @@ def test_every_recording_that_is_there_counts_once(ragged, settings):
     np.testing.assert_array_equal(finite.sum(axis=1), ragged.recording_counts)
 
 
-@RECIPES
+@SETTINGS
 def test_absent_recordings_are_not_scored_online(ragged, settings):
     everything = TrainingSet.everything(ragged, range(8))
     log_odds, _ = fit_and_score(

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp.belief import belief_of
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import entry_kernel
@@ -79,9 +81,8 @@ def random_toy(
         precision = precision[:, :, swapped] if finite else np.inf
         error = np.broadcast_to(mistaken, (n,))[:, None]
         classes = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
-    query = Query(domain.attributes[:n])
     options |= {"prior": prior, "latent_classes": classes}
-    return build_momdp(domain, query, confusion, precision, **options)
+    return build_momdp(domain, Query(domain.attributes[:n]), confusion, precision, **options)
 
 
 def random_momdp(
@@ -133,18 +134,18 @@ class Expectimax:
         return [sum(true) / (sum(false) + sum(true)) for false, true in both]
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
-        """Pr(is v, of kind c, percepts), [v][c]."""
+        """Pr(is v, of class c, percepts), [v][c]."""
         prior, classes = float(self.momdp.prior[i]), self.momdp.latent_classes[i].tolist()
         return [
             [p * share * self._likelihood(i, c, seen) for c, share in enumerate(classes[v])]
             for v, p in enumerate((1 - prior, prior))
         ]
 
-    def _likelihood(self, i: int, kind: int, seen: tuple[tuple[int, ...], ...]) -> float:
+    def _likelihood(self, i: int, latent_class: int, seen: tuple[tuple[int, ...], ...]) -> float:
         out = 1.0
         for e, counts in enumerate(seen):
-            row = self.momdp.confusion[i, e, kind].tolist()
-            s = float(self.momdp.precision[i, e, kind])
+            row = self.momdp.confusion[i, e, latent_class].tolist()
+            s = float(self.momdp.precision[i, e, latent_class])
             if math.isinf(s):
                 out *= math.prod(c**n for c, n in zip(row, counts, strict=True))
             else:
@@ -273,7 +274,7 @@ def noisy_roc36(n: int) -> MOMDP:
         attribute: {row["name"]: (row["tpr"][i], row["fpr"][i]) for row in rows if "tpr" in row}
         for i, attribute in enumerate(domain.attributes[:n])
     }
-    return momdp_of(domain, rates, abstain=True)
+    return replace(momdp_of(domain, rates), abstain=True)
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
@@ -285,12 +286,13 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     truth = -np.logaddexp(0.0, np.stack([odds, -odds], axis=1))  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.logaddexp.reduce(truth[:, :, None] + np.log(momdp.latent_classes), axis=1)
-    return Belief(x, log_prob, initial_belief(momdp).percept_counts, momdp.log_truth)
+    return belief_of(momdp, x, log_prob, initial_belief(momdp).percept_counts)
 
 
 @entry_kernel
-def _first_error(percepts, counts, prob, scratch):
-    return plan_error(percepts, counts, 0, 0, prob, scratch)
+def _error(percepts, counts, plan, i, prob, scratch):
+    """Call the kernel with numbers, not literals: it is compiled for these anyway."""
+    return plan_error(percepts, counts, plan, i, prob, scratch)
 
 
 def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) -> float:
@@ -299,7 +301,7 @@ def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) 
     if seen is not None:
         scratch.counts[:] = seen
         scratch.total[:] = np.sum(seen, axis=2)[0]
-    return float(_first_error(problem.percepts, np.array([counts], np.int64), prob, scratch))
+    return float(_error(problem.percepts, np.array([counts], np.int64), 0, 0, prob, scratch))
 
 
 def search(
@@ -323,13 +325,13 @@ def search(
 
 
 @pytest.fixture(scope="session")
-def toy(compiled: None) -> MOMDP:
+def toy() -> MOMDP:
     """Two attributes, few percepts: small enough for brute force."""
     return momdp_of("toy", TOY_RATES, limit=3)
 
 
 @pytest.fixture(scope="session")
-def small(compiled: None) -> SimpleNamespace:
+def small() -> SimpleNamespace:
     """The makers of small problems, and their exact solution."""
     return SimpleNamespace(
         momdp=momdp_of,

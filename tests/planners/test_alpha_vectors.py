@@ -5,7 +5,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import History
 from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy, AlphaVectors
 
@@ -76,7 +76,7 @@ def test_an_x_without_vectors_reports():
 @pytest.mark.parametrize(("abstain", "expected"), [(False, 3), (True, LIFT)])
 def test_illegal_behaviors_only_where_abstaining_is_allowed(abstain, expected):
     """Only at x1: lift ends the trial there, look too."""
-    momdp = momdp_of(1, abstain=abstain)
+    momdp = momdp_of(1, objective=Objective(abstain=abstain))
     belief = initial_belief(momdp).at(1)
     decision = decide(momdp, belief, [[77.0, 77.0], [66.0, 66.0]], [1, 1], [LIFT, LOOK])
     assert decision.action == expected
@@ -85,7 +85,9 @@ def test_illegal_behaviors_only_where_abstaining_is_allowed(abstain, expected):
 def test_illegal_behaviors_that_stay_are_never_taken():
     domain = load_domain("roc36_published")
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
-    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, abstain=True)
+    momdp = build_momdp(
+        domain, Query(domain.attributes[:1]), rows, objective=Objective(abstain=True)
+    )
     stays = int(np.flatnonzero(~momdp.legal[0])[0])
     decision = decide(momdp, initial_belief(momdp), [[999.0, 999.0]], [0], [stays])
     assert decision.action >= momdp.n_behaviors

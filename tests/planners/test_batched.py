@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import Factored, History, batched_value_iteration
 
 TOY = load_domain("toy")
@@ -43,9 +43,11 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
     domain, rng = load_domain(name), np.random.default_rng(4)
     rates, prior = random_rates(domain, rng, 6), rng.uniform(0.1, 0.9, 6)
     scale = 2 * domain.report_reward
-    values = batched_value_iteration(problem(domain=domain, abstain=abstain), rates, prior)
+    values = batched_value_iteration(
+        problem(domain=domain, objective=Objective(abstain=abstain)), rates, prior
+    )
     for value, own, p in zip(values, rates, prior, strict=True):
-        best = optimum(problem(own, p, domain=domain, abstain=abstain))
+        best = optimum(problem(own, p, domain=domain, objective=Objective(abstain=abstain)))
         assert best - 0.002 * scale <= value <= best + 0.02 * scale  # it errs upwards
 
 
@@ -64,11 +66,11 @@ def test_better_percepts_are_worth_no_less(rates, prior, e, step):
 
 
 @given(chance, rate)
-def test_equal_rates_are_worth_the_report_or_the_exit(prior, yes):
+def test_equal_rates_are_worth_the_report_or_abstaining(prior, yes):
     rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
     (value,) = batched_value_iteration(problem(), rates, [prior])
     assert value == pytest.approx(now, abs=0.7)  # a kink between grid points at even odds
-    (leaving,) = batched_value_iteration(problem(abstain=True), rates, [prior])
+    (leaving,) = batched_value_iteration(problem(objective=Objective(abstain=True)), rates, [prior])
     exit_value = -min(b.cost for b in TOY.behaviors if b.name == "reinit")
     assert leaving == pytest.approx(max(now, exit_value), abs=0.7)
 

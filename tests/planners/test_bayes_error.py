@@ -61,8 +61,8 @@ def outcomes(momdp, behaviors):
 def gatherings(draw, levels=2, most=5):
     """A `toy` problem of one attribute, a plan's percepts, a belief, and percepts seen.
 
-    Truths may share the kinds. Where they do not, one behavior may be a person, whose answers tell
-    of the truth, whatever kind the object is.
+    Truths may share latent classes. Where they do not, one behavior may be a person, whose answers
+    tell of the truth, whatever class the object is of.
     """
     rng, own_classes = (
         np.random.default_rng(draw(st.integers(0, 2**32 - 1))),
@@ -121,7 +121,7 @@ def test_cutting_levels_to_yes_and_no_can_only_raise_the_error(small, case):
     assert found >= brute_error(*case) - 1e-12
 
 
-def test_percepts_beyond_the_limit_tell_nothing(small):
+def test_percepts_beyond_the_limit_are_not_informative(small):
     rng = np.random.default_rng(1)
     momdp = small.random("toy", 1, 2, rng, precision=4.0, limit=[3, 2, np.inf])
     seen, weight = np.array([[[1, 1], [0, 2], [0, 0]]]), small.weights(momdp, [0.3])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners.compiled import class_prior, compile_momdp, dynamics_of
 
 FORK = Domain(
@@ -70,14 +70,14 @@ def test_moves_without_percept_are_silent_branches(small):
 
 
 def test_without_discount_a_failure_costs_a_repetition(small):
-    momdp = small.momdp("roc36", {"heavy": {}}, discount=1.0)
+    momdp = small.momdp("roc36", {"heavy": {}}, objective=Objective(discount=1.0))
     dynamics, grasp = dynamics_of(momdp), behavior(momdp, "grasp")
     assert dynamics.step["cost"][1, grasp] == pytest.approx(4.5 / 0.95)
     np.testing.assert_allclose(dynamics.step["discount"][dynamics.step["legal"]], 1.0)
 
 
 def test_published_shakes_are_repeated_until_the_object_falls(small):
-    momdp = small.momdp("roc36_published", {"heavy": {}}, abstain=True)
+    momdp = small.momdp("roc36_published", {"heavy": {}}, objective=Objective(abstain=True))
     dynamics, shake = dynamics_of(momdp), behavior(momdp, "shake")
     assert branches(dynamics, 4, shake) == {(1.0, 5, True)}
     assert dynamics.step["cost"][4, shake] == pytest.approx(3.8 / (1 - 0.99 * 0.95))
@@ -89,22 +89,27 @@ def test_published_shakes_are_repeated_until_the_object_falls(small):
     assert dynamics.step["cost"][1, tap] == pytest.approx(4.2 / (1 - 0.99 * 0.10))
 
 
-def test_where_illegal_changes_nothing_there_is_no_exit(small):
-    momdp = small.momdp("roc36_published", {"heavy": {}}, abstain=True)
+def test_where_illegal_changes_nothing_none_abstains(small):
+    momdp = small.momdp("roc36_published", {"heavy": {}}, objective=Objective(abstain=True))
     assert np.isneginf(dynamics_of(momdp).exit_value[:6]).all()
 
 
-def test_the_exit_is_the_cheapest_illegal_behavior(small):
+def test_abstaining_is_the_cheapest_illegal_behavior(small):
     rates = {"heavy": {}}
-    dynamics = dynamics_of(small.momdp("roc36", rates, abstain=True))
+    dynamics = dynamics_of(small.momdp("roc36", rates, objective=Objective(abstain=True)))
     np.testing.assert_array_equal(dynamics.exit_value[:6], [-1.0, -0.5, -0.5, -0.5, -0.5, -0.5])
     assert np.isneginf(dynamics_of(small.momdp("roc36", rates)).exit_value).all()
 
 
-def test_where_everything_is_legal_there_is_no_exit(small):
+def test_where_everything_is_legal_none_abstains(small):
     everywhere = TransitionDiagram(("x0", "term"), "x0", (Effect("*", "look", "*"),))
     domain = Domain("one", ("red",), (Behavior("look", 1.0, ("color",)),), everywhere)
-    assert dynamics_of(small.momdp(domain, {"red": {}}, abstain=True)).exit_value[0] == -np.inf
+    assert (
+        dynamics_of(small.momdp(domain, {"red": {}}, objective=Objective(abstain=True))).exit_value[
+            0
+        ]
+        == -np.inf
+    )
 
 
 def test_each_outcome_is_a_branch(small):
@@ -154,7 +159,7 @@ def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
     one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
     other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
     assert one.dynamics is other.dynamics
-    for options in ({"discount": 0.9}, {"abstain": True}):
+    for options in ({"objective": Objective(discount=0.9)}, {"objective": Objective(abstain=True)}):
         unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
         assert unlike.dynamics is not one.dynamics
 
@@ -168,13 +173,13 @@ def test_shaping_pays_for_percepts_within_the_limit(small):
     assert compile_momdp(replace(momdp, bonus=np.ones((1, 3, 2)))).shaped
 
 
-def test_rows_that_tell_nothing_are_not_planned_with(small):
+def test_rows_without_information_are_not_planned_with(small):
     problem = compile_momdp(small.momdp("toy", {"red": {"look": (0.6, 0.5)}, "heavy": {}}))
     informative = problem.percepts.informative
     np.testing.assert_array_equal(informative, [[True, False, False], [False] * 3])
 
 
-def test_what_tells_of_the_latent_class_is_planned_with():
+def test_information_on_the_latent_class_is_planned_with():
     """Look says nothing of the truth, but whether lift is to be believed."""
     honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]

@@ -10,7 +10,7 @@ from scipy.special import expit
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import ITRS, initial_belief, report_value, shape_reward
+from meal_bayes.momdp import ITRS, Objective, initial_belief, report_value, shape_reward
 from meal_bayes.planners import History
 from meal_bayes.planners.factored.policy import Factored
 
@@ -34,7 +34,7 @@ class TestThePolicy:
 
     @pytest.mark.statistical
     @pytest.mark.parametrize(("n", "floor"), [(1, 434), (2, 372), (3, 200)])
-    def test_worth_on_the_noisy_robot(self, small, n, floor):
+    def test_value_on_the_noisy_robot(self, small, n, floor):
         """Known: 441.4, 387.2, 239.4. SARSOP's of 60 s are worth 441, 386, 109."""
         momdp = small.noisy_roc36(n)
         policy = solve(momdp, 20_000)
@@ -56,7 +56,7 @@ class TestThePolicy:
     def test_it_ends_a_hopeless_trial(self, small):
         """By the cheapest illegal behavior where it may, else by guessing."""
         rates = {name: {"look": (0.51, 0.49)} for name in ("red", "heavy")}
-        momdp = small.momdp("toy", rates, abstain=True)
+        momdp = small.momdp("toy", rates, objective=Objective(abstain=True))
         start = History(initial_belief(momdp))
         action = solve(momdp).decide(start, RNG).action
         assert not momdp.legal[momdp.start, action]
@@ -87,7 +87,7 @@ class TestThePolicy:
 
     def test_shaping_attracts(self, small):
         """ITRS: what pays to explore is explored first."""
-        momdp = small.momdp("toy", small.rates, discount=0.9)
+        momdp = small.momdp("toy", small.rates, objective=Objective(discount=0.9))
         domain = load_domain("toy")
         itrs = ITRS(alpha=30.0, beta=0.0, delta=1.0)
         shaped = shape_reward(momdp, np.zeros((2, 3)), itrs, domain=domain)
@@ -117,7 +117,7 @@ class TestRefusals:
             solve(small.ispy32(12), 50_000)
 
     def test_rewards_without_end(self, small):
-        momdp = small.toy(0, 1, 2, finite=False, discount=1.0)
+        momdp = small.toy(0, 1, 2, finite=False, objective=Objective(discount=1.0))
         with pytest.raises(SettingsError, match="without end"):
             solve(replace(momdp, bonus=np.full((1, 3, 2), 50.0)))
 
@@ -130,7 +130,7 @@ class TestRefusals:
 def test_weak_percepts_promise_no_more_than_the_bound(small):
     """The smooth estimate rose seven seconds above it, and a look that tells nothing was best."""
     rates = {"red": {"look": (0.2, 0.2), "lift": (1 / 3, 0.25)}}
-    options = {"correct": 300.0, "incorrect": -300.0, "abstain": True, "limit": 3}
+    options = {"limit": 3, "objective": Objective(correct=300.0, incorrect=-300.0, abstain=True)}
     for prior, value in ((0.5, 24.46), (0.44137931, 38.0)):  # iterated on a grid of 2801 points
         momdp = small.momdp("toy", rates, prior=prior, **options)
         policy = Factored().solve(momdp, None)

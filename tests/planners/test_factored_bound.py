@@ -10,7 +10,7 @@ from planner_rollouts import simulate
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, initial_belief
+from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History
 from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
@@ -125,7 +125,13 @@ class TestTheBound:
     def test_it_is_tight(self, small, seed):
         """With half of everything lost at each step, nine steps ahead are the optimum."""
         n = 1 + seed % 2
-        momdp = small.toy(seed, n, 2, finite=False, discount=0.5, abstain=True)
+        momdp = small.toy(
+            seed,
+            n,
+            2,
+            finite=False,
+            objective=Objective(discount=0.5, abstain=True),
+        )
         momdp = replace(momdp, transition=without_failures(momdp), cost=[0.3, 0.7, 0.1])
         best = attainable(momdp, momdp.start, momdp.prior, 9 if n == 1 else 4)
         lost = 0.5 ** (9 if n == 1 else 4) * (momdp.correct - best)
@@ -190,13 +196,15 @@ class TestTheBound:
 
     def test_percepts_that_run_out_only_lower_the_value(self, small):
         for seed in range(3):
-            momdp = small.toy(seed, 2, 2, finite=False, limit=2, abstain=bool(seed % 2))
+            momdp = small.toy(
+                seed, 2, 2, finite=False, limit=2, objective=Objective(abstain=bool(seed % 2))
+            )
             optimum = small.expectimax(momdp)
             best = optimum.value(momdp.start, optimum.nothing_seen())
             assert solve(momdp).upper_bound >= best - 1e-6
 
     def test_undiscounted(self, small):
-        momdp = small.toy(4, 1, 2, finite=False, discount=1.0)
+        momdp = small.toy(4, 1, 2, finite=False, objective=Objective(discount=1.0))
         found = solve(momdp, tolerance=1e-5).upper_bound
         assert attainable(momdp, momdp.start, momdp.prior, 5) <= found < momdp.correct
         nearly = solve(replace(momdp, discount=1 - 1e-6), tolerance=1e-5).upper_bound
@@ -248,14 +256,16 @@ class TestPartsOfAQuery:
         assert bounds[1] >= bounds[2] > 238
         assert bounds[1] < 243
 
-    def test_attributes_that_nothing_tells_of_need_no_axis(self, small):
+    def test_attributes_without_informative_behaviors_need_no_axis(self, small):
         """All they do is to be guessed: r+ shrinks by the chance of that."""
         rates = {"red": {"look": (0.8, 0.25)}, "heavy": {}}
         momdp = small.momdp("toy", rates, prior=[0.5, 0.3])
         policy = solve(momdp)
         assert policy.bound.size.tolist()[1] == 1
         gap = momdp.correct - momdp.incorrect
-        reduced = small.momdp("toy", {"red": rates["red"]}, correct=momdp.incorrect + 0.7 * gap)
+        reduced = small.momdp(
+            "toy", {"red": rates["red"]}, objective=Objective(correct=momdp.incorrect + 0.7 * gap)
+        )
         assert policy.upper_bound == pytest.approx(solve(reduced).upper_bound, abs=0.05)
         assert upper_bound(momdp, size=1) == pytest.approx(policy.upper_bound, abs=0.05)
 
@@ -270,7 +280,9 @@ class TestPartsOfAQuery:
     @pytest.mark.parametrize("seed", range(4))
     def test_of_finite_precision(self, small, seed):
         """Percepts that repeat themselves tell less than fresh ones."""
-        momdp = small.toy(seed, 1 + seed % 2, 2, finite=False, limit=3, discount=0.95)
+        momdp = small.toy(
+            seed, 1 + seed % 2, 2, finite=False, limit=3, objective=Objective(discount=0.95)
+        )
         momdp = replace(momdp, precision=np.full_like(momdp.precision, 0.5 + seed))
         optimum = small.expectimax(momdp)
         best = optimum.value(momdp.start, optimum.nothing_seen())
@@ -279,7 +291,7 @@ class TestPartsOfAQuery:
         assert bound == upper_bound(replace(momdp, precision=np.full_like(momdp.precision, np.inf)))
 
     def test_shaping_of_the_other_attributes_counts(self, small):
-        momdp = small.toy(3, 2, 2, finite=False, discount=0.8)
+        momdp = small.toy(3, 2, 2, finite=False, objective=Objective(discount=0.8))
         bonus = np.random.default_rng(3).uniform(-2, 2, (2, 3, 2))
         shaped = replace(momdp, bonus=bonus)
         best = attainable(shaped, shaped.start, shaped.prior, 3)

@@ -66,6 +66,7 @@ def test_a_sweep_takes_the_best_of_every_belief(momdp, table, smooth, shaped):
     table = table._replace(value=value)
     percepts = tuple(percepts_on(momdp, i, axis) for i, axis in enumerate(table.axes))
     backups = make_backups(momdp, Edges.of(momdp, problem), table, percepts)
+    assert backups.reward.flags.c_contiguous  # or a second kernel is compiled
     found, work = value.copy(), np.zeros((4, value.shape[1]))
     sweep(backups, found, work, np.inf, 1, smooth)
     for x in reversed(range(momdp.terminal)):

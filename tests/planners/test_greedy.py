@@ -33,7 +33,7 @@ def test_information_gain_by_hand(small):
     np.testing.assert_allclose(found, [look, gain(0.3, 0.9, 0.2), 0.0], atol=1e-12)
 
 
-def test_dispersed_rows_tell_less_the_second_time(small):
+def test_dispersed_rows_are_less_informative_the_second_time(small):
     momdp = small.momdp("toy", {"red": {"look": (0.8, 0.25)}}, 3.0)
     belief = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1])))
     b = float(belief.positive[0])
@@ -44,7 +44,7 @@ def test_dispersed_rows_tell_less_the_second_time(small):
 
 
 @pytest.mark.parametrize("options", [{"own_classes": 3}, {"shared": 3}, {"mistaken": [0.1, 0.3]}])
-def test_information_gain_of_kinds_is_that_of_the_truth(small, options):
+def test_information_gain_of_latent_classes_is_that_of_the_truth(small, options):
     """Against the definition: Pr(truth, level) by the exact solution's percepts."""
     momdp = small.toy(3, 2, 4, finite=True, **options)
     exact = small.expectimax(momdp)
@@ -60,8 +60,8 @@ def test_information_gain_of_kinds_is_that_of_the_truth(small, options):
             assert found[e] == pytest.approx(before - after, abs=1e-9)
 
 
-def test_a_mistaken_kind_is_worth_no_second_look(small):
-    """Percepts that all err together tell at most of the kind."""
+def test_a_mistaken_latent_class_is_worth_no_second_look(small):
+    """Percepts that all err together inform at most of the class."""
     rows = np.tile([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]], (1, 3, 1, 1))
     latent_classes = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.9, 0.1]]]
     momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
@@ -72,7 +72,7 @@ def test_a_mistaken_kind_is_worth_no_second_look(small):
     assert decide(momdp, History(belief)).action == momdp.n_behaviors + 1
 
 
-def test_used_up_behaviors_tell_nothing(small):
+def test_used_up_behaviors_are_not_informative(small):
     momdp = small.momdp("toy", {"red": {"look": (0.8, 0.25)}}, limit=1)
     belief = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1])))
     assert not information_gain(momdp, belief).any()

@@ -72,6 +72,7 @@ assert settings() == before and len(before) > 50
 
 SIGNATURES = """
 import importlib, pkgutil
+from dataclasses import replace
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):
@@ -86,6 +87,9 @@ for precision, limit in ((np.inf, np.inf), (5.0, 3)):
     momdp = build_momdp(domain, Query(domain.attributes), rows, precision, limit=limit)
     for solver in (OpenLoop(), POMCP(5), POMCP(5, points=0)):
         solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+momdp = build_momdp(domain, Query(domain.attributes), rows, limit=np.inf)
+momdp = replace(momdp, bonus=rng.random(momdp.bonus.shape))
+Factored(500).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
 for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
     for name, value in vars(importlib.import_module(info.name)).items():
         if len(getattr(value, "signatures", ())) > 1:

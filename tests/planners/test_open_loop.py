@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import load_domain
-from meal_bayes.momdp import Transition, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop.errors import make_scratch
@@ -57,14 +57,14 @@ def decide(momdp, belief=None, **settings):
 
 @pytest.mark.parametrize("paid", [1, 2, np.inf])
 def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
-    momdp = small.momdp("toy", small.rates, limit=5, discount=1.0)
+    momdp = small.momdp("toy", small.rates, limit=5, objective=Objective(discount=1.0))
     added, counts = bonuses_of(momdp, [7.0, 0.0, 0.0], paid)
     assert counts[:, 0].max() >= 3
     np.testing.assert_allclose(added, 7.0 * np.minimum(counts[:, 0], paid))
 
 
 def test_what_was_perceived_in_the_trial_is_not_paid_again(small):
-    momdp = small.momdp("toy", small.rates, limit=5, discount=1.0)
+    momdp = small.momdp("toy", small.rates, limit=5, objective=Objective(discount=1.0))
     after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1, 0], np.int8)))
     added, counts = bonuses_of(momdp, [7.0, 20.0, 0.0], 1, after)
     # Eq. 11 pays executions: a lift that succeeds with 0.9 takes 1 / 0.9 of them.
@@ -118,7 +118,9 @@ def test_only_what_pays_again_is_done_again(small):
 
 def test_one_plan_fetches_every_bonus(small):
     domain = load_domain("ispy32")
-    momdp = small.momdp(domain, {domain.attributes[0]: {}}, limit=4, discount=1.0)
+    momdp = small.momdp(
+        domain, {domain.attributes[0]: {}}, limit=4, objective=Objective(discount=1.0)
+    )
     senses = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
     rich = with_bonus(momdp, 200.0 * senses)
     added = values_of(
@@ -127,7 +129,9 @@ def test_one_plan_fetches_every_bonus(small):
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
 
-@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
+@pytest.mark.parametrize(
+    "options", [{}, {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}]
+)
 @pytest.mark.parametrize("finite", [False, True])
 def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
     """Exactly, by brute force; what is left of a plan is a plan, so it is never put off."""

@@ -11,6 +11,7 @@ from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
     MOMDP,
+    Objective,
     Transition,
     build_momdp,
     initial_belief,
@@ -100,9 +101,9 @@ def optimum(momdp: MOMDP) -> float:
     ("n", "levels", "options"),
     [
         (1, 2, {}),
-        (2, 2, {"discount": 1.0}),
-        (1, 4, {"discount": 0.8}),
-        (2, 2, {"incorrect": -2000.0, "correct": 10.0, "abstain": True}),
+        (2, 2, {"objective": Objective(discount=1.0)}),
+        (1, 4, {"objective": Objective(discount=0.8)}),
+        (2, 2, {"objective": Objective(incorrect=-2000.0, correct=10.0, abstain=True)}),
     ],
 )
 def test_brute_force_agrees(n, levels, options):
@@ -140,7 +141,7 @@ def test_three_attributes_beyond_sarsop(reference):
 
 
 def test_the_policy_keeps_its_promise():
-    momdp = momdp_of("roc36", 2, seed=3, abstain=True)
+    momdp = momdp_of("roc36", 2, seed=3, objective=Objective(abstain=True))
     policy = solve(momdp)
     found = simulate(momdp, policy, 200, np.random.default_rng(2))
     assert found.value > policy.lower_bound - 4 * found.value_se
@@ -173,7 +174,7 @@ def test_decisions_are_legal_everywhere(name, levels):
     for n, abstain in ((1, True), (2, False)):
         if n > len(load_domain(name).attributes):
             continue
-        momdp = momdp_of(name, n, levels, abstain=abstain, limit=2, prior=0.3)
+        momdp = momdp_of(name, n, levels, objective=Objective(abstain=abstain), limit=2, prior=0.3)
         policy, rng = solve(momdp), np.random.default_rng(0)
         belief = initial_belief(momdp)
         for _ in range(15):

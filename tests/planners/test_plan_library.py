@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import betabinom, binom
 
 from meal_bayes.domain import load_domain
+from meal_bayes.momdp import Objective
 from meal_bayes.planners.compiled import class_prior, compile_momdp
 from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import diagram_of, plan_library
@@ -229,7 +230,7 @@ def library(plans, x):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_plans_are_walks_of_the_diagram(small, seed):
+def test_plans_are_paths_of_the_diagram(small, seed):
     problem, plans = made(small.toy(seed, 2, 2, finite=False, limit=3))
     for x in range(2):
         walks = {account(problem, x, p) for p, _ in toy_paths(problem, x, (4, 4)) if p}
@@ -261,7 +262,13 @@ def test_the_library_holds_nearly_the_best_plan(small, seed, options):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"mistaken": 0.1}, {"own_classes": 3}, {"shared": 3}, {"abstain": True}],
+    [
+        {},
+        {"mistaken": 0.1},
+        {"own_classes": 3},
+        {"shared": 3},
+        {"objective": Objective(abstain=True)},
+    ],
 )
 @pytest.mark.parametrize(
     ("n", "levels", "finite"), [(1, 2, False), (2, 2, False), (2, 2, True), (1, 4, True)]
@@ -317,12 +324,12 @@ def test_ways_are_found_once_for_a_diagram(small):
     one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
     other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
     assert diagram_of(one.dynamics) is diagram_of(other.dynamics)
-    dearer = compile_momdp(small.momdp("roc36", {"heavy": {}}, discount=0.9))
+    dearer = compile_momdp(small.momdp("roc36", {"heavy": {}}, objective=Objective(discount=0.9)))
     assert diagram_of(dearer.dynamics) is not diagram_of(one.dynamics)
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])
-def test_sure_priors_of_shared_kinds_have_plans(small, prior):
+def test_sure_priors_of_shared_latent_classes_have_plans(small, prior):
     """No percept moves them; every plan is worth its report, less what it costs."""
     momdp = small.toy(1, 2, 2, finite=True, shared=3)
     momdp = replace(momdp, prior=np.broadcast_to(prior, 2))

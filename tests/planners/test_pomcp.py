@@ -9,6 +9,7 @@ from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import (
+    Objective,
     Transition,
     initial_belief,
     report_value,
@@ -26,8 +27,8 @@ PROBLEMS = {
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "misperceived": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2}
     | {"mistaken": [0.05, 0.2]},
-    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
-    "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
+    "six classes": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
+    "shared classes": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
 }
 
 
@@ -49,7 +50,7 @@ class TestAgainstTheOptimum:
     @pytest.mark.parametrize("problem", PROBLEMS)
     @pytest.mark.parametrize("simulations", [30, 300, 3000])
     def test_the_value_approaches_it_from_below(self, small, solved, problem, abstain, simulations):
-        momdp, _, best = solved(problem, abstain=abstain)
+        momdp, _, best = solved(problem, objective=Objective(abstain=abstain))
         value = small.best_value(small.search(momdp, simulations))
         assert value <= best + 1e-9
         assert value >= best - 55 / np.sqrt(simulations)  # of 200 between right and wrong
@@ -63,7 +64,7 @@ class TestAgainstTheOptimum:
 
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_without_discount(self, small, solved, problem):
-        momdp, _, best = solved(problem, discount=1.0)
+        momdp, _, best = solved(problem, objective=Objective(discount=1.0))
         value = small.best_value(small.search(momdp, 3000))
         assert best - 3.0 <= value <= best + 1e-9
 
@@ -207,9 +208,10 @@ class TestWithoutThese:
 
     @pytest.mark.statistical
     @pytest.mark.parametrize(
-        ("n", "floor"), [(1, 425), (2, 360), pytest.param(3, 185, marks=pytest.mark.long)]
+        ("n", "floor"),
+        [(1, 425), *(pytest.param(*more, marks=pytest.mark.long) for more in ((2, 360), (3, 185)))],
     )
-    def test_worth_on_the_noisy_robot(self, small, n, floor):
+    def test_value_on_the_noisy_robot(self, small, n, floor):
         """SARSOP: 441, 386, 99 in 5 s; textbook POMCP 237, -49, -278."""
         momdp = small.noisy_roc36(n)
         for solver in (POMCP(30), POMCP(30, points=0)):
@@ -217,7 +219,7 @@ class TestWithoutThese:
             assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > floor
 
     @pytest.mark.statistical
-    def test_worth_of_open_loop_feedback(self, small):
+    def test_value_of_open_loop_feedback(self, small):
         """Without simulations; plans that never leave a loop would be worth 260."""
         momdp = small.noisy_roc36(2)
         policy = POMCP(0, points=0).solve(momdp, np.random.default_rng(0))

@@ -11,7 +11,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Belief, build_momdp, initial_belief
+from meal_bayes.momdp import Belief, Objective, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.open_loop.policy import plan_values
 from meal_bayes.planners.pomcp.search import search
@@ -24,12 +24,13 @@ def same(one, other):
     )
 
 
-def hopeless(n, **options):
+def hopeless(n, *, abstain=False):
     """Build a query of ROC36 of which no behavior tells anything."""
     domain = load_domain("roc36")
     confusion = np.full((n, len(domain.behaviors), 2, 2), 0.5)
     query = Query(domain.attributes[:n])
-    return build_momdp(domain, query, confusion, discount=1.0, **options)
+    goal = Objective(discount=1.0, abstain=abstain)
+    return build_momdp(domain, query, confusion, objective=goal)
 
 
 def test_equal_seeds_decide_alike(small, toy):
@@ -67,16 +68,20 @@ def test_only_who_may_abstains(small, n, simulations):
         assert ending.values[-1] == -1.0
 
 
-def test_abstaining_is_the_cheapest_exit_of_each_x(small):
+def test_abstaining_is_the_cheapest_illegal_behavior_of_each_x(small):
     momdp = hopeless(3, abstain=True)
     for x in range(1, 6):
         history = History(initial_belief(momdp).at(x))
         assert momdp.behavior_names[small.search(momdp, 10, history=history).action] == "look"
 
 
-def test_published_diagrams_have_no_exit(small):
+def test_in_published_diagrams_none_abstains(small):
     rates = {"heavy": {}, "blue": {}, "beans": {}}
-    momdp = small.momdp("roc36_published", rates, abstain=True, discount=1.0)
+    momdp = small.momdp(
+        "roc36_published",
+        rates,
+        objective=Objective(abstain=True, discount=1.0),
+    )
     decision = small.search(momdp, 20)
     assert decision.action >= momdp.n_behaviors
     assert decision.values[-1] == pytest.approx(-375.0)
@@ -87,7 +92,7 @@ def test_rounding_does_not_abstain(small, monkeypatch, error):
     """NumPy's exp and the kernel's may differ in the last bit, by processor."""
     right = Belief.right.fget
     monkeypatch.setattr(Belief, "right", property(lambda belief: right(belief) * (1 + error)))
-    momdp, reports = small.ispy32(2, abstain=True), 0
+    momdp, reports = small.ispy32(2, objective=Objective(abstain=True)), 0
     for odds in np.linspace(3.0, 12.0, 10):
         sure = History(small.believing(momdp, [odds, -odds]))
         decision = small.search(momdp, 5, history=sure)

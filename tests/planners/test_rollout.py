@@ -1,4 +1,4 @@
-"""Simulated episodes estimate the exact value of a policy, of whatever kind objects are."""
+"""Simulated episodes estimate the exact value of a policy, of whatever class objects are."""
 
 from dataclasses import fields, replace
 
@@ -8,7 +8,7 @@ from planner_rollouts import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
+from meal_bayes.momdp import Objective, Transition, best_report, initial_belief, update_belief
 from meal_bayes.planners import Decision, Greedy
 
 EPISODES = 500
@@ -17,10 +17,10 @@ PROBLEMS = {
     "dispersed": {"seed": 1, "n": 2, "levels": 2, "finite": True, "limit": 3},
     "four levels, dispersed": {"seed": 3, "n": 1, "levels": 4, "finite": True, "limit": 2},
     "mistaken": {"seed": 0, "n": 2, "levels": 2, "finite": True, "limit": 2, "mistaken": 0.2},
-    "of six kinds": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
-    "of shared kinds": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
+    "six classes": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
+    "shared classes": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
     "without discount": {"seed": 7, "n": 1, "levels": 2, "finite": True, "limit": 3}
-    | {"discount": 1.0},
+    | {"objective": Objective(discount=1.0)},
 }
 
 
@@ -106,7 +106,7 @@ def test_rows_are_drawn_once_an_episode(small):
 
 
 def test_who_abstains_pays_for_what_he_does_and_gets_no_reward(small):
-    momdp = small.toy(**PROBLEMS["independent"], abstain=True)
+    momdp = small.toy(**PROBLEMS["independent"], objective=Objective(abstain=True))
     found = run(momdp, Gather(momdp, 1, leaves=True), 200)
     left = found.abstained
     assert 0 < left.sum() < 200
@@ -187,8 +187,8 @@ def test_the_history_is_what_happened(small):
 @pytest.mark.statistical
 def test_believing_in_another_model_costs(small):
     """Shown the belief of a model that takes percepts for independent; paid by the true one."""
-    world = small.toy(3, 2, 2, finite=True, limit=3)
-    believed = replace(world, precision=np.full(world.precision.shape, np.inf))
+    true = small.toy(3, 2, 2, finite=True, limit=3)
+    believed = replace(true, precision=np.full(true.precision.shape, np.inf))
     seen = []
 
     class Record(Gather):
@@ -196,8 +196,8 @@ def test_believing_in_another_model_costs(small):
             seen.append(history.belief)
             return super().decide(history, rng)
 
-    wrong = run(world, Record(believed, 3), believed=believed)
-    right = run(world, Gather(world, 3))
+    wrong = run(true, Record(believed, 3), believed=believed)
+    right = run(true, Gather(true, 3))
     # What is perceived is the same, as the seeds are; only the reports differ.
     np.testing.assert_array_equal(wrong.cost, right.cost)
     assert (wrong.returns <= right.returns + 1e-9).all()
@@ -251,7 +251,7 @@ def test_equal_seeds_give_equal_episodes(toy):
     assert (one.returns != other.returns).any()
 
 
-def test_the_world_does_not_know_the_policys_draws(toy):
+def test_the_environment_does_not_know_the_policys_draws(toy):
     """Whatever a policy draws, it meets the same objects and percepts."""
 
     class Drawing(Gather):

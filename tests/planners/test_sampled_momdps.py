@@ -72,6 +72,7 @@ def root_values(small, momdp, simulations, **settings):
     return [small.best_value(decision) for decision in decisions]
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 def test_both_backups_reach_one_value_on_the_noisy_robot(small):
     """With tables, where nothing is explored for its own sake; averages hold what that costs."""

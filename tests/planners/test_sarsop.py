@@ -11,7 +11,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import History
 from meal_bayes.planners.point_based.pbvi import PBVI
 from meal_bayes.planners.point_based.sarsop import Sarsop
@@ -57,7 +57,7 @@ def solve(momdp, **settings):
 
 
 def test_a_policy_comes_back_as_it_was_written(program, tmp_path):
-    momdp = momdp_of("roc36", 2, abstain=True)
+    momdp = momdp_of("roc36", 2, objective=Objective(abstain=True))
     ours = PBVI(points=30, rounds=2, sweeps=20).solve(momdp, np.random.default_rng(0))
     (tmp_path / "own.policy").write_text(policy_text(ours.alpha, len(momdp.x_names)))
     kept = tmp_path / "problem.pomdpx"
@@ -86,11 +86,15 @@ def test_the_program_is_found(program, monkeypatch):
     text = f'{HEADER}<AlphaVector vectorLength="2" numObsValue="3" numVectors="1">'
     write = f"pathlib.Path('out.policy').write_text({text!r} + vector + '</AlphaVector></Policy>')"
 
-    def worth(value, name):
+    def bounded_by(value, name):
         line = f'<Vector action="0" obsValue="0">{value} {value}</Vector>'
         return program(f"vector = {line!r}", write, name=name)
 
-    on_path, named, given = worth(51, "pomdpsol"), worth(52, "other"), worth(53, "third")
+    on_path, named, given = (
+        bounded_by(51, "pomdpsol"),
+        bounded_by(52, "other"),
+        bounded_by(53, "third"),
+    )
     monkeypatch.setenv("PATH", str(on_path.parent))
     monkeypatch.delenv("MEAL_BAYES_POMDPSOL", raising=False)
     assert solve(momdp_of()).lower_bound == 51
@@ -170,7 +174,7 @@ def test_what_the_format_cannot_hold_is_told(program):
     path = program("sys.exit(1)")
     for momdp, found in (
         (momdp_of(precision=4.0), "precision=inf"),
-        (momdp_of(discount=1.0), "discount below 1"),
+        (momdp_of(objective=Objective(discount=1.0)), "discount below 1"),
         (momdp_of("ispy32", 9), "9 attributes"),
     ):
         with pytest.raises(SettingsError, match=found):
@@ -180,9 +184,12 @@ def test_what_the_format_cannot_hold_is_told(program):
 @pytest.mark.parametrize(
     ("momdp", "forbidden"),
     [
-        (momdp_of("toy", abstain=True), False),
-        (momdp_of("toy", abstain=False), True),
-        (momdp_of("roc36_published", abstain=True), True),  # illegal behaviors end nothing there
+        (momdp_of("toy", objective=Objective(abstain=True)), False),
+        (momdp_of("toy", objective=Objective(abstain=False)), True),
+        (
+            momdp_of("roc36_published", objective=Objective(abstain=True)),
+            True,
+        ),  # illegal behaviors end nothing there
     ],
 )
 def test_illegal_behaviors_are_priced_where_no_planner_may_abstain(
@@ -207,6 +214,6 @@ def test_the_real_program_agrees():
     program = os.environ.get("MEAL_BAYES_POMDPSOL") or shutil.which("pomdpsol")
     if program is None:
         pytest.skip("no pomdpsol here; set MEAL_BAYES_POMDPSOL to compare with it")
-    momdp = momdp_of("toy", 2, abstain=True)
+    momdp = momdp_of("toy", 2, objective=Objective(abstain=True))
     ours = PBVI().solve(momdp, np.random.default_rng(0))
     assert solve(momdp, program=program).lower_bound == pytest.approx(ours.lower_bound, abs=0.5)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meal_bayes.momdp import Objective
 from meal_bayes.planners import History
 from meal_bayes.planners.pomcp.certain import certain_behavior
 
@@ -19,10 +20,13 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
     assert np.nanmax(decision.values) <= np.nanmax(searched.values) + 1e-9
 
 
-@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}, {"abstain": True}])
-def test_what_is_certain_is_better_than_ending_for_certain(small, options):
+@pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "options", [{}, {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}]
+)
+def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds):
     found = 0
-    for seed in range(4):
+    for seed in seeds:
         momdp = small.toy(seed, 2, 2, finite=True, limit=2, **options)
         optimum = small.expectimax(momdp)
         optimum.value(momdp.start, optimum.nothing_seen())
@@ -35,7 +39,13 @@ def test_what_is_certain_is_better_than_ending_for_certain(small, options):
     assert found > 0
 
 
-@pytest.mark.parametrize("odds", [[9.0, -9.0], [12.0, 12.0], [-8.0, 10.0]])
+@pytest.mark.parametrize(
+    "odds",
+    [
+        [9.0, -9.0],
+        *(pytest.param(odds, marks=pytest.mark.long) for odds in ([12.0, 12.0], [-8.0, 10.0])),
+    ],
+)
 def test_bounds_end_a_trial_without_a_search(small, odds):
     momdp = small.noisy_roc36(2)
     for x in range(momdp.terminal):

@@ -1,18 +1,12 @@
 import numpy as np
 import pytest
+from sbc_ranks import coverage, rank_statistics, simulate, uniformity
 from scipy.special import logit
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.checks import (
-    beliefs_without_itself,
-    coverage,
-    predictive_check,
-    rank_statistics,
-    simulate,
-    uniformity,
-)
+from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
 from meal_bayes.posterior.draws import Draws, draw_grid
 from meal_bayes.posterior.pointwise import log_likelihood
 

@@ -13,6 +13,7 @@ ROOT = Path(posterior.__file__).resolve().parents[2]
 CODE = "import meal_bayes.posterior.hierarchical as h; print(h.config.base_compiledir)"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("home", ["cache", "/dev/null/none"])
 def test_the_compile_folder_is_the_users_own(tmp_path, home):
     shared = tmp_path / "tmp"

@@ -124,7 +124,7 @@ def test_pairs_that_say_nothing_have_no_vote():
 
 
 @pytest.mark.parametrize("levels", [2, 4])
-def test_objects_without_percepts_tell_nothing(levels):
+def test_objects_without_percepts_are_not_informative(levels):
     _, counts = simulate(np.random.default_rng(6), 2.0, objects=20, attributes=3, levels=levels)
     padded = np.concatenate([counts, np.zeros_like(counts)])
     for found, expected in zip(fit_dispersion(padded, 1.0), fit_dispersion(counts, 1.0),

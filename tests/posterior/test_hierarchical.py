@@ -158,6 +158,6 @@ def test_one_attribute_or_behavior_has_nothing_to_cross():
     assert {v.name for v in model.free_RVs} == {"log_odds_center", "log_s_center", "half_standard"}
 
 
-def test_the_room_does_not_load_pymc():
+def test_the_package_does_not_load_pymc():
     code = "import sys, meal_bayes.posterior as p; p.Draws; sys.exit('pymc' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -23,7 +23,7 @@ def repeats_nll(posteriors, table, columns, exact):
         truth = table.labels[o, columns] == 1
         others = (np.delete(table.labels, o, axis=0)[:, columns] == 1).mean(axis=0)
         log_odds = np.tile(np.log(others / (1 - others)), (len(sensing), 1)).T  # (N,E)
-        confusion, precision = posterior.select(columns, exact=exact, believe_inverted=True)
+        confusion, precision = posterior.mean[columns], posterior.precision[columns]
         hits = yes[o].T[np.ix_(columns, sensing)]
         for value, sign in ((1, 1), (0, -1)):
             m, s = confusion[:, sensing, value, 1], precision[:, sensing, value]
@@ -63,15 +63,17 @@ def final_log_odds(table, o, knowledge, shared):
     shown = table.levels_of(np.nan_to_num(table.log_odds[o].astype(float)), 4)  # (R,E,P)
     counts = (shown.transpose(2, 1, 0)[..., None] == np.arange(4)).sum(axis=2).astype(float)
     rows, precision = knowledge.posterior.select(range(table.labels.shape[1]))
-    kinds = np.eye(2)
+    classes = np.eye(2)
     if shared:
         rows, precision = knowledge.trait.select(rows, precision)
-        kinds = knowledge.trait.latent_classes
-    each = [log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(len(kinds.T))]
+        classes = knowledge.trait.latent_classes
+    each = [
+        log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(len(classes.T))
+    ]
     told = knowledge.posterior.informative[..., None]
     seen = (np.stack(each, axis=-1) * told).sum(axis=1)  # (P,C)
     prior = np.log(knowledge.base_rates) - np.log1p(-knowledge.base_rates)
-    return prior + truth_evidence(seen, np.log(np.maximum(kinds, 1e-300)))
+    return prior + truth_evidence(seen, np.log(np.maximum(classes, 1e-300)))
 
 
 @pytest.mark.long

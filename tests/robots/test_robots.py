@@ -23,22 +23,24 @@ def dataset_of(domain: Domain) -> Dataset:
 Maker = Callable[..., CheckedRobot]
 
 
-def replaying(domain: Domain, seed: int, luck: int, o: int, **options: object) -> CheckedRobot:
-    order, failures = np.random.default_rng(seed), np.random.default_rng(luck)
+def replaying(
+    domain: Domain, seed: int, failure_seed: int, o: int, **options: object
+) -> CheckedRobot:
+    order, failures = np.random.default_rng(seed), np.random.default_rng(failure_seed)
     robot = RecordedRobot(domain, o, RECORDINGS, order, failures, **options)  # type: ignore[arg-type]
     return CheckedRobot(robot, domain, object_index=o)
 
 
-def recorded(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
-    return replaying(domain, seed, luck, o, dataset=dataset_of(domain))
+def recorded(domain: Domain, seed: int, failure_seed: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, failure_seed, o, dataset=dataset_of(domain))
 
 
-def looked_up(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
-    return replaying(domain, seed, luck, o)
+def looked_up(domain: Domain, seed: int, failure_seed: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, failure_seed, o)
 
 
-def repeating(domain: Domain, seed: int, luck: int = 0, o: int = 1) -> CheckedRobot:
-    return replaying(domain, seed, luck, o, repeats=True)
+def repeating(domain: Domain, seed: int, failure_seed: int = 0, o: int = 1) -> CheckedRobot:
+    return replaying(domain, seed, failure_seed, o, repeats=True)
 
 
 MAKERS = [recorded, looked_up, repeating]
@@ -101,7 +103,7 @@ def test_seeds_name_the_trial(make: Maker) -> None:
 
 
 @pytest.mark.parametrize("make", MAKERS)
-def test_luck_of_an_execution_does_not_depend_on_the_others(make: Maker) -> None:
+def test_failures_of_an_execution_do_not_depend_on_the_others(make: Maker) -> None:
     domain = load_domain("toy")
     lift, look, reinit = (domain.behavior_index(name) for name in ("lift", "look", "reinit"))
 

@@ -16,7 +16,7 @@ from meal_bayes.planners import Decision, TreeEdge
 def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4) -> MOMDP:
     query = Query(tuple(rng.choice(domain.attributes, n, replace=False).tolist()))
     e = len(domain.behaviors)
-    c = int(rng.integers(2, 4))  # kinds of object
+    c = int(rng.integers(2, 4))  # latent classes
     confusion = rng.dirichlet(np.ones(levels), (n, e, c))
     precision = rng.gamma(2.0, 5.0, (n, e, c))
     precision[rng.random(precision.shape) < 0.3] = np.inf

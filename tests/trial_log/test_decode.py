@@ -29,7 +29,7 @@ def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: d
     """Messages of a trial, changed; places count the MOMDP, the trial, its steps, its outcome."""
     packed = [m for m in TrialEncoder(0, 0).whole(trial) if m.topic in (TRIAL, STEP)]
     kinds = [MOMDPS, *(message.topic for message in packed)]
-    data = [numbered(0, encode_momdp(trial.momdp)), *(message.data for message in packed)]
+    data = [numbered(0, encode_momdp(trial)), *(message.data for message in packed)]
     classes = {MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage}
     for place, kind in enumerate(kinds):
         message = classes[kind].FromString(data[place])

@@ -42,14 +42,14 @@ def test_a_log_of_an_earlier_format_is_refused_in_one_clear_line(read, version):
 
 def test_counts_come_back(make, tmp_path):
     (trial,) = make.trials(1, 5)
-    shape = trial.momdp.counts.shape
+    shape = (2, trial.momdp.n_behaviors, 2, trial.momdp.levels)
     counts = np.arange(np.prod(shape), dtype=float).reshape(shape)
-    trial = dataclasses.replace(trial, momdp=dataclasses.replace(trial.momdp, counts=counts))
+    trial = dataclasses.replace(trial, counts=counts)
     path = tmp_path / "a.mcap"
     write_trials(path, [trial], header={})
     (back,) = read_trials(path)
     assert make.equal(back, trial)
-    assert (back.momdp.counts == counts).all()
+    assert (back.counts == counts).all()
 
 
 def test_unknown_truth_warnings_and_the_end_come_back(make, tmp_path):
@@ -137,10 +137,10 @@ def test_rows_by_truth_are_those_of_drawn_objects(make):
         momdp = make.momdp(load_domain("toy"), 1, rng)
     mean, sd = truth_rows(momdp, 1)
     for truth in (0, 1):
-        kinds = rng.choice(momdp.n_classes, 20_000, p=momdp.latent_classes[0, truth])
+        classes = rng.choice(momdp.n_classes, 20_000, p=momdp.latent_classes[0, truth])
         drawn = []
-        for kind in kinds:
-            row, weight = momdp.confusion[0, 1, kind], momdp.precision[0, 1, kind]
+        for c in classes:
+            row, weight = momdp.confusion[0, 1, c], momdp.precision[0, 1, c]
             drawn.append(row if np.isinf(weight) else rng.dirichlet(weight * row))
         assert np.allclose(np.mean(drawn, axis=0), mean[0, truth], atol=0.015)
         assert np.allclose(np.std(drawn, axis=0), sd[0, truth], atol=0.015)

@@ -189,10 +189,11 @@ class TestCompactLogs:
 
 
 class TestDamage:
-    def test_300_damages_are_never_silently_wrong(self, compact, outcome_of):
+    @pytest.mark.parametrize("damages", [100, pytest.param(300, marks=pytest.mark.long)])
+    def test_damages_are_never_silently_wrong(self, compact, outcome_of, damages):
         data, whole = compact.read_bytes(), read_outcomes(compact)
         rng, saved = random.Random(7), 0
-        for index in range(300):
+        for index in range(damages):
             changed = bytearray(data)
             for _ in range(rng.randint(1, 3)):
                 changed[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
@@ -209,7 +210,7 @@ class TestDamage:
             rescued = outcome_of(lambda: list(salvage(compact)))
             assert isinstance(rescued, LogCorruptError | list), (index, rescued)
             saved += isinstance(rescued, list) and sum(map(len, rescued))
-        assert saved > 300 * len(whole) * 0.3
+        assert saved > damages * len(whole) * 0.3
 
     def test_messages_that_contradict_themselves_are_refused(self, outcomes):
         data = encode_outcomes(outcomes, 0)

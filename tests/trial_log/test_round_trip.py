@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.momdp import Belief, initial_belief
+from meal_bayes.momdp import Belief, belief_of, initial_belief
 from meal_bayes.planners import Decision, TreeEdge, unvalued
 from meal_bayes.trial_log import (
     FORMAT_VERSION,
@@ -57,13 +57,13 @@ def decisions(draw, momdp):
 def beliefs(draw, momdp):
     """Any belief at all, also one that no filter gives."""
     n = len(momdp.query)
-    kinds = n * momdp.n_classes
-    weight = np.array(draw(st.lists(LOGS, min_size=kinds, max_size=kinds))).reshape(n, -1)
+    classes = n * momdp.n_classes
+    weight = np.array(draw(st.lists(LOGS, min_size=classes, max_size=classes))).reshape(n, -1)
     shape = (n, momdp.n_behaviors, momdp.levels)
     size = int(np.prod(shape))
     seen = np.array(draw(st.lists(COUNTS, min_size=size, max_size=size)))
     x = draw(st.integers(0, momdp.terminal))
-    return Belief(x, weight, seen.reshape(shape), momdp.log_truth)
+    return belief_of(momdp, x, weight, seen.reshape(shape))
 
 
 @st.composite
@@ -136,7 +136,7 @@ def test_equal_momdps_are_stored_once_within_the_memory(make, tmp_path):
 def test_percept_counts_are_stored_only_where_replay_differs(make, tmp_path):
     trial = make.trials(1, 2, steps=5)[0]
     belief = trial.steps[2].belief
-    strange = Belief(0, belief.log_prob, belief.percept_counts + 3, belief.log_truth)
+    strange = dataclasses.replace(belief, x=0, percept_counts=belief.percept_counts + 3)
     steps = list(trial.steps)
     steps[2] = dataclasses.replace(steps[2], belief=strange)
     odd = Trial(trial.task, "odd", trial.momdp, trial.first_belief, tuple(steps), trial.truth, None)
@@ -232,18 +232,18 @@ def test_a_log_without_trials_is_whole(tmp_path):
 def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_path):
     good = make.trials(1)[0]
     momdp, first = good.momdp, initial_belief(good.momdp)
-    percept, first_of = np.array([0, 9], np.int8), (first.percept_counts, first.log_truth)
-    other = first.log_truth + 1.0
+    percept = np.array([0, 9], np.int8)
+    counted, odds = first.percept_counts, first.log_odds
     bad = [
         Step(0, unvalued(momdp, momdp.n_actions), 0, None, 0.0, 0.0, first),
         Step(0, Decision(0, [0.0], [0.0], [0]), 0, None, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 99, None, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept, 0.0, 0.0, first),
         Step(0, unvalued(momdp, 0), 0, percept[:1], 0.0, 0.0, first),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], *first_of)),
-        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, [1], first_of[1])),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, [[0.0]], counted, odds)),
+        Step(0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, [1], odds)),
         Step(
-            0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, first_of[0], other)
+            0, unvalued(momdp, 0), 0, None, 0.0, 0.0, Belief(0, first.log_prob, counted, odds + 1)
         ),
         Step(0, unvalued(momdp, 0), 0, None, "free", 0.0, first),
     ]

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from meal_bayes.cli import main
 from meal_bayes.trial_log import write_trials
 
-DAMAGES = 48
+FEW, MANY = range(16), range(16, 64)  # damages, each of them another
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +29,11 @@ def damaged(data, number):
     return bytes(changed)
 
 
-def test_view_and_report_open_what_can_be_opened(data, tmp_path, monkeypatch):
+@pytest.mark.parametrize("numbers", [FEW, pytest.param(MANY, marks=pytest.mark.long)])
+def test_view_and_report_open_what_can_be_opened(data, numbers, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, opened, refused = tmp_path / "a.mcap", 0, 0
-    for number in range(DAMAGES):
+    for number in numbers:
         changed = damaged(data, number)
         if changed == data:
             continue
@@ -53,8 +54,8 @@ def test_view_and_report_open_what_can_be_opened(data, tmp_path, monkeypatch):
                 assert result.stderr.count("\n") == 1
                 assert result.stderr.startswith("error: ")
                 assert "a.mcap" in result.stderr
-    assert opened > 30
-    assert refused > 2
+    assert opened > len(numbers) / 2
+    assert refused > 0
 
 
 def test_a_whole_log_warns_of_nothing(data, tmp_path, monkeypatch):

@@ -117,7 +117,7 @@ def _cubic(
 
 def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
-    axes, reward = table.axes, edges.reward[:, :1]
+    axes, reward = table.axes, np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
     if edges.reward[:, 1:].any():
         slopes = edges.reward[:, 1:, None]
         pay = [table.combined(map(np.multiply, slope, axes), np.add) for slope in slopes]

@@ -201,7 +201,7 @@ class POMCPPolicy:
         values = tree.edge["value"][0]
         action, values = choose(momdp, belief, values, self._exit_value(belief.x))
         visits = tree.edge["visits"][0]
-        errors = np.where(np.isnan(values), np.nan, 0.0)
+        errors = Decision.exact(action, values).value_se.copy()
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
         rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
