@@ -76,9 +76,8 @@ def random_toy(
     prior = rng.uniform(0.2, 0.8, n)
     classes = random_classes(n, own_classes, shared, rng)
     if mistaken is not None:
-        swapped = [0, 1, 1, 0]
-        confusion = confusion[:, :, swapped]
-        precision = precision[:, :, swapped] if finite else np.inf
+        confusion = confusion[:, :, [0, 1, 1, 0]]
+        precision = precision[:, :, [0, 1, 1, 0]] if finite else np.inf
         error = np.broadcast_to(mistaken, (n,))[:, None]
         classes = split(np.stack([1 - error, error], axis=2).repeat(2, axis=1))
     options |= {"prior": prior, "latent_classes": classes}
