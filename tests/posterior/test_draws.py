@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from sbc_ranks import simulate
 from scipy.stats import beta, betabinom
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import ConfusionPosterior, fit_dispersion
-from meal_bayes.posterior.checks import simulate
 from meal_bayes.posterior.draws import Draws, draw_grid, level_names, replicate, sensing
 
 NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "ask", "lift"]}

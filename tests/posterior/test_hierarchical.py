@@ -6,12 +6,12 @@ import warnings
 
 import numpy as np
 import pytest
+from sbc_ranks import simulate
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import draw_grid, fit_hierarchical
-from meal_bayes.posterior.checks import simulate
 from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.posterior.hierarchical import Sampling, build_model
