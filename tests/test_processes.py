@@ -6,6 +6,7 @@ import pty
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -66,12 +67,17 @@ def test_children_end_with_a_killed_parent(code, count, kind, running, eventuall
         eventually(lambda: not any(map(running, children)))
 
 
+def _adopt(terminal):
+    os.close(os.open(os.ttyname(terminal), os.O_RDWR))  # which makes it ours
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
+
+
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2)])
 def test_children_end_with_the_terminal(code, count, running, eventually):
     inside, outside = pty.openpty()[::-1]
     with run(
         code, stdout=subprocess.PIPE, stdin=inside, stderr=inside, start_new_session=True,
-        preexec_fn=lambda: os.close(os.open(os.ttyname(inside), os.O_RDWR)),  # which makes it ours
+        preexec_fn=partial(_adopt, inside),
     ) as parent:  # fmt: skip
         os.close(inside)
         children = [int(parent.stdout.readline()) for _ in range(count)]
