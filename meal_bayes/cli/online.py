@@ -217,10 +217,11 @@ def _successes(training: "Training", agents: list[str], spread: str) -> Table:
     """Return a table of differences in training's successes within budgets (Eq. 7)."""
     from meal_bayes.evaluation.learning import BUDGETS, success_difference
 
-    names = (f"in {budget:g} h" for budget in BUDGETS)
+    names, base = (f"in {budget:g} h" for budget in BUDGETS), training(agents[0])
     table = _narrow(new_table(f"successes less {agents[0]}'s", *names))
     for name in agents[1:]:
-        found = [success_difference(training, name, agents[0], 3600 * h) for h in BUDGETS]
+        own = training(name)
+        found = [success_difference(own, base, 3600 * hours) for hours in BUDGETS]
         table.add_row(name, *(_with_reach(at.estimate, at.high, spread) for at in found))
     table.caption = "of training trials, none of those that pass the budget (Eq. 7)"
     return table

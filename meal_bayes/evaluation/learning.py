@@ -187,20 +187,17 @@ def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
 
 
 def success_difference(
-    training: Callable[[str], Sequence[TrialOutcomes]], agent: str, reference: str, budget: float
+    own: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
 ) -> Interval:
     """Compare the successes of training trials within a budget (Eq. 7), paired by repeat.
 
     Parameters
     ----------
-    training : training trials of an agent, one entry a repeat (see `OnlineRun.training`).
-    agent, reference : names.
+    own, base : training trials of two agents, one entry a repeat (see `OnlineRun.training`).
     budget : s of each repeat.
     """
-    own, base = (
-        [successes_within(one, budget) for one in training(name)] for name in (agent, reference)
-    )
-    return paired_difference(own, base, np.arange(len(own)), mass=MASS)
+    first, second = ([successes_within(one, budget) for one in trials] for trials in (own, base))
+    return paired_difference(first, second, np.arange(len(first)), mass=MASS)
 
 
 def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:

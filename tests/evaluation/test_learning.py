@@ -166,7 +166,7 @@ class TestSuccesses:
             "cheap": [outcomes_of([True] * 8, cost=cost) for cost in (10.0, 20.0)],
             "dear": [outcomes_of([True] * 8, cost=cost) for cost in (20.0, 40.0)],
         }
-        found = success_difference(training.__getitem__, "cheap", "dear", 80.0)
+        found = success_difference(training["cheap"], training["dear"], 80.0)
         assert found.estimate == pytest.approx(((8 - 4) + (4 - 2)) / 2)
 
 
