@@ -69,8 +69,12 @@ class Decision:
     @classmethod
     def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
         """Return a decision whose values (E+1,), nan where not valued, have no standard errors."""
-        no_error = np.where(np.isnan(values), np.nan, 0.0)
-        return cls(action, values, no_error, np.zeros(len(values), dtype=np.int64))
+        return cls(action, values, no_errors(values), np.zeros(len(values), dtype=np.int64))
+
+
+def no_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard errors of exact values: 0, and nan where one is not valued."""
+    return np.where(np.isnan(values), np.nan, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
 from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
-from meal_bayes.planners.solver import Decision, History, choose
+from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
 _CHUNK = 8  # simulations between two looks at the clock, at first
 _BACKUPS = ("expected", "sampled")
@@ -201,7 +201,7 @@ class POMCPPolicy:
         values = tree.edge["value"][0]
         action, values = choose(momdp, belief, values, self._exit_value(belief.x))
         visits = tree.edge["visits"][0]
-        errors = Decision.exact(action, values).value_se.copy()
+        errors = no_errors(values)
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
         rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
