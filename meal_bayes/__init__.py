@@ -14,8 +14,8 @@ logged.
 >>> trial.task.query.report_name(trial.report), trial.success, round(trial.cost, 1)
 ('heavy, beans', True, 19.1)
 
-These names are the public API; each is loaded with its room when it is first used, so that the
-import itself costs nothing. The rooms (`meal_bayes.domain`, `.datasets`, `.perception`,
+These names are the public API; each is loaded with its package when it is first used, so that the
+import itself costs nothing. The packages (`meal_bayes.domain`, `.datasets`, `.perception`,
 `.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.learner`,
 `.experiments`, `.evaluation`, `.gym`) hold the rest.
 

@@ -1,7 +1,7 @@
 """What others wrote, read within limits: files of bounded size, JSON of bounded depth.
 
 Whatever a reader asks memory or time for, it asks by these numbers and never by what a file claims.
-A fault is a `ValueError`; each room turns it into its own error, with the file's name.
+A fault is a `ValueError`; each package turns it into its own error, with the file's name.
 """
 
 import json

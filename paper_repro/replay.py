@@ -22,7 +22,7 @@ def momdp_of(dataset: str, rates: Rates) -> MOMDP:
 
 
 def replay(momdp: MOMDP, steps: Sequence[Mapping[str, Any]]) -> list[Belief]:
-    """Give the belief before the trial and after each step.
+    """Return the belief before the trial and after each step.
 
     A step names its behavior, the percept levels that came, if any, and the x where it led, if it
     moved.

@@ -201,7 +201,7 @@ def joined(
     recorded: Mapping[str, Evidence | None] | None,
     published: Mapping[str, Evidence | None] | None,
 ) -> tuple[Statement, ...]:
-    """Put the outcomes of both protocols side by side, by text."""
+    """Join the outcomes of both protocols, by text."""
     own, code = recorded or {}, published or {}
     texts = dict.fromkeys([*own, *code])
     return tuple(Statement(text, own.get(text), code.get(text)) for text in texts)
@@ -257,7 +257,7 @@ def _told(found: Mapping[str, int]) -> str:
 def _undecided(
     rule: str, interval: Interval, distance: float, repeats: int, agents: Sequence[str]
 ) -> Evidence:
-    """Say how many repeats would make the interval shorter than the distance to the bound."""
+    """Leave it undecided, with the repeats whose interval would not reach the bound."""
     reach, needed = interval.high - interval.estimate, None
     if math.isfinite(reach) and distance > 0:
         needed = max(math.ceil(repeats * (reach / distance) ** 2), repeats + 1)

@@ -37,7 +37,7 @@ _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
 
 def cache_folder() -> Path:
     """Return the cache folder: ``MEAL_BAYES_DATA_DIR``, or the system's."""
-    import pooch  # noqa: PLC0415  loaded when needed, so that the room loads NumPy only
+    import pooch  # noqa: PLC0415  loaded when needed, so that the package loads NumPy only
 
     return Path(os.environ.get("MEAL_BAYES_DATA_DIR") or pooch.os_cache("meal_bayes"))
 

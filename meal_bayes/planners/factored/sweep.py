@@ -145,7 +145,7 @@ def sweep(
     ----------
     backups : of the grid.
     value : (X-1,B) changed in place.
-    work : (4,B) zeros, overwritten.
+    scratch : (4,B) zeros, overwritten.
     settled : change of a value that ends the sweeps.
     sweeps : at most.
     smooth : is interpolation smooth?
@@ -180,7 +180,7 @@ def sweep(
 
 @kernel
 def _back_up(backups: Backups, value: Floats, m: int, scratch: Floats, row: int) -> None:
-    """Raise work[row] to the value of edge m, one step ahead of the values."""
+    """Raise scratch[row] to the value of edge m, one step ahead of the values."""
     outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
     source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
     for b in range(points):
@@ -207,7 +207,7 @@ def _back_up(backups: Backups, value: Floats, m: int, scratch: Floats, row: int)
 
 @kernel
 def _expect(backups: Backups, i: int, e: int, left: int, scratch: Floats, source: int) -> None:
-    """Compute the expectation of work[source] over percepts of attribute i -> work[5 - source].
+    """Compute the expectation of scratch[source] over percepts of attribute i -> [5 - source].
 
     Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
     for the last one, over a block of the earlier ones.
