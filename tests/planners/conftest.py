@@ -296,7 +296,7 @@ def _error(percepts, counts, plan, i, prob, scratch):
 
 def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) -> float:
     """Compute by the kernel the Bayes error of the first attribute after a plan's percepts (E,)."""
-    scratch = make_scratch(problem.percepts, 1)
+    scratch = make_scratch(problem.percepts, 1, 0)
     if seen is not None:
         scratch.counts[:] = seen
         scratch.total[:] = np.sum(seen, axis=2)[0]

@@ -162,7 +162,7 @@ def test_percepts_of_one_behavior_are_counted_by_the_beta_binomial(small, precis
 def table_of(problem, counts):
     """Pr(error | latent class) of the rules of one plan (E,), from the kernel (G,C)."""
     table = np.empty((1, THRESHOLDS, problem.percepts.rows.shape[2]))
-    scratch = make_scratch(problem.percepts, 0, OUTCOMES)
+    scratch = make_scratch(problem.percepts, 0, 0, OUTCOMES)
     tabulate_errors(problem.percepts, np.array([counts]), np.zeros(1, np.int64), scratch, table)
     return table[0]
 

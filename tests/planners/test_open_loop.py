@@ -9,9 +9,8 @@ from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import evaluate_plans
+from meal_bayes.planners.open_loop.values import evaluate_plans, plan_scratch
 
 
 def with_bonus(momdp, pay):
@@ -29,7 +28,7 @@ def values_of(problem, plans, belief):
         one = plans._replace(
             first=first, **{name: getattr(plans, name)[j : j + 1] for name in rows}
         )
-        scratch = make_scratch(problem.percepts, 1)
+        scratch = plan_scratch(problem.percepts, one)
         scratch.counts[:], scratch.total[:] = (
             belief.percept_counts,
             belief.percept_counts[0].sum(axis=1),

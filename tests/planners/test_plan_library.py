@@ -10,9 +10,8 @@ from scipy.stats import betabinom, binom
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective
 from meal_bayes.planners.compiled import class_prior, compile_momdp
-from meal_bayes.planners.open_loop.errors import make_scratch
 from meal_bayes.planners.open_loop.library import diagram_of, plan_library
-from meal_bayes.planners.open_loop.values import PLAN, Plans, evaluate_plans, judge_plans
+from meal_bayes.planners.open_loop.values import PLAN, Plans, evaluate_plans, judge_plans, plan_scratch
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 MOST = 15  # percepts of one behavior that are planned with
@@ -27,7 +26,7 @@ def made(momdp):
 
 def evaluated(problem, plans, x, weight, seen=None, floor=-np.inf):
     """Best plan by first behavior, in the scratch buffers, and the best value of all."""
-    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    scratch = plan_scratch(problem.percepts, plans)
     if seen is not None:
         scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
     return scratch, evaluate_plans(problem, plans, x, weight, scratch, floor, False)
@@ -177,7 +176,7 @@ def test_plans_are_judged_by_the_beliefs_at_which_they_are_best(small):
                 own[: plans.first[x]] = own[plans.first[x + 1] :] = False
                 expected[own, 1], expected[scratch.best[a], 1] = 0, 1
                 highest[x, a] = scratch.value[a]
-    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    scratch = plan_scratch(problem.percepts, plans)
     judge_plans(problem, plans, weights, scratch, np.empty((momdp.n_behaviors, 2)), wins)
     np.testing.assert_array_equal(wins, expected)
 

@@ -39,6 +39,8 @@ class Scratch(NamedTuple):
     tried : (E,) plans computed, by first behavior.
     value : (E,) value of the best plan, by first behavior; -inf where there is none.
     best : (E,) the best plan, by first behavior.
+    error : (T,K+1) Bayes errors after the percepts of a row, by `shown`; -1 if not computed.
+    shown : (N,) column of `error`: the last percept's level plus 1; 0 where there was none.
     """
 
     counts: NDArray[np.float64]
@@ -52,10 +54,14 @@ class Scratch(NamedTuple):
     tried: NDArray[np.int64]
     value: NDArray[np.float64]
     best: NDArray[np.int64]
+    error: NDArray[np.float64]
+    shown: NDArray[np.int64]
 
 
-def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Scratch:
-    """Create the buffers for a MOMDP and so many plans of one x; no percepts so far."""
+def make_scratch(
+    percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES
+) -> Scratch:
+    """Create the buffers for a MOMDP, so many plans of one x and rows of the error table."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
         counts=np.zeros((n, e, k)),
@@ -69,6 +75,8 @@ def make_scratch(percepts: Percepts, plans: int, held: int = FEW_OUTCOMES) -> Sc
         tried=np.zeros(e, np.int64),
         value=np.zeros(e),
         best=np.zeros(e, np.int64),
+        error=np.full((rows, k + 1), -1.0),
+        shown=np.zeros(n, np.int64),
     )
 
 

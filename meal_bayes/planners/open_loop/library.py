@@ -20,7 +20,7 @@ from meal_bayes.planners.open_loop.errors import (
     tabulate_errors,
 )
 from meal_bayes.planners.open_loop.growth import Ways, find_ways, follow, grow_plans
-from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans
+from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans, plan_scratch
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED = 16  # times N, up to N = 5: beliefs at which plans compete to be kept
@@ -124,7 +124,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
     wins = np.zeros((len(plans.plan), 2), np.int64)
-    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    scratch = plan_scratch(problem.percepts, plans)
     judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
     winners = candidates.select(_kept(plans.first, wins))
     return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
@@ -323,7 +323,7 @@ def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
         attribute += [i] * len(first)
         tables += len(first)
     table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
-    scratch = make_scratch(percepts, 0, held)
+    scratch = make_scratch(percepts, 0, 0, held)
     tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     size = problem.dynamics.step.shape[0]
     return Plans(

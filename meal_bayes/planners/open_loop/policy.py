@@ -6,9 +6,9 @@ import numpy as np
 
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.open_loop.errors import Scratch, make_scratch
+from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans
+from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, plan_scratch
 from meal_bayes.planners.solver import Decision, History, choose
 
 
@@ -46,7 +46,7 @@ class OpenLoopPolicy:
 
 def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
     """Evaluate the best plan of each first behavior -> `value` (E,) of the returned buffers."""
-    scratch = make_scratch(problem.percepts, int(np.diff(plans.first).max()))
+    scratch = plan_scratch(problem.percepts, plans)
     scratch.counts[:] = belief.percept_counts
     scratch.total[:] = belief.percept_counts[0].sum(axis=1)
     evaluate_plans(problem, plans, belief.x, np.exp(belief.log_prob), scratch, -np.inf, True)

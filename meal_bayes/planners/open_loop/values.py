@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.planners.compiled import Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.errors import SPAN, plan_error
+from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
 
@@ -41,6 +42,11 @@ class Plans(NamedTuple):
     executions: NDArray[np.float64]
     row: NDArray[np.int64]
     table: NDArray[np.float64]
+
+
+def plan_scratch(percepts: Percepts, plans: Plans) -> Scratch:
+    """Create the buffers for evaluating plans; no percepts so far."""
+    return make_scratch(percepts, int(np.diff(plans.first).max()), len(plans.table))
 
 
 @kernel
@@ -123,13 +129,30 @@ def _table_value(model, plans, j, prob, scratch, floor):
 
 
 @kernel
+def forget_errors(scratch):
+    """Mark all errors of `scratch.error` as not computed."""
+    for t in range(scratch.error.shape[0]):
+        for z in range(scratch.error.shape[1]):
+            scratch.error[t, z] = -1.0
+
+
+@kernel
+def _exact_error(percepts, plans, j, i, prob, scratch):
+    """Compute an attribute's error after a plan, once for all plans and beliefs that share it."""
+    t, z = plans.row[j, i], scratch.shown[i]
+    if scratch.error[t, z] < 0.0:
+        scratch.error[t, z] = plan_error(percepts, plans.observation_counts, j, i, prob, scratch)
+    return scratch.error[t, z]
+
+
+@kernel
 def _exact_value(model, plans, j, prob, scratch, floor):
     """Compute a plan's value from the percepts so far; at most `floor` once it cannot beat it."""
     base, reward = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
     for i in range(prob.shape[0]):
         if base + reward <= floor:
             break
-        reward *= 1.0 - plan_error(model.percepts, plans.observation_counts, j, i, prob, scratch)
+        reward *= 1.0 - _exact_error(model.percepts, plans, j, i, prob, scratch)
     return base + reward
 
 
@@ -173,7 +196,9 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     """Evaluate the best plan from x by first behavior -> `scratch.value`; return the best.
 
     `scratch.best` holds the plans; `scratch.counts` and `total` are the percepts so far. Above a
-    `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it.
+    `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it;
+    then errors computed before are used, as an attribute's belief is the same after equal
+    `scratch.shown`: `forget_errors` comes before the first of such beliefs.
     Plans that the tables do not hold are computed in the order of their tabulated values,
     which are nearly always too high, COMPUTED a behavior: to leave some out keeps a lower bound.
 
@@ -182,6 +207,8 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     """
     _locate(model, plans, prob, scratch)
     shared, best, out = floor > -np.inf, floor, scratch.value
+    if not shared:
+        forget_errors(scratch)
     for a in range(out.shape[0]):
         out[a], scratch.tried[a], scratch.best[a] = -np.inf, 0, -1
     start, end, waiting = plans.first[x], plans.first[x + 1], 0

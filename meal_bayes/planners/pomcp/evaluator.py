@@ -40,6 +40,8 @@ def add_node(model, evaluator, tree, child, x, a):
     node.x, node.visits = x, 0
     count_percept(evaluator.scratch, tree.level[child], a, 1.0)
     node.stop = stop_value(model, x, prob)
+    for i in range(prob.shape[0]):
+        evaluator.scratch.shown[i] = tree.level[child, i] + 1
     node.value = evaluate_plans(
         model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
     )

@@ -7,7 +7,7 @@ Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the lea
 import numpy as np
 
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.values import true_chance
+from meal_bayes.planners.open_loop.values import forget_errors, true_chance
 from meal_bayes.planners.pomcp.evaluator import add_node, count_percept, open_node, step_reward
 from meal_bayes.planners.pomcp.sampled import DEPTH, condition, draw_object, draw_percept, note_rows
 
@@ -91,6 +91,7 @@ def _expand(model, evaluator, tree, node, a, rng):
     Percepts without information on an attribute are one outcome.
     """
     scratch, x = evaluator.scratch, tree.node[node].x
+    forget_errors(scratch)
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
