@@ -21,7 +21,6 @@ from paper_repro.online import (
     LEGAL,
     OURS,
     PAPERS,
-    STEPS,
     Curves,
     at_hours,
     mean_of,
@@ -34,6 +33,7 @@ from paper_repro.statements import Evidence, above, below, every, joined
 
 COLUMNS = ("agent", "explored, h", "accuracy", "reward", "reward over H h, less its", "95 % low",
            "high", "accuracy over H h, less its")  # fmt: skip
+STEPS = {"published": (10, 20, 40), "recorded": (20, 40)}  # repeats
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared by the paired difference of their means over the first H hours of
 exploration, H being where Iterative MORC ends (the area between the curves), and at fixed budgets;
@@ -49,22 +49,23 @@ Panel = Mapping[str, Curves]
 
 def run(setting: Setting) -> Result:
     """Run every panel in both protocols until its statements are decided."""
-    steps = setting.repeat_steps(STEPS)
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     tables, figures = [], {}
     leads: dict[str, list[str]] = {name: [] for name in setting.protocols}
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols:
+            steps = setting.repeat_steps(STEPS[protocol])
             if not steps:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
             code = protocol == "published"
 
             def run_one(
-                agent: str, repeats: int, of: str = dataset, n: int = n, where: str = protocol
-            ) -> Curves:
-                count = min(repeats, steps[0]) if agent in OURS else repeats
+                agent: str, repeats: int, of: str = dataset, n: int = n, where: str = protocol,
+                least: int = steps[0],
+            ) -> Curves:  # fmt: skip
+                count = least if agent in OURS else repeats
                 return run_curves(setting, of, n, agent, count, where)
 
             agents = PAPERS if code else (*PAPERS, *OURS)

@@ -138,7 +138,8 @@ rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
 momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
 percepts = compile_momdp(momdp).percepts
 table = np.empty((1, 65, 2))
-tabulate_errors(percepts, np.array([[1, 0, 0]]), np.zeros(1, int), make_scratch(percepts, 0, 0), table)
+scratch = make_scratch(percepts, 0, 0)
+tabulate_errors(percepts, np.array([[1, 0, 0]]), np.zeros(1, int), scratch, table)
 print(table.sum())
 """
 

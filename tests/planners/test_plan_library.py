@@ -11,7 +11,13 @@ from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective
 from meal_bayes.planners.compiled import class_prior, compile_momdp
 from meal_bayes.planners.open_loop.library import diagram_of, plan_library
-from meal_bayes.planners.open_loop.values import PLAN, Plans, evaluate_plans, judge_plans, plan_scratch
+from meal_bayes.planners.open_loop.values import (
+    PLAN,
+    Plans,
+    evaluate_plans,
+    judge_plans,
+    plan_scratch,
+)
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 MOST = 15  # percepts of one behavior that are planned with

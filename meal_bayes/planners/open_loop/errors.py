@@ -58,9 +58,7 @@ class Scratch(NamedTuple):
     shown: NDArray[np.int64]
 
 
-def make_scratch(
-    percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES
-) -> Scratch:
+def make_scratch(percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES) -> Scratch:
     """Create the buffers for a MOMDP, so many plans of one x and rows of the error table."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
