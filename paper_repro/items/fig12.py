@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.evaluation import plots
 from paper_repro.frame import Cell, Result, Setting, Table, until_decided
-from paper_repro.online import BEST, mean_of, paired, run_curves
+from paper_repro.online import BEST, Curves, mean_of, paired, run_curves
 from paper_repro.statements import Evidence, above, every, joined
 
 ALPHAS, BETAS = (0, 3, 6, 12, 24), (0, 10, 30, 60, 120)
@@ -34,21 +34,21 @@ def run(setting: Setting) -> Result:
     alphas, betas = setting.choose(ALPHAS, (6,)), setting.choose(BETAS, (30,))
     steps = setting.repeat_steps(STEPS)
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
-    grid: Grid = {}
     evidence: Mapping[str, Evidence | None] = dict.fromkeys(TEXTS)
     rows: list[tuple[Cell, ...]] = []
-    figures = {}
+    figures, seconds = {}, 0.0
     if steps and not setting.as_published:
 
-        def run_one(name: str, repeats: int) -> NDArray[np.float64]:
+        def run_one(name: str, repeats: int) -> Curves:
             alpha, beta = pairs[name]
             return run_curves(
                 setting, "cy101", 1, BEST, repeats, alpha=float(alpha), beta=float(beta)
-            ).accuracy
+            )
 
-        grid, evidence = until_decided(pairs, steps, run_one, judge)
-        own = run_curves(setting, "cy101", 1, AUTO, steps[0]).accuracy
-        for name, values in (*grid.items(), ("own, own", own)):
+        runs, evidence = until_decided(pairs, steps, run_one, lambda found: judge(accuracy(found)))
+        runs |= {"own, own": run_curves(setting, "cy101", 1, AUTO, steps[0])}
+        grid, seconds = accuracy(runs), sum(curves.seconds for curves in runs.values())
+        for name, values in grid.items():
             rows.append((*name.split(", "), len(values), *map(mean_of, _moments(values))))
         for at, moment in enumerate(MOMENTS):
             means = [[_moments(grid[f"{a}, {b}"])[at].mean() for a in alphas] for b in betas]
@@ -66,8 +66,14 @@ def run(setting: Setting) -> Result:
         statements=joined(evidence, None),
         notes=(NOTE,),
         figures=figures,
+        seconds=seconds,
         shows=SHOWS if figures else "",
     )
+
+
+def accuracy(runs: Mapping[str, Curves]) -> Grid:
+    """Return the accuracy of every pair of weights."""
+    return {name: curves.accuracy for name, curves in runs.items()}
 
 
 def judge(grid: Grid) -> dict[str, Evidence]:
