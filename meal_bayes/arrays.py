@@ -7,11 +7,16 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """Copy into a contiguous array that cannot be written to.
+    """Copy into a contiguous array that cannot be written to; one that is frozen is not copied.
 
-    >>> freeze([1, 2]).flags.writeable
-    False
+    >>> frozen = freeze([1, 2])
+    >>> frozen.flags.writeable, freeze(frozen) is frozen
+    (False, True)
     """
+    if type(values) is np.ndarray and values.dtype == dtype:
+        flags = values.flags
+        if flags.owndata and flags.c_contiguous and not flags.writeable:
+            return values
     array = np.array(values, dtype=dtype, order="C")
     array.setflags(write=False)
     return array

@@ -128,7 +128,10 @@ def _whitening(
     freedom = repeated.sum() - (count > 1).sum()
     _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
     gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0
-    return np.asarray(np.eye(rows.shape[1]) + basis.T @ (gain[:, None] * basis))
+    mix: NDArray[np.float64] = basis.T @ (gain[:, None] * basis)
+    mix[np.diag_indices_from(mix)] += 1.0
+    mix.setflags(write=False)  # so that no space copies what may have millions of entries
+    return mix
 
 
 def _squash(features: NDArray[np.floating]) -> NDArray[np.float64]:
