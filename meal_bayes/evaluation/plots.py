@@ -177,23 +177,27 @@ def heat_map(
     x: Sequence[object],
     y: Sequence[object],
     *,
-    x_label: str,
-    y_label: str,
-    value_label: str,
+    labels: tuple[str, str, str],
     digits: int = 2,
+    limits: tuple[float, float] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw a table (len(y), len(x)) as colors with its numbers in them (as Fig. 12)."""
+    """Draw a table (len(y), len(x)) as colors with its numbers in them (as Fig. 12).
+
+    `labels` are those of x, y and the values; `limits` the values of the darkest and the lightest
+    color, the table's own by default.
+    """
     table = np.asarray(values, float)
     if table.shape != (len(y), len(x)):
         raise SettingsError(f"{table.shape} values; expected ({len(y)}, {len(x)}), as y and x.")
     with axes_to_draw(ax) as to:
-        image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto")
+        low, high = limits or (None, None)
+        image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)
         _numbers(to, table, image, digits)
         to.set_xticks(range(len(x)), [str(one) for one in x])
         to.set_yticks(range(len(y)), [str(one) for one in y])
-        to.set(xlabel=x_label, ylabel=y_label)
-        to.figure.colorbar(image, ax=to, label=value_label)
+        to.set(xlabel=labels[0], ylabel=labels[1])
+        to.figure.colorbar(image, ax=to, label=labels[2])
         return to
 
 

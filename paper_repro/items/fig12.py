@@ -19,7 +19,7 @@ NOTE = """A beta of the middle is compared with both ends of the grid, by the me
 and batches after training; a small alpha (3, 6) with the largest. `own` chooses both weights from
 its own posterior."""
 SHOWS = """The paper draws accuracy over alpha and beta as three maps, early, middle and late: a
-middle beta is best, and accuracy rises everywhere."""
+middle beta is best, and accuracy rises everywhere. The maps below share their colors."""
 TEXTS = (
     "a beta in the middle is best",
     "a small alpha is better than the largest",
@@ -50,11 +50,15 @@ def run(setting: Setting) -> Result:
         grid, seconds = accuracy(runs), sum(curves.seconds for curves in runs.values())
         for name, values in grid.items():
             rows.append((*name.split(", "), len(values), *map(mean_of, _moments(values))))
-        for at, moment in enumerate(MOMENTS):
-            means = [[_moments(grid[f"{a}, {b}"])[at].mean() for a in alphas] for b in betas]
+        means = np.array([
+            [[values.mean() for values in _moments(grid[f"{a}, {b}"])] for a in alphas]
+            for b in betas
+        ])  # fmt: skip
+        limits = (float(means.min()), float(means.max()))
+        for moment, of in zip(MOMENTS, np.moveaxis(means, 2, 0), strict=True):
             figures[f"_{moment}"] = plots.heat_map(
-                np.array(means), alphas, betas, x_label="alpha, s a bit", y_label="beta, s",
-                value_label=f"accuracy, {moment}", digits=3,
+                of, alphas, betas, labels=("alpha, s a bit", "beta, s", f"accuracy, {moment}"),
+                digits=3, limits=limits,
             )  # fmt: skip
     columns = ("alpha", "beta", "repeats", *MOMENTS)
     rise = evidence[TEXTS[2]]

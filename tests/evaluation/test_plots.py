@@ -30,8 +30,7 @@ def every_figure(trial):
     yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", fraction=True)
     yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s")
     yield plots.reliability_diagram(positive, positive > 0.5)
-    yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], x_label="a", y_label="b",
-                         value_label="accuracy")  # fmt: skip
+    yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], labels=("a", "b", "accuracy"))
     yield plots.confusion_matrices(table, ["heavy", "beans"], title="lift")
     yield plots.belief_trace(trial)
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
@@ -99,8 +98,12 @@ def test_the_reliability_diagram_counts():
 
 def test_numbers_stand_in_the_maps():
     table = np.array([[0.25, 0.5], [0.75, np.nan]])
-    ax = plots.heat_map(table, [1, 2], [3, 4], x_label="a", y_label="b", value_label="accuracy")
+    labels = ("a", "b", "accuracy")
+    ax = plots.heat_map(table, [1, 2], [3, 4], labels=labels)
     assert [text.get_text() for text in ax.texts] == ["0.25", "0.50", "0.75"]
+    assert ax.images[0].get_clim() == (0.25, 0.75)
+    ax = plots.heat_map(table, [1, 2], [3, 4], labels=labels, limits=(0.0, 1.0))
+    assert ax.images[0].get_clim() == (0.0, 1.0)
     rows = np.array([[[0.9, 0.1], [0.2, 0.8]]])
     ax = plots.confusion_matrices(rows, ["red"])
     assert [text.get_text() for text in ax.texts][:2] == ["0.90", "0.10"]
@@ -174,7 +177,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
         lambda: Series("a", X, X, low=X),
         lambda: plots.bars({"": [half]}, ["a", "b"], y_label="y"),
         lambda: plots.reliability_diagram([0.5], [True, False]),
-        lambda: plots.heat_map(np.eye(2), [1], [1, 2], x_label="", y_label="", value_label=""),
+        lambda: plots.heat_map(np.eye(2), [1], [1, 2], labels=("", "", "")),
         lambda: canvas.save(plots.learning_curve(TWO), tmp_path / "a.gif"),
     ):
         with pytest.raises(SettingsError):
