@@ -15,11 +15,12 @@ NOTE = """CY101, one attribute, on recordings. Both readings are settings of an 
 def run(setting: Setting) -> Result:
     """Run MORC-ITRS under both readings, on the same tasks."""
     rows: list[tuple[Cell, ...]] = []
-    effects = {}
+    effects, seconds = {}, 0.0
     for repeats in () if setting.as_published else setting.repeat_steps(STEPS):
         first, second = (
             run_curves(setting, "cy101", 1, BEST, repeats, normalizer=name) for name in READINGS
         )
+        seconds = first.seconds + second.seconds
         lead = paired(*area(second, first, "reward"))
         rows = [
             (name, READINGS[name], len(one), mean_of(one.hours[:, -1]), mean_of(one.reward[:, -1]))
@@ -39,4 +40,5 @@ def run(setting: Setting) -> Result:
         statements=(),
         notes=(NOTE,),
         effects=effects,
+        seconds=seconds,
     )
