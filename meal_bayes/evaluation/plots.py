@@ -24,6 +24,7 @@ from meal_bayes.evaluation.canvas import (
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 
 _MANY = 25  # points on a line, beyond which they get no markers
+_FEW = 3  # lines that leave room for a legend between them
 _LETTERS = 48  # that fit side by side under bars
 _CELLS = 64  # of an image, beyond which its numbers are small
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
@@ -80,7 +81,7 @@ def lines(
         name_axes(to, x_label, y_label)
         if fraction:
             to.set_ylim(-0.02, 1.02)
-        legend(to, len(series))
+        legend(to, len(series), above=len(series) > _FEW)
         return to
 
 
