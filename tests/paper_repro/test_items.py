@@ -1,5 +1,7 @@
 """Every statement that an interval decides is made to stand, to fall and to stay undecided."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -150,6 +152,17 @@ def test_fig_10_judges_areas_and_budgets(kind, lead):
     evidence = fig10.judge(panel, "CY101, 1 attribute")
     assert tuple(evidence) == fig10.texts("CY101, 1 attribute")
     assert {one.outcome for one in evidence.values()} == {kind}
+
+
+def test_fig_10_compares_over_equal_batches_whatever_they_cost():
+    hours, reward = np.array([[0.0, 1.0, 2.0]] * 2), np.array([[0.0, 10.0, 20.0]] * 2)
+    slow = replace(curves(0.8), hours=3 * hours, accuracy=hours, reward=reward + 5.0)
+    base = replace(slow, hours=hours, reward=reward)
+    table = fig10.compared({"morc_itrs": slow, "iterative_morc": base}, "CY101, 1 attribute")
+    ahead, own = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
+    assert ahead["reward over the batches, less its"].mean == pytest.approx(5.0)
+    assert ahead["reward over H h, less its"].mean < 0
+    assert own["reward over the batches, less its"].mean == 0.0
 
 
 def test_areas_are_means_over_hours():
