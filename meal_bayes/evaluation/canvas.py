@@ -70,7 +70,8 @@ def name_axes(ax: Axes, x_label: str, y_label: str, *, grid: str = "both") -> No
 def legend(ax: Axes, count: int, *, above: bool = False) -> None:
     """Add the legend of more than one entry, `above` the axes or in them."""
     if count > 1 and above:
-        columns = min(count, 4) if count != 5 else 3  # two rows of like length
+        rows = -(-count // 4)
+        columns = -(-count // rows)  # so that rows are of like length
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0)
     elif count > 1:
         ax.legend(loc="best", ncols=1 if count < len(COLORS) else 2)
