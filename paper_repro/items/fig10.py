@@ -37,11 +37,11 @@ STEPS = {"published": (10, 20, 40), "recorded": (20, 40)}  # repeats
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared by the paired difference of their means over the first H hours of
 exploration, H being where Iterative MORC ends (the area between the curves), and at fixed budgets;
-accuracy is what the paper draws, reward what the agents plan for. Over the batches, whatever they
-cost: an agent whose first batch lasts long may be ahead after equal trials and behind after equal
-hours. In the published protocol
-percepts are drawn from the learned tables, which are cross-validated over samples, and Random Legal
-may ask a person at the start (ISPY32)."""
+accuracy is what the paper draws, reward what the agents plan for. The mean over the batches
+compares equal numbers of trials, whatever they cost: an agent whose first batch lasts long may be
+ahead by it and behind after equal hours. In the published protocol percepts are drawn from the
+learned tables, which are cross-validated over samples, and Random Legal may ask a person at the
+start (ISPY32)."""
 SHOWS = """The paper draws accuracy over accumulated hours of exploration, six panels: CY101, ROC36
 and ISPY32 with one and two attributes, Iterative Random Legal, Iterative MORC and MORC-ITRS, the
 last on top along the whole curve. The panels below have the same axes and order."""
@@ -65,11 +65,9 @@ def run(setting: Setting) -> Result:
             code = protocol == "published"
 
             def run_one(
-                agent: str, repeats: int, of: str = dataset, n: int = n, where: str = protocol,
-                least: int = steps[0],
-            ) -> Curves:  # fmt: skip
-                count = least if agent in OURS else repeats
-                return run_curves(setting, of, n, agent, count, where)
+                agent: str, repeats: int, of: str = dataset, n: int = n, where: str = protocol
+            ) -> Curves:
+                return run_curves(setting, of, n, agent, repeats, where)
 
             agents = PAPERS if code else (*PAPERS, *OURS)
             panel, found = until_decided(
