@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from time import sleep
 from types import ModuleType
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 
+Held = TypeVar("Held")
 OBJECTS, RECORDINGS = 24, 3
 LOOKS, PAUSE = 12_000, 0.01  # s between looks: two minutes of patience on a quiet machine
 
@@ -29,11 +31,11 @@ settings.register_profile("thorough", STEADY, max_examples=100)
 settings.load_profile("quick")
 
 
-def wait_until(condition: Callable[[], object], what: str = "it did not come about") -> None:
-    """Look again and again until a condition holds; no test asks a clock how long that took."""
+def wait_until(condition: Callable[[], Held], what: str = "it did not come about") -> Held:
+    """Return what a condition is once it holds; no test asks a clock how long that took."""
     for _ in range(LOOKS):
-        if condition():
-            return
+        if holds := condition():
+            return holds
         sleep(PAUSE)
     pytest.fail(what)
 

@@ -68,6 +68,14 @@ def process(folder, module, *words):
             started.wait()
 
 
+def address_in(card):
+    """Return the address in a scheduler's file, or nothing while it is not written whole."""
+    try:
+        return json.loads(card.read_text())["address"]
+    except (OSError, json.JSONDecodeError):
+        return None
+
+
 @pytest.fixture
 def cluster(tmp_path, eventually):
     """Start a scheduler and two workers; give its address with their processes."""
@@ -76,8 +84,7 @@ def cluster(tmp_path, eventually):
         words = ("--host", LOCAL, "--port", "0", "--no-dashboard", "--no-show")
         words = (*words, "--scheduler-file", str(card))
         stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *words))
-        eventually(card.is_file, "no scheduler")
-        address = json.loads(card.read_text())["address"]
+        address = eventually(partial(address_in, card), "no scheduler")
         workers = [
             stack.enter_context(
                 process(
