@@ -12,7 +12,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import clustered_se, paired_difference, plots
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.trial_log import read_seconds
+from meal_bayes.trial_log import total_seconds
 from paper_repro import published
 from paper_repro.frame import Estimate, Setting, paper_values
 
@@ -99,7 +99,7 @@ def run_curves(
     folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
     every = range(1, batches + 1)
     logs = tuple(tuple(own / f"{b:02d}-train.mcap" for b in every) for own in folders)
-    seconds = sum(sum(read_seconds(path)) for own in folders for path in own.glob("*.mcap"))
+    seconds = total_seconds(path for own in folders for path in own.glob("*.mcap"))
     return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs, seconds)
 
 

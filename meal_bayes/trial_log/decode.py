@@ -282,14 +282,14 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # int8
         raise LogCorruptError(f"percepts {levels}, expected {n} levels below {k}")
     action = message.action
-    seen = before.percept_counts
+    counts = before.percept_counts
     if action >= e:
         if len(message.report) != n:
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
         action = e + momdp.query.index_of(message.report)
     elif levels:
-        seen = seen.copy()
-        seen[np.arange(n), action, levels] += 1
+        counts = counts.copy()
+        counts[np.arange(n), action, levels] += 1
     return Step(
         x=message.x,
         decision=Decision(
@@ -305,7 +305,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         observation=freeze(levels, np.int8) if levels else None,
         cost=message.cost,
         reward=message.reward,
-        belief=_belief(message, seen, momdp),
+        belief=_belief(message, counts, momdp),
         warning=message.warning,
     )
 

@@ -75,7 +75,7 @@ def _belief_misfits(belief: Belief, momdp: MOMDP, where: str) -> Iterator[str]:
         yield f"{where} has weights that are no logarithms of probabilities"
     if belief.percept_counts.shape != (n, e, momdp.levels):
         found = belief.percept_counts.shape
-        yield f"{where} has seen percepts of shape {found}, expected {(n, e, momdp.levels)}"
+        yield f"{where} has percept counts of shape {found}, expected {(n, e, momdp.levels)}"
 
 
 def odds_misfits(belief: Belief, momdp: MOMDP) -> Iterator[str]:
