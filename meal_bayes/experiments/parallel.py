@@ -78,11 +78,15 @@ def _on_cluster(
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
     distributed: Any = dask.distributed  # without types
+    client = distributed.Client.__new__(distributed.Client)
     try:
         # As the default it would be Dask's scheduler for this whole process, and stay so when no
         # scheduler answers: saving a NetCDF file would then fail for want of a client.
-        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+        client.__init__(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as fault:
+        # Left to the garbage collector, it would be closed at any time, also while the next client
+        # starts, and then wait for ever for a lock that the same thread holds.
+        client.close()
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
             "127.0.0.1`, and its workers with `dask worker ADDRESS`."

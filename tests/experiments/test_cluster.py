@@ -182,10 +182,19 @@ def test_faults_of_the_work_are_told(cluster, config, tmp_path):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nonsense://127.0.0.1:1"])
 def test_no_scheduler_is_said_with_the_way_out(monkeypatch, address):
     monkeypatch.setattr("meal_bayes.experiments.parallel._PATIENCE", "300ms")
+    import dask.distributed  # noqa: PLC0415  an extra
+
+    made = []
+
+    class Noted(dask.distributed.Client):
+        def __init__(self, *arguments, **options):
+            made.append(self)
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr("dask.distributed.Client", Noted)
     with pytest.raises(SettingsError, match=f"No Dask scheduler answers at {address}; start one"):
         list(in_parallel(abs, [-1], jobs=1, cluster=address))
-    import dask  # noqa: PLC0415  an extra
-
+    assert [client.status for client in made] == ["closed"]
     assert dask.config.get("scheduler", None) is None  # or the next NetCDF file asks for a client
 
 
