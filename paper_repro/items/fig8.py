@@ -1,6 +1,6 @@
 """Fig. 8: five strategies on ISPY32 with one, two and three attributes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
 from meal_bayes.evaluation import Interval, canvas, plots
@@ -32,21 +32,20 @@ attributes, Random's falling, the other baselines' level. The bars are in the sa
 def run(setting: Setting) -> Result:
     """Run all strategies on the same queries."""
     numbers = setting.choose((1, 2, 3), (1, 2))
+    played = {named(agent, n): (agent, n) for n in numbers for agent in AGENTS}
     runs: dict[str, dict[int, Runs]] = {}
     evidence: dict[str, dict[str, Evidence]] = {}
     for protocol in setting.protocols:
-        runs[protocol], evidence[protocol] = {}, {}
-        for n in numbers:
 
-            def run_one(agent: str, trials: int, n: int = n, where: str = protocol) -> Columns:
-                return run_agent(setting, where, "ispy32", n, agent, trials)
+        def run_one(name: str, trials: int, where: str = protocol) -> Columns:
+            agent, n = played[name]
+            return run_agent(setting, where, "ispy32", n, agent, trials)
 
-            runs[protocol][n], found = until_decided(
-                AGENTS, setting.trial_steps(STEPS, 6), run_one,
-                lambda some, n=n: judge_best(some, n),  # type: ignore[misc]
-            )  # fmt: skip
-            evidence[protocol] |= found
-        evidence[protocol] |= judge_costs(runs[protocol])
+        found, evidence[protocol] = until_decided(
+            played, setting.trial_steps(STEPS, 6), run_one,
+            lambda some: judge(by_number(some, numbers)),
+        )  # fmt: skip
+        runs[protocol] = by_number(found, numbers)
     columns = ("attributes", "agent", *(f"{m}: {p}" for m in MEASURES.values() for p in runs))
     rows: list[tuple[Cell, ...]] = [
         (n, agent, *(run[n][agent].mean(m) for m in MEASURES for run in runs.values()))
@@ -71,14 +70,30 @@ def run(setting: Setting) -> Result:
     )
 
 
+def named(agent: str, n: int) -> str:
+    """Name a strategy at a number of attributes."""
+    return f"{agent} at {asked(n)}"
+
+
+def by_number(found: Runs, numbers: Sequence[int]) -> dict[int, Runs]:
+    """Sort trials by the number of attributes, and then by strategy."""
+    return {n: {agent: found[named(agent, n)] for agent in AGENTS} for n in numbers}
+
+
+def judge(runs: Mapping[int, Runs]) -> dict[str, Evidence]:
+    """Judge what the paper says of every number of attributes, and of the costs over them."""
+    best_of_all = [judge_best(own, n) for n, own in runs.items()]
+    return {text: one for some in (*best_of_all, judge_costs(runs)) for text, one in some.items()}
+
+
 def judge_best(runs: Runs, n: int) -> dict[str, Evidence]:
     """Judge that MORC is ahead of the paper's other strategies at a number of attributes."""
     evidence = {}
     for measure, word in (("reward", "reward"), ("success", "accuracy")):
-        ahead = {name: against(runs[AGAINST], runs[name], measure) for name in BASELINES}
+        ahead = {named(name, n): against(runs[AGAINST], runs[name], measure) for name in BASELINES}
         number = min(len(runs[name]) for name in (AGAINST, *BASELINES))
         text = f"MORC is best in {word} at {asked(n)}"
-        evidence[text] = best(ahead, number, (AGAINST,), of=word)
+        evidence[text] = best(ahead, number, (named(AGAINST, n),), of=word)
     return evidence
 
 
@@ -87,27 +102,19 @@ def judge_costs(runs: Mapping[int, Runs]) -> dict[str, Evidence]:
     few, many = min(runs), max(runs)
     margin = paper_values("fig8")["margin"]["cost"]
 
-    def change(agent: str) -> tuple[Interval, int]:
+    def rise(judged: Callable[..., Evidence], agent: str, bound: float = 0.0) -> Evidence:
         after, before = runs[many][agent], runs[few][agent]
-        return change_of_means(after.cost, after.objects, before.cost, before.objects), len(after)
+        change = change_of_means(after.cost, after.objects, before.cost, before.objects)
+        number, both = min(len(after), len(before)), (named(agent, few), named(agent, many))
+        return judged(change, bound, number, both, of=f"rise of {agent}'s cost, s")
 
-    rest = [
-        below(*_ordered(change(name), margin), of=f"rise of {name}'s cost, s")
-        for name in BASELINES[1:]
-    ]
     return {
-        "Random's cost falls with the number of attributes": below(
-            *_ordered(change("random"), 0.0), of="rise of its cost, s"
+        "Random's cost falls with the number of attributes": rise(below, "random"),
+        "MORC's cost rises with the number of attributes": rise(above, AGAINST),
+        f"the other baselines' cost rises by less than {margin:g} s": every(
+            rise(below, name, margin) for name in BASELINES[1:]
         ),
-        "MORC's cost rises with the number of attributes": above(
-            *_ordered(change(AGAINST), 0.0), of="rise of its cost, s"
-        ),
-        f"the other baselines' cost rises by less than {margin:g} s": every(rest),
     }
-
-
-def _ordered(change: tuple[Interval, int], bound: float) -> tuple[Interval, float, int]:
-    return change[0], bound, change[1]
 
 
 def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:

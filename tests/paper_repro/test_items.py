@@ -82,6 +82,8 @@ def test_fig_8_judges_costs(kind, rise, falls, level):
     many |= {"morc": columns(100 + rise, 30, seed=2), "random": columns(100 - falls, 30, seed=3)}
     evidence = fig8.judge_costs({1: few, 3: many})
     assert [one.outcome for one in evidence.values()] == [kind] * 3
+    further = evidence["Random's cost falls with the number of attributes"].agents
+    assert further == ("random at 1 attribute", "random at 3 attributes")
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
