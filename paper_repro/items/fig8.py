@@ -19,7 +19,7 @@ from paper_repro.trials import (
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
 AGENTS = (*BASELINES, AGAINST)
 MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
-STEPS = (200, 400, 800)  # trials; the paper's are 200
+STEPS = (200, 400, 800, 1600)  # trials; the paper's are 200
 NOTE = """No numbers are printed. Best is ahead of every other strategy of the paper by more than
 the interval of the paired difference excludes. In the published protocol Random Legal may ask a
 person at the start, as in the published code; in the recorded one it explores, as the paper's text
