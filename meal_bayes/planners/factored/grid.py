@@ -41,11 +41,16 @@ class Table(NamedTuple):
         return [row[:size] for row, size in zip(self.points, self.size, strict=True)]
 
     def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
-        """Combine a number for each point of each axis into one for each point of the grid, (B,).
+        """Combine numbers (..,G) for the points of each axis into one a point of the grid, (..,B).
 
         So a grid of many axes, most of one point, never takes B x N numbers.
         """
-        return reduce(lambda left, part: combine.outer(left, part).ravel(), parts)
+
+        def cross(left: Floats, part: Floats) -> Floats:
+            both: Floats = combine(left[..., None], part[..., None, :])
+            return both.reshape(*left.shape[:-1], -1)
+
+        return reduce(cross, parts)
 
     def position(self, belief: Floats) -> int:
         """Return the point of the grid that a belief (N,) is; it must be one."""
@@ -71,9 +76,12 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     high = np.minimum(low + 1, len(axes[attribute]) - 1)
     left = len(table.value) * int(table.size[:attribute].prod())
     old = table.value.reshape(left, len(axes[attribute]), -1)
-    new = old[:, low] * (1 - fraction)[:, None] + old[:, high] * fraction[:, None]
+    below, above = old[:, low], old[:, high]
+    below *= (1 - fraction)[:, None]
+    above *= fraction[:, None]
+    below += above
     axes[attribute] = axis
-    return make_table(axes, new.reshape(len(table.value), -1))
+    return make_table(axes, below.reshape(len(table.value), -1))
 
 
 def between(axis: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:

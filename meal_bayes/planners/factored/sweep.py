@@ -119,9 +119,9 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Pe
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
     axes, reward = table.axes, np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
     if edges.reward[:, 1:].any():
-        slopes = edges.reward[:, 1:, None]
-        pay = [table.combined(map(np.multiply, slope, axes), np.add) for slope in slopes]
-        reward = reward + np.array(pay)
+        slopes = edges.reward[:, 1:].T[..., None]  # (N,M,1)
+        pay = table.combined(map(np.multiply, slopes, axes), np.add)
+        reward = np.add(reward, pay, out=pay)
     shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
     for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
