@@ -20,7 +20,13 @@ from meal_bayes.trial_log.reader import (
 )
 from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, total_seconds, write_trials
+from meal_bayes.trial_log.writer import (
+    OutcomeWriter,
+    TrialWriter,
+    read_seconds,
+    total_seconds,
+    write_trials,
+)
 
 __all__ = [
     "ACTIVE",
@@ -43,6 +49,7 @@ __all__ = [
     "read_header",
     "read_memory",
     "read_outcomes",
+    "read_seconds",
     "read_trials",
     "recover_log",
     "remove_drafts",
