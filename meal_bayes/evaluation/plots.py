@@ -130,7 +130,7 @@ def bars(
         name_axes(to, "", y_label, grid="y")
         if fraction:
             to.set_ylim(0, 1.04)
-        legend(to, 1 if single else len(groups) + 1)
+        legend(to, len(groups), above=True)  # bars fill their axes
         return to
 
 

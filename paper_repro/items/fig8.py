@@ -123,9 +123,7 @@ def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
     for agent in AGENTS:
         found = [run[agent].mean(measure) for run in runs.values()]
         groups[agent] = [Interval(m, se, m - se, m + se) for m, se in found]
-    ax = plots.bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
-    ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize=8, frameon=False)
-    return ax
+    return plots.bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
 
 
 def _words(runs: Mapping[int, Runs]) -> str:

@@ -84,6 +84,13 @@ def test_bars_and_their_intervals_are_the_numbers():
     assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
 
 
+def test_the_legend_of_bars_covers_none_of_them():
+    found = [Interval(0.9, 0.02, 0.85, 1.0)] * 3
+    ax = plots.bars({"x": found, "y": found}, ["a", "b", "c"], y_label="accuracy", fraction=True)
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().y0 >= ax.bbox.y1
+
+
 def test_the_reliability_diagram_counts():
     positive = np.array([0.05] * 10 + [0.95] * 20)
     truth = np.array([True] + [False] * 9 + [True] * 15 + [False] * 5)
