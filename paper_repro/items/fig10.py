@@ -31,8 +31,9 @@ from paper_repro.online import (
 )
 from paper_repro.statements import Evidence, above, below, every, joined
 
-COLUMNS = ("agent", "explored, h", "accuracy", "reward", "reward over H h, less its", "95 % low",
-           "high", "reward over the batches, less its", "accuracy over H h, less its")  # fmt: skip
+COLUMNS = ("agent", "repeats", "explored, h", "accuracy", "reward", "reward over H h, less its",
+           "95 % low", "high", "reward over the batches, less its",
+           "accuracy over H h, less its")  # fmt: skip
 STEPS = {"published": (10, 20, 40), "recorded": (20, 40)}  # repeats
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared by the paired difference of their means over the first H hours of
@@ -76,7 +77,7 @@ def run(setting: Setting) -> Result:
             )  # fmt: skip
             evidence[protocol] |= found
             seconds += sum(curves.seconds for curves in panel.values())
-            tables.append(compared(panel, f"{title}, {protocol}, {len(panel[BASE])} repeats"))
+            tables.append(compared(panel, f"{title}, {protocol}"))
             figures[f"_{dataset}_{n}" + "_published" * code] = plots.learning_curve(
                 [series(curves, curves.accuracy, name) for name, curves in panel.items()]
             )
@@ -164,6 +165,7 @@ def compared(panel: Panel, title: str) -> Table:
         rows.append(
             (
                 name,
+                len(curves),
                 mean_of(curves.hours[:, -1]),
                 mean_of(curves.accuracy[:, -3:].mean(axis=1)),
                 mean_of(curves.reward[:, -1]),

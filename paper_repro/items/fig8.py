@@ -46,11 +46,12 @@ def run(setting: Setting) -> Result:
             lambda some: judge(by_number(some, numbers)),
         )  # fmt: skip
         runs[protocol] = by_number(found, numbers)
-    columns = ("attributes", "agent", *(f"{m}: {p}" for m in MEASURES.values() for p in runs))
-    rows: list[tuple[Cell, ...]] = [
-        (n, agent, *(run[n][agent].mean(m) for m in MEASURES for run in runs.values()))
-        for n, agent in product(numbers, AGENTS)
-    ]
+    told = ("trials", *MEASURES.values())
+    columns = ("attributes", "agent", *(f"{m}: {p}" for m in told for p in runs))
+    rows: list[tuple[Cell, ...]] = []
+    for n, agent in product(numbers, AGENTS):
+        own = [run[n][agent] for run in runs.values()]
+        rows.append((n, agent, *map(len, own), *(one.mean(m) for m in MEASURES for one in own)))
     compared = {f"{p}, {asked(n)}": run[n] for n in numbers for p, run in runs.items()}
     return Result(
         title="Strategies on ISPY32",
