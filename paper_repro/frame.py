@@ -15,6 +15,7 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import canvas
 from meal_bayes.files import write_whole
+from meal_bayes.trial_log import read_seconds
 from paper_repro.statements import Evidence, Statement, verdict
 
 HERE = Path(__file__).resolve().parent
@@ -37,7 +38,7 @@ Cell = str | int | float | Estimate | None  # None: not measured, or not printed
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Setting:
-    """How an item is run."""
+    """How an item is run; `spent` holds the seconds behind every log that it rests on."""
 
     quick: bool = False
     seed: int = 0
@@ -48,11 +49,16 @@ class Setting:
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 runs none
     on_progress: Callable[[int, int], None] | None = None
+    spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
 
     @property
     def committed(self) -> bool:
         """Whether this run is what git keeps: in full, in all protocols."""
         return not (self.quick or self.as_published)
+
+    def spend(self, logs: Iterable[Path]) -> None:
+        """Note the seconds that the trials of some logs took to compute."""
+        self.spent.update((path, math.fsum(read_seconds(path))) for path in logs)
 
     @property
     def protocols(self) -> tuple[str, ...]:
@@ -93,7 +99,6 @@ class Result:
     statements : what the paper says of it, judged.
     figures : by what their files' names end in after the item.
     shows : what the paper describes, beside the figures.
-    seconds : of computing, those of trials from the logs included.
     effects : of the published code's departures, by their number in errata.toml.
     """
 
@@ -106,7 +111,6 @@ class Result:
     notes: tuple[str, ...] = ()
     figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     shows: str = ""
-    seconds: float = 0.0
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -176,9 +180,9 @@ def named(words: Iterable[str]) -> tuple[str, ...]:
 
 def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     """Run one item and write what came of it; returns the facts that were written."""
-    begin = time.perf_counter()
+    begin, setting = time.perf_counter(), dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
-    seconds = max(result.seconds, time.perf_counter() - begin)
+    seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     folder = RESULTS if setting.committed else setting.logs / "paper_repro"
     found = facts(item, result, setting)
     write_whole(folder / f"{item}.json", json.dumps(found, indent=1, allow_nan=False) + "\n")

@@ -12,7 +12,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import clustered_se, paired_difference, plots
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.trial_log import total_seconds
 from paper_repro import published
 from paper_repro.frame import Estimate, Setting, paper_values
 
@@ -36,7 +35,6 @@ class Curves:
     accuracy, reward : (S,B) means over test trials.
     by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
     training : (S,B-1) logs of the training trials.
-    seconds : of computing the trials, in all.
     """
 
     hours: Array
@@ -44,7 +42,6 @@ class Curves:
     reward: Array
     by_attribute: Array
     training: tuple[tuple[Path, ...], ...]
-    seconds: float = 0.0
 
     def __len__(self) -> int:
         return len(self.hours)
@@ -99,8 +96,8 @@ def run_curves(
     folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
     every = range(1, batches + 1)
     logs = tuple(tuple(own / f"{b:02d}-train.mcap" for b in every) for own in folders)
-    seconds = total_seconds(path for own in folders for path in own.glob("*.mcap"))
-    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs, seconds)
+    setting.spend(path for own in folders for path in own.glob("*.mcap"))
+    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs)
 
 
 def at_hours(hours: Array, values: Array, when: float) -> Array:

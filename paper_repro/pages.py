@@ -54,7 +54,7 @@ and at least one is undecided. *not run on recordings*: there are outcomes of th
 protocol alone. *not run*: there is no outcome yet. *nothing to judge*: the paper states nothing.
 
 Minutes are of computing the trials, those of all processes together, or of the whole run where that
-is longer; Fig. 11 and Table 4 read trials that are counted at Fig. 10. This page is made by
+is longer; trials that several items rest on count at each of them. This page is made by
 `meal-bayes reproduce readme`; what the paper prints and the margins are in `paper_values.toml`,
 departures of the published code in `ERRATA.md`. Figures 1, 2, 3, 6 and 13 are drawings and
 photographs, and are not made again.

@@ -31,7 +31,14 @@ from meal_bayes.evaluation.statistics import (
     paired_difference,
     wilson_interval,
 )
-from meal_bayes.evaluation.summary import Summary, SummaryRow, compare, mean, summarize
+from meal_bayes.evaluation.summary import (
+    Summary,
+    SummaryRow,
+    compare,
+    difference,
+    mean,
+    summarize,
+)
 
 __all__ = [
     "Interval",
@@ -47,6 +54,7 @@ __all__ = [
     "compare",
     "curves_of",
     "decided",
+    "difference",
     "difference_at",
     "expected_calibration_error",
     "learning_rows",

@@ -129,18 +129,27 @@ def compare(
     measure : "reward", "cost", "success" or "abstained".
     """
     outcomes = TrialOutcomes.of(trials)
-    one, other = outcomes.of_agent(first), outcomes.of_agent(second)
-    rows = dict(zip(one.key.tolist(), range(len(one)), strict=True))
-    others = dict(zip(other.key.tolist(), range(len(other)), strict=True))
+    return difference(outcomes.of_agent(first), outcomes.of_agent(second), measure=measure)
+
+
+def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Interval:
+    """Compute the mean of first - second over the tasks that both have, clustered by object.
+
+    Parameters
+    ----------
+    first, second : a row a task each, paired by the keys of their tasks.
+    measure : "reward", "cost", "success" or "abstained".
+    """
+    rows = dict(zip(first.key.tolist(), range(len(first)), strict=True))
+    others = dict(zip(second.key.tolist(), range(len(second)), strict=True))
     pairs = [(row, others[key]) for key, row in rows.items() if key in others]
     left, right = np.array(pairs, int).reshape(-1, 2).T
-    difference = _measured(one, measure)[left] - _measured(other, measure)[right]
-    known = ~np.isnan(difference)
+    found = _measured(first, measure)[left] - _measured(second, measure)[right]
+    known = ~np.isnan(found)
     if not known.any():
-        raise SettingsError(
-            f"Agents {first!r} and {second!r} share no task; run both under the same seed."
-        )
-    return paired_difference(difference[known], 0.0, one.object_name[left][known])
+        one, other = (", ".join(map(repr, side.agents)) or "nobody" for side in (first, second))
+        raise SettingsError(f"{one} and {other} share no task; run both under the same seed.")
+    return paired_difference(found[known], 0.0, first.object_name[left][known])
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -23,9 +24,9 @@ from meal_bayes.trial_log import (
     TrialOutcomes,
     TrialWriter,
     read_outcomes,
+    read_seconds,
     read_trials,
     remove_drafts,
-    total_seconds,
 )
 from meal_bayes.untrusted import LARGEST
 
@@ -192,7 +193,7 @@ def run_offline(
             on_progress(done, total)
     numbers = range((len(tasks) + UNIT - 1) // UNIT)
     paths = {name: [store.unit(name, number) for number in numbers] for name in carried}
-    seconds = {name: total_seconds(own) for name, own in paths.items()}
+    seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
     return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
 
 
@@ -251,3 +252,9 @@ def _table(config: OfflineConfig) -> PerceptTable:
 @lru_cache(maxsize=4)
 def _loaded(dataset: str, perception: str, content: str) -> PerceptTable:
     return percepts_for(dataset, perception)
+
+
+def _seconds(paths: Iterator[Path]) -> float:
+    """Sum of the timing tables beside the logs, s; nan where one has been removed."""
+    found = [read_seconds(path) for path in paths]
+    return math.fsum(map(math.fsum, found)) if all(found) else math.nan

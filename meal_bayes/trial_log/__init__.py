@@ -20,13 +20,7 @@ from meal_bayes.trial_log.reader import (
 )
 from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import (
-    OutcomeWriter,
-    TrialWriter,
-    read_seconds,
-    total_seconds,
-    write_trials,
-)
+from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, read_seconds, write_trials
 
 __all__ = [
     "ACTIVE",
@@ -54,7 +48,6 @@ __all__ = [
     "recover_log",
     "remove_drafts",
     "salvage",
-    "total_seconds",
     "write_labels",
     "write_trials",
 ]

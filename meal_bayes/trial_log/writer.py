@@ -2,7 +2,6 @@
 
 import hashlib
 import itertools
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -220,9 +219,3 @@ def read_seconds(path: str | Path) -> list[float]:
         return [float(row.split(",")[1]) for row in rows]
     except (FileNotFoundError, IndexError, ValueError):
         return []
-
-
-def total_seconds(paths: Iterable[Path]) -> float:
-    """Sum the wall-clock seconds of logs of trials; nan where one has no whole table beside it."""
-    found = [read_seconds(path) for path in paths]
-    return math.fsum(map(math.fsum, found)) if all(found) else math.nan

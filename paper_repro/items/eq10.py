@@ -15,12 +15,11 @@ NOTE = """CY101, one attribute, on recordings. Both readings are settings of an 
 def run(setting: Setting) -> Result:
     """Run MORC-ITRS under both readings, on the same tasks."""
     rows: list[tuple[Cell, ...]] = []
-    effects, seconds = {}, 0.0
+    effects = {}
     for repeats in () if setting.as_published else setting.repeat_steps(STEPS):
         first, second = (
             run_curves(setting, "cy101", 1, BEST, repeats, normalizer=name) for name in READINGS
         )
-        seconds = first.seconds + second.seconds
         lead = paired(*area(second, first, "reward"))
         rows = [
             (name, READINGS[name], len(one), mean_of(one.hours[:, -1]), mean_of(one.reward[:, -1]))
@@ -40,5 +39,4 @@ def run(setting: Setting) -> Result:
         statements=(),
         notes=(NOTE,),
         effects=effects,
-        seconds=seconds,
     )

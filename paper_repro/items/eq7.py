@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.evaluation import Interval, bootstrap_interval, canvas, plots
 from meal_bayes.seeds import stream
+from meal_bayes.trial_log import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, until_decided
+from paper_repro.offline import AGAINST, Runs, run_agent
 from paper_repro.statements import Evidence, best, joined
-from paper_repro.trials import AGAINST, Columns, Runs, run_agent, seconds_of
 
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
 BUDGETS = (600.0, 1800.0, 3600.0, 7200.0)  # s
@@ -32,7 +33,7 @@ def run(setting: Setting) -> Result:
 
             def run_one(
                 agent: str, trials: int, where: str = protocol, of: str = dataset, n: int = n
-            ) -> Columns:
+            ) -> TrialOutcomes:
                 return run_agent(setting, where, of, n, agent, trials)
 
             title = f"{dataset.upper()}, {asked(n)}"
@@ -68,13 +69,10 @@ def run(setting: Setting) -> Result:
             for title, runs in compared.items()
         },
         shows=SHOWS,
-        seconds=seconds_of(compared),
     )
 
 
-def repeated_successes(
-    success: NDArray[np.float64], cost: NDArray[np.float64], budget: float
-) -> int:
+def repeated_successes(success: NDArray[np.int8], cost: NDArray[np.float64], budget: float) -> int:
     """Count successes of trials whose summed costs stay below a budget (Eq. 7).
 
     Trials come in their order, and again when all are done; those that cost nothing at all once.
@@ -104,12 +102,13 @@ def judge(runs: Runs, title: str) -> dict[str, Evidence]:
     }
 
 
-def _lead(first: Columns, second: Columns) -> Interval:
+def _lead(first: TrialOutcomes, second: TrialOutcomes) -> Interval:
     number = min(len(first), len(second))
     both = np.stack(
-        [one.measure(m)[:number] for one in (first, second) for m in ("success", "cost")], axis=1
+        [own[:number] for one in (first, second) for own in (one.success, one.cost)], axis=1
     )
-    return bootstrap_interval(both, first.objects[:number], stream(0, "eq7"), statistic=_hourly)
+    objects = first.object_index[:number]
+    return bootstrap_interval(both, objects, stream(0, "eq7"), statistic=_hourly)
 
 
 def _hourly(both: NDArray[np.float64]) -> float:
@@ -118,7 +117,7 @@ def _hourly(both: NDArray[np.float64]) -> float:
     return float(3600 * (first / max(first_cost, 1.0) - second / max(second_cost, 1.0)))
 
 
-def figure(runs: Mapping[str, Columns]) -> canvas.Axes:
+def figure(runs: Mapping[str, TrialOutcomes]) -> canvas.Axes:
     """Draw successes over budgets; Random's line leaves the picture."""
     hours = np.linspace(0, BUDGETS[-1] / 3600, 60)
     lines = [

@@ -55,7 +55,6 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     tables, figures = [], {}
     leads: dict[str, list[str]] = {name: [] for name in setting.protocols}
-    seconds = 0.0
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols:
@@ -76,7 +75,6 @@ def run(setting: Setting) -> Result:
                 lambda some, title=title: judge(some, title),  # type: ignore[misc]
             )  # fmt: skip
             evidence[protocol] |= found
-            seconds += sum(curves.seconds for curves in panel.values())
             tables.append(compared(panel, f"{title}, {protocol}"))
             figures[f"_{dataset}_{n}" + "_published" * code] = plots.learning_curve(
                 [series(curves, curves.accuracy, name) for name, curves in panel.items()]
@@ -93,7 +91,6 @@ def run(setting: Setting) -> Result:
         statements=joined(evidence.get("recorded"), evidence["published"]),
         notes=(NOTE,),
         figures=figures,
-        seconds=seconds,
         shows=SHOWS if figures else "",
     )
 

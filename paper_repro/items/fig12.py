@@ -36,7 +36,7 @@ def run(setting: Setting) -> Result:
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
     evidence: Mapping[str, Evidence | None] = dict.fromkeys(TEXTS)
     rows: list[tuple[Cell, ...]] = []
-    figures, seconds = {}, 0.0
+    figures = {}
     if steps and not setting.as_published:
 
         def run_one(name: str, repeats: int) -> Curves:
@@ -47,7 +47,7 @@ def run(setting: Setting) -> Result:
 
         runs, evidence = until_decided(pairs, steps, run_one, lambda found: judge(accuracy(found)))
         runs |= {"own, own": run_curves(setting, "cy101", 1, AUTO, steps[0])}
-        grid, seconds = accuracy(runs), sum(curves.seconds for curves in runs.values())
+        grid = accuracy(runs)
         for name, values in grid.items():
             rows.append((*name.split(", "), len(values), *map(mean_of, _moments(values))))
         means = np.array([
@@ -70,7 +70,6 @@ def run(setting: Setting) -> Result:
         statements=joined(evidence, None),
         notes=(NOTE,),
         figures=figures,
-        seconds=seconds,
         shows=SHOWS if figures else "",
     )
 

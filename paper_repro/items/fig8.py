@@ -3,18 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
-from meal_bayes.evaluation import Interval, canvas, plots
+from meal_bayes.evaluation import Interval, canvas, difference, plots
+from meal_bayes.trial_log import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values, until_decided
+from paper_repro.offline import AGAINST, Runs, estimate, paired_table, run_agent
 from paper_repro.statements import Evidence, above, below, best, change_of_means, every, joined
-from paper_repro.trials import (
-    AGAINST,
-    Columns,
-    Runs,
-    against,
-    paired_table,
-    run_agent,
-    seconds_of,
-)
 
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
 AGENTS = (*BASELINES, AGAINST)
@@ -37,7 +30,7 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, dict[str, Evidence]] = {}
     for protocol in setting.protocols:
 
-        def run_one(name: str, trials: int, where: str = protocol) -> Columns:
+        def run_one(name: str, trials: int, where: str = protocol) -> TrialOutcomes:
             agent, n = played[name]
             return run_agent(setting, where, "ispy32", n, agent, trials)
 
@@ -51,7 +44,9 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     for n, agent in product(numbers, AGENTS):
         own = [run[n][agent] for run in runs.values()]
-        rows.append((n, agent, *map(len, own), *(one.mean(m) for m in MEASURES for one in own)))
+        rows.append(
+            (n, agent, *map(len, own), *(estimate(one, m) for m in MEASURES for one in own))
+        )
     compared = {f"{p}, {asked(n)}": run[n] for n in numbers for p, run in runs.items()}
     return Result(
         title="Strategies on ISPY32",
@@ -66,7 +61,6 @@ def run(setting: Setting) -> Result:
         notes=(NOTE,),
         figures={f"_{m}_{p}": figure(run, m) for p, run in runs.items() for m in MEASURES},
         shows=SHOWS,
-        seconds=seconds_of(compared),
         effects=_effects(runs) if "recorded" in runs else {},
     )
 
@@ -91,7 +85,10 @@ def judge_best(runs: Runs, n: int) -> dict[str, Evidence]:
     """Judge that MORC is ahead of the paper's other strategies at a number of attributes."""
     evidence = {}
     for measure, word in (("reward", "reward"), ("success", "accuracy")):
-        ahead = {named(name, n): against(runs[AGAINST], runs[name], measure) for name in BASELINES}
+        ahead = {
+            named(name, n): difference(runs[AGAINST], runs[name], measure=measure)
+            for name in BASELINES
+        }
         number = min(len(runs[name]) for name in (AGAINST, *BASELINES))
         text = f"MORC is best in {word} at {asked(n)}"
         evidence[text] = best(ahead, number, (named(AGAINST, n),), of=word)
@@ -105,7 +102,7 @@ def judge_costs(runs: Mapping[int, Runs]) -> dict[str, Evidence]:
 
     def rise(judged: Callable[..., Evidence], agent: str, bound: float = 0.0) -> Evidence:
         after, before = runs[many][agent], runs[few][agent]
-        change = change_of_means(after.cost, after.objects, before.cost, before.objects)
+        change = change_of_means(after.cost, after.object_index, before.cost, before.object_index)
         number, both = min(len(after), len(before)), (named(agent, few), named(agent, many))
         return judged(change, bound, number, both, of=f"rise of {agent}'s cost, s")
 
@@ -122,7 +119,7 @@ def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
     """Draw one measure, a group of bars a number of attributes, with standard errors."""
     groups = {}
     for agent in AGENTS:
-        found = [run[agent].mean(measure) for run in runs.values()]
+        found = [estimate(run[agent], measure) for run in runs.values()]
         groups[agent] = [Interval(m, se, m - se, m + se) for m, se in found]
     return plots.bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
 
@@ -131,13 +128,13 @@ def _words(runs: Mapping[int, Runs]) -> str:
     """Return MORC's reward, and its lead over the best baseline with its sign, by attributes."""
     told = []
     for run in runs.values():
-        leads = [against(run[AGAINST], run[name]).estimate for name in BASELINES]
+        leads = [difference(run[AGAINST], run[name]).estimate for name in BASELINES]
         told.append(f"{run[AGAINST].reward.mean():.0f} ({min(leads):+.0f})")
     return "MORC's reward (lead): " + ", ".join(told)
 
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:
-    rewards = [run[min(run)]["random_legal"].mean("reward") for run in runs.values()]
+    rewards = [estimate(run[min(run)]["random_legal"], "reward") for run in runs.values()]
     theirs, ours = (f"{one.mean:.1f} ± {one.se:.1f}" for one in rewards)
     return {"21": f"Random Legal's reward on ISPY32, 1 attribute: {theirs}; exploring only, on "
                   f"recordings, {ours}"}  # fmt: skip

@@ -5,7 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from meal_bayes.evaluation import canvas, clustered_se, plots
+from meal_bayes.trial_log import TrialOutcomes
 from paper_repro.frame import Cell, Estimate, Result, Setting, Table, paper_values, until_decided
+from paper_repro.offline import AGAINST, Runs, estimate, run_agent
 from paper_repro.statements import (
     Evidence,
     above,
@@ -16,7 +18,6 @@ from paper_repro.statements import (
     joined,
     mean_interval,
 )
-from paper_repro.trials import AGAINST, Columns, Runs, run_agent, seconds_of
 
 IRRELEVANT = (0, 1, 2, 3, 4, 5)
 STEPS = (100, 200, 400)  # trials
@@ -39,7 +40,7 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, dict[str, Evidence]] = {}
     for protocol in setting.protocols:
 
-        def run_one(point: str, trials: int, where: str = protocol) -> Columns:
+        def run_one(point: str, trials: int, where: str = protocol) -> TrialOutcomes:
             return run_agent(setting, where, "ispy32", 2 + points[point], AGAINST, trials)
 
         runs[protocol], evidence[protocol] = until_decided(points, steps, run_one, judge)
@@ -55,7 +56,7 @@ def run(setting: Setting) -> Result:
         found = [run[str(k)] for run in (*runs.values(), single)]
         rows.append((k, 6 * 2 ** (2 + k) + 1, *(measure(one, m, relevant) for m in MEASURES
                      for one, relevant in zip(found, (*(2 for _ in runs), 1), strict=True)),
-                     *(float(one.abstained.mean()) for one in found)))  # fmt: skip
+                     *(float((~one.answered).mean()) for one in found)))  # fmt: skip
     kinds = (*runs, "published, one relevant")
     columns = ("irrelevant", "states", *(f"{LABELS[m]}: {kind}" for m in MEASURES
                for kind in kinds), *(f"abstained: {kind}" for kind in kinds))  # fmt: skip
@@ -75,7 +76,6 @@ def run(setting: Setting) -> Result:
         notes=(NOTE,),
         figures={f"_{m}": figure(runs, numbers, m) for m in MEASURES},
         shows=SHOWS,
-        seconds=seconds_of({**runs, "single": single}),
         effects={
             "19": f"one relevant attribute, 0 to {numbers[-1]} irrelevant ones, as published: "
             f"reward from {one[0]:.1f} to {one[1]:.1f}; two relevant: {words['published']}"
@@ -93,23 +93,26 @@ def judge(runs: Runs) -> dict[str, Evidence]:
     peak, high, low = runs[top], paper["first_reward_above"], paper["last_reward_below"]
     return {
         f"reward starts above {high:g}": above(
-            mean_interval(first.reward, first.objects), high, len(first), points[:1], of="reward"
+            mean_interval(first.reward, first.object_index), high, len(first), points[:1],
+            of="reward",
         ),
         f"reward ends below {low:g}": below(
-            mean_interval(last.reward, last.objects), low, len(last), points[-1:], of="reward"
+            mean_interval(last.reward, last.object_index), low, len(last), points[-1:], of="reward"
         ),
         "with more irrelevant attributes it explores more": above(
-            change_of_means(peak.cost, peak.objects, first.cost, first.objects), 0,
+            change_of_means(peak.cost, peak.object_index, first.cost, first.object_index), 0,
             min(len(peak), len(first)), (top, points[0]), of="most cost less the first, s",
         ),
         "then it gives up: it abstains more, and explores less than at most": every(
             (
                 above(
-                    change_of_means(last.abstained, last.objects, first.abstained, first.objects),
+                    change_of_means(
+                        ~last.answered, last.object_index, ~first.answered, first.object_index
+                    ),
                     0, min(len(last), len(first)), (points[-1], points[0]), of="rise of abstaining",
                 ),
                 above(
-                    change_of_means(peak.cost, peak.objects, last.cost, last.objects), 0,
+                    change_of_means(peak.cost, peak.object_index, last.cost, last.object_index), 0,
                     min(len(peak), len(last)), (top, points[-1]), of="most cost less the last, s",
                 ),
             )
@@ -117,10 +120,12 @@ def judge(runs: Runs) -> dict[str, Evidence]:
     }  # fmt: skip
 
 
-def measure(run: Columns, name: str, relevant: int) -> Estimate:
+def measure(run: TrialOutcomes, name: str, relevant: int) -> Estimate:
     """Estimate reward, cost, or the accuracy of the relevant attributes alone."""
-    values = run.correct[:, :relevant].all(axis=1) if name == "success" else run.measure(name)
-    return Estimate(float(values.mean()), clustered_se(values, run.objects))
+    if name != "success":
+        return estimate(run, name)
+    right = (run.report == run.truth)[:, :relevant].all(axis=1)
+    return Estimate(float(right.mean()), clustered_se(right, run.object_index))
 
 
 def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> canvas.Axes:

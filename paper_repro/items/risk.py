@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 
+from meal_bayes.evaluation import difference
+from meal_bayes.trial_log import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, until_decided
+from paper_repro.offline import AGAINST, MEASURES, Runs, estimate, run_agent
 from paper_repro.statements import Evidence, above, joined
-from paper_repro.trials import AGAINST, MEASURES, Columns, Runs, against, run_agent, seconds_of
 
 REWARDS = (100.0, 300.0, 500.0, 1000.0, 2000.0)
 PLACE, N = "ispy32", 2
@@ -22,7 +24,7 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, Mapping[str, Evidence]] = {}
     for protocol in setting.protocols:
 
-        def run_one(name: str, trials: int, where: str = protocol) -> Columns:
+        def run_one(name: str, trials: int, where: str = protocol) -> TrialOutcomes:
             size = names[name]
             return run_agent(setting, where, PLACE, N, AGAINST, trials, reward=size)
 
@@ -30,7 +32,7 @@ def run(setting: Setting) -> Result:
             names, setting.trial_steps(STEPS, 6), run_one, judge
         )
     rows: list[tuple[Cell, ...]] = [
-        (size, *(run[f"{size:g}"].mean(m) for m in MEASURES for run in runs.values()))
+        (size, *(estimate(run[f"{size:g}"], m) for m in MEASURES for run in runs.values()))
         for size in rewards
     ]
     columns = ("reward", *(f"{m}: {protocol}" for m in MEASURES for protocol in runs))
@@ -47,7 +49,6 @@ def run(setting: Setting) -> Result:
         tables=(Table("rewards", columns, tuple(rows)),),
         statements=joined(evidence.get("recorded"), evidence["published"]),
         notes=(NOTE,),
-        seconds=seconds_of(runs),
     )
 
 
@@ -57,10 +58,11 @@ def judge(runs: Runs) -> dict[str, Evidence]:
     number = min(len(runs[small]), len(runs[large]))
     return {
         f"with a reward of {large} it explores more than with {small}": above(
-            against(runs[large], runs[small], "cost"), 0, number, (small, large), of="extra cost, s"
+            difference(runs[large], runs[small], measure="cost"), 0, number, (small, large),
+            of="extra cost, s",
         ),
         f"with a reward of {large} it is right more often than with {small}": above(
-            against(runs[large], runs[small], "success"), 0, number, (small, large),
+            difference(runs[large], runs[small], measure="success"), 0, number, (small, large),
             of="extra accuracy",
         ),
     }  # fmt: skip

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from math import sqrt
 
-from meal_bayes.evaluation import Interval
+from meal_bayes.evaluation import Interval, difference
+from meal_bayes.trial_log import TrialOutcomes
 from paper_repro.frame import (
     Cell,
     Estimate,
@@ -14,17 +15,8 @@ from paper_repro.frame import (
     paper_values,
     until_decided,
 )
+from paper_repro.offline import AGAINST, Runs, domain_path, estimate, paired_table, run_agent
 from paper_repro.statements import Evidence, best, joined, mean_interval, within
-from paper_repro.trials import (
-    AGAINST,
-    Columns,
-    Runs,
-    against,
-    domain_path,
-    paired_table,
-    run_agent,
-    seconds_of,
-)
 
 PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diagram; the paper's
 AGENTS = ("random", ALL, PLUS, AGAINST)
@@ -65,13 +57,12 @@ def run(setting: Setting) -> Result:
         ),
         statements=joined(evidence.get("recorded"), evidence["published"]),
         notes=(NOTE,),
-        seconds=seconds_of(compared),
         effects={"20": _effect(code, own)} if own else {},
     )
 
 
-def _runner(setting: Setting, protocol: str, n: int) -> Callable[[str, int], Columns]:
-    def run_one(agent: str, trials: int) -> Columns:
+def _runner(setting: Setting, protocol: str, n: int) -> Callable[[str, int], TrialOutcomes]:
+    def run_one(agent: str, trials: int) -> TrialOutcomes:
         where = domain_path("roc36_table3") if protocol == "published" else ""
         if agent == ALL:
             name, where = PLUS, domain_path("roc36_every_action")
@@ -94,8 +85,8 @@ def judge(runs: Runs, n: int) -> dict[str, Evidence]:
             reach = margin[key] * (value if key == "cost" and printed["sd"] else 1.0)
             reach = reach if printed["sd"] or key == "accuracy" else 0.5 * 10.0**-digits
             evidence[f"{text}: {key} {value:.{digits}f}"] = within(
-                mean_interval(own.measure(measure), own.objects), value - reach, value + reach,
-                len(own), (name,), of=key,
+                mean_interval(getattr(own, measure), own.object_index),
+                value - reach, value + reach, len(own), (name,), of=key,
             )  # fmt: skip
     others = {"Predefined Plus": (ALL,), "every baseline": ("random", ALL)}
     for text, measure, sign, names in (
@@ -103,7 +94,10 @@ def judge(runs: Runs, n: int) -> dict[str, Evidence]:
         ("less cost than every baseline", "cost", -1, others["every baseline"]),
         ("more accuracy than every baseline", "success", 1, others["every baseline"]),
     ):
-        ahead = {name: _signed(against(runs[AGAINST], runs[name], measure), sign) for name in names}
+        ahead = {
+            name: _signed(difference(runs[AGAINST], runs[name], measure=measure), sign)
+            for name in names
+        }
         evidence[f"MORC at {asked(n)}: {text}"] = best(
             ahead, len(runs[AGAINST]), (AGAINST,), of=measure
         )
@@ -124,8 +118,13 @@ def _row(n: int, agent: str, runs: Mapping[str, Runs]) -> tuple[Cell, ...]:
         sides = [(Estimate(p, sqrt(p * (1 - p)) / root), cost, printed["sd"])]
     for protocol in ("published", "recorded"):
         own = runs[protocol][agent] if protocol in runs else None
-        sides.append((own.mean("success"), own.mean("cost"), own.cost_sd) if own else None)
+        sides.append(_measured(own) if own else None)
     return (n, agent, *(side and side[m] for m in range(3) for side in sides))
+
+
+def _measured(own: TrialOutcomes) -> tuple[Cell, Cell, Cell]:
+    spread = float(own.cost.std(ddof=1)) if len(own) > 1 else None
+    return estimate(own, "success"), estimate(own, "cost"), spread
 
 
 def _words(runs: Runs) -> str:
@@ -137,6 +136,6 @@ def _words(runs: Runs) -> str:
 
 
 def _effect(code: Runs, own: Runs) -> str:
-    costs = [runs["random"].mean("cost") for runs in (code, own)]
+    costs = [estimate(runs["random"], "cost") for runs in (code, own)]
     theirs, ours = (f"{cost.mean:.1f} ± {cost.se:.1f} s" for cost in costs)
     return f"Random on ROC36, 2 attributes, costs {theirs}; among legal behaviors alone {ours}"

@@ -3,12 +3,11 @@ import re
 from math import inf, nan
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from meal_bayes import read_trials
 from meal_bayes.errors import SettingsError
-from paper_repro import frame, trials
+from paper_repro import frame, offline
 from paper_repro.items import table3
 
 FOLDER = Path(frame.__file__).parent
@@ -46,26 +45,29 @@ def test_a_run_writes_its_own_timing(elsewhere, tmp_path):
 
 def test_offline_trials_are_taken_from_the_logs(tmp_path):
     setting = frame.Setting(quick=True, logs=tmp_path)
-    once, again = (trials.run_agent(setting, "recorded", "roc36", 2, "random", 5) for _ in range(2))
+    once, again = (
+        offline.run_agent(setting, "recorded", "roc36", 2, "random", 5) for _ in range(2)
+    )
     (unit,) = tmp_path.rglob("*.mcap")
     assert len(once) == len(again) == 5
-    assert once.seconds == again.seconds > 0
-    assert once.correct.shape == (5, 2)
-    assert (once.success == once.correct.all(axis=1)).all()
+    ((path, seconds),) = setting.spent.items()  # once for both
+    assert path == unit
+    assert seconds > 0
+    assert once.report.shape == (5, 2)
     unit.with_name("unit-0000.timing.csv").unlink()
-    third = trials.run_agent(setting, "recorded", "roc36", 2, "random", 5)
+    third = offline.run_agent(setting, "recorded", "roc36", 2, "random", 5)
     assert (third.cost == once.cost).all()
+    assert setting.spent == {unit: 0.0}
 
 
 def test_every_behavior_costs_what_the_paper_prints(tmp_path):
     setting = frame.Setting(quick=True, logs=tmp_path)
     for protocol in setting.protocols:
-        run = trials.run_agent(
+        run = offline.run_agent(
             setting, protocol, "roc36", 2, "predefined_plus", 5,
-            domain=trials.domain_path("roc36_every_action"),
+            domain=offline.domain_path("roc36_every_action"),
         )  # fmt: skip
         assert run.cost == pytest.approx(37.10, abs=1e-9)
-        assert run.cost_sd == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.long
@@ -74,18 +76,18 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
 def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     """Costs of an independent simulation of the published code."""
     setting = frame.Setting(quick=True, logs=tmp_path)
-    run = trials.run_agent(
+    run = offline.run_agent(
         setting, "published", "roc36", n, "random", 400,
-        domain=trials.domain_path("roc36_every_action"),
+        domain=offline.domain_path("roc36_every_action"),
     )  # fmt: skip
-    assert abs(run.cost.mean() - cost) <= 2 * run.mean("cost").se
-    assert run.cost_sd == pytest.approx(sd, rel=0.25)
+    assert abs(run.cost.mean() - cost) <= 2 * offline.estimate(run, "cost").se
+    assert run.cost.std(ddof=1) == pytest.approx(sd, rel=0.25)
 
 
 def test_random_legal_asks_at_the_start_alone_as_published_and_never_on_recordings(tmp_path):
     setting = frame.Setting(quick=True, logs=tmp_path)
     for protocol in setting.protocols:
-        trials.run_agent(setting, protocol, "ispy32", 1, "random_legal", 30)
+        offline.run_agent(setting, protocol, "ispy32", 1, "random_legal", 30)
     asks = {}
     for path in tmp_path.rglob("*.mcap"):
         for trial in read_trials(path):
@@ -123,19 +125,13 @@ def test_steps_end_at_the_most_repeats(repeats, steps):
     assert quick == ((1,) if repeats != 0 else ())
 
 
-def test_margins_are_written_down_before_the_run():
+def test_margins_are_written_down_before_the_run(outcomes):
     margin = frame.paper_values("table3")["margin"]
     assert set(margin) == {"accuracy", "cost"}
     plus = table3.judge(
-        {name: _constant(37.10) for name in ("random", table3.ALL, "morc")}, 2
+        {name: outcomes(37.10, 0.0) for name in ("random", table3.ALL, "morc")}, 2
     )[f"{table3.ALL}, 2 attributes: cost 37.10"]  # fmt: skip
     assert plus.rule == "cost is in [37.095, 37.105]"
-
-
-def _constant(value):
-    own = np.full(8, value)
-    yes = np.ones((8, 2), bool)
-    return trials.Columns(own, own, own, np.arange(8), yes, ~yes[:, 0])
 
 
 def test_plain_values_are_json_of_six_digits():

@@ -10,24 +10,14 @@ from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, risk, 
 from paper_repro.items.table5 import predicted
 from paper_repro.online import Curves
 from paper_repro.statements import FALLS, STANDS, UNDECIDED
-from paper_repro.trials import Columns
 
 KINDS = (STANDS, FALLS, UNDECIDED)
-TRIALS, OBJECTS, REPEATS = 200, 20, 20
+REPEATS = 20
 
 
 def kinds(*values):
     """Pair what makes a statement stand, fall and stay undecided with these outcomes."""
     return list(zip(KINDS, values, strict=True))
-
-
-def columns(level, spread=1.0, *, seed=0, abstained=0.0):
-    """Trials whose measures have a mean of exactly `level`."""
-    noise = np.random.default_rng(seed).standard_normal(TRIALS)
-    values = level + spread * (noise - noise.mean())
-    objects = np.arange(TRIALS) % OBJECTS
-    quits = np.arange(TRIALS) < round(abstained * TRIALS)
-    return Columns(values, values, values, objects, np.ones((TRIALS, 2), bool), quits)
 
 
 def curves(accuracy, *, hours=4.0, first=0.5, seed=0):
@@ -41,45 +31,46 @@ def curves(accuracy, *, hours=4.0, first=0.5, seed=0):
 
 
 @pytest.mark.parametrize(("kind", "shift"), kinds(0.0, 0.3, 0.05))
-def test_table_3_judges_printed_numbers(kind, shift):
+def test_table_3_judges_printed_numbers(outcomes, kind, shift):
+    cost = 17.56 + 3.512 * (shift / 0.05)
     runs = {
-        "random": columns(0.245 + shift, 0.05), table3.ALL: columns(0.583), "morc": columns(0.86)
-    }  # fmt: skip
-    assert table3.judge(runs, 2)["random, 2 attributes: accuracy 0.245"].outcome == kind
-    costs = {**runs, "random": columns(17.56 + 3.512 * (shift / 0.05), 3.0)}
-    assert table3.judge(costs, 2)["random, 2 attributes: cost 17.56"].outcome == kind
+        name: outcomes(cost, 3.0, right=0.245 + shift) for name in ("random", table3.ALL, "morc")
+    }
+    evidence = table3.judge(runs, 2)
+    assert evidence["random, 2 attributes: accuracy 0.245"].outcome == kind
+    assert evidence["random, 2 attributes: cost 17.56"].outcome == kind
 
 
-@pytest.mark.parametrize(("kind", "lead"), kinds(2.0, -2.0, 0.0))
-def test_table_3_judges_that_morc_is_ahead(kind, lead):
-    runs = {"morc": columns(lead), "random": columns(0, seed=1), table3.ALL: columns(0, seed=2)}
+@pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
+def test_table_3_judges_that_morc_is_ahead(outcomes, kind, lead):
+    runs = {"morc": outcomes(-lead, right=0.5 + lead), "random": outcomes(0, right=0.5, seed=1),
+            table3.ALL: outcomes(0, right=0.5, seed=2)}  # fmt: skip
     evidence = table3.judge(runs, 2)
     assert evidence["MORC at 2 attributes: more accuracy than every baseline"].outcome == kind
-    less = {**runs, "morc": columns(-lead)}
-    evidence = table3.judge(less, 2)
     assert evidence["MORC at 2 attributes: less cost than Predefined Plus"].outcome == kind
     assert evidence["MORC at 2 attributes: less cost than every baseline"].outcome == kind
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(50.0, -50.0, 0.0))
-def test_fig_8_calls_nobody_best_who_is_not_ahead(kind, lead):
+def test_fig_8_calls_nobody_best_who_is_not_ahead(outcomes, kind, lead):
     """The rival alone decides: the other three are far behind."""
-    far = {name: columns(-900, 30, seed=n) for n, name in enumerate(fig8.BASELINES)}
-    runs = {**far, "random_legal": columns(0, 30, seed=8), "morc": columns(lead, 30, seed=9)}
-    evidence = fig8.judge_best(runs, 2)
-    assert {one.outcome for one in evidence.values()} == {kind}
-    for one in evidence.values():
-        assert one.interval.estimate == pytest.approx(lead)
+    far = {name: outcomes(-900, 30, right=0, seed=n) for n, name in enumerate(fig8.BASELINES)}
+    rival, morc = (outcomes(x, 30, right=0.5 + x / 200, seed=int(x) % 7) for x in (0, lead))
+    evidence = fig8.judge_best({**far, "random_legal": rival, "morc": morc}, 2)
+    reward, accuracy = evidence.values()
+    assert reward.outcome == accuracy.outcome == kind
+    assert reward.interval.estimate == pytest.approx(lead)
+    assert accuracy.interval.estimate == pytest.approx(lead / 200)
 
 
 @pytest.mark.parametrize(
     ("kind", "rise", "falls", "level"), [(STANDS, 30, 30, 0), (FALLS, -30, -30, 60),
                                          (UNDECIDED, 0, 0, 20)],
 )  # fmt: skip
-def test_fig_8_judges_costs(kind, rise, falls, level):
-    few = dict.fromkeys((*fig8.BASELINES, "morc"), columns(100, 30))
-    many = {name: columns(100 + level, 30, seed=1) for name in fig8.BASELINES}
-    many |= {"morc": columns(100 + rise, 30, seed=2), "random": columns(100 - falls, 30, seed=3)}
+def test_fig_8_judges_costs(outcomes, kind, rise, falls, level):
+    few = dict.fromkeys((*fig8.BASELINES, "morc"), outcomes(100, 30))
+    many = {name: outcomes(100 + level, 30, seed=1) for name in fig8.BASELINES}
+    many |= {"morc": outcomes(100 + rise, 30, seed=2), "random": outcomes(100 - falls, 30, seed=3)}
     evidence = fig8.judge_costs({1: few, 3: many})
     assert [one.outcome for one in evidence.values()] == [kind] * 3
     further = evidence["Random's cost falls with the number of attributes"].agents
@@ -87,20 +78,14 @@ def test_fig_8_judges_costs(kind, rise, falls, level):
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
-def test_eq_7_judges_successes_within_a_budget(kind, lead):
-    def run(success, seed):
-        own = columns(0.5, 0.3, seed=seed)
-        return Columns(success + own.success - 0.5, np.full(TRIALS, 60.0), own.reward, own.objects,
-                       own.correct, own.abstained)  # fmt: skip
-
-    runs = {name: run(0.5, n) for n, name in enumerate(eq7.BASELINES)} | {
-        "morc": run(0.5 + lead, 9)
-    }
+def test_eq_7_judges_successes_within_a_budget(outcomes, kind, lead):
+    runs = {name: outcomes(60, right=0.5, seed=n) for n, name in enumerate(eq7.BASELINES)}
+    runs["morc"] = outcomes(60, right=0.5 + lead, seed=9)
     assert {one.outcome for one in eq7.judge(runs, "ROC36").values()} == {kind}
 
 
 def test_successes_are_counted_while_the_budget_lasts():
-    success, cost = np.array([1.0, 0.0, 1.0, 1.0]), np.array([10.0, 10.0, 10.0, 10.0])
+    success, cost = np.array([1, 0, 1, 1]), np.array([10.0, 10.0, 10.0, 10.0])
     assert [eq7.repeated_successes(success, cost, b) for b in (5, 15, 35, 40, 75)] == [
         0,
         1,
@@ -111,9 +96,10 @@ def test_successes_are_counted_while_the_budget_lasts():
     assert eq7.repeated_successes(success, np.zeros(4), 60) == 3
 
 
-@pytest.mark.parametrize(("kind", "more"), kinds(1.0, -1.0, 0.0))
-def test_a_larger_reward_is_judged_on_the_same_queries(kind, more):
-    runs = {"2000": columns(more, seed=1), "100": columns(0.0), "500": columns(5.0)}
+@pytest.mark.parametrize(("kind", "more"), kinds(0.3, -0.3, 0.0))
+def test_a_larger_reward_is_judged_on_the_same_queries(outcomes, kind, more):
+    runs = {"2000": outcomes(more, right=0.5 + more, seed=1), "100": outcomes(0, right=0.5),
+            "500": outcomes(5, right=1.0)}  # fmt: skip
     assert {one.outcome for one in risk.judge(runs).values()} == {kind}
 
 
@@ -121,10 +107,10 @@ def test_a_larger_reward_is_judged_on_the_same_queries(kind, more):
     ("kind", "first", "peak", "last", "quits"),
     [(STANDS, 200, 300, 0, 0.5), (FALLS, 100, 100, 90, 0.0), (UNDECIDED, 150, 151, 25, 0.02)],
 )
-def test_fig_9_judges_a_curve(kind, first, peak, last, quits):
+def test_fig_9_judges_a_curve(outcomes, kind, first, peak, last, quits):
     spread = 40.0
-    runs = {"0": columns(first, spread), "2": columns(peak, spread, seed=1),
-            "5": columns(last, spread, seed=2, abstained=quits)}  # fmt: skip
+    runs = {"0": outcomes(first, spread), "2": outcomes(peak, spread, seed=1),
+            "5": outcomes(last, spread, seed=2, abstained=quits)}  # fmt: skip
     found = [one.outcome for one in fig9.judge(runs).values()]
     if kind == STANDS:
         assert found == [STANDS] * 4
@@ -134,14 +120,14 @@ def test_fig_9_judges_a_curve(kind, first, peak, last, quits):
         assert found[:2] == [FALLS, FALLS]
 
 
-def test_fig_9_exploring_that_never_grows_is_undecided_or_falls():
-    level = {point: columns(100, 1e-6) for point in "025"}
+def test_fig_9_exploring_that_never_grows_is_undecided_or_falls(outcomes):
+    level = {point: outcomes(100, 1e-6) for point in "025"}
     found = fig9.judge(level)
     more = found["with more irrelevant attributes it explores more"]
     gives_up = found["then it gives up: it abstains more, and explores less than at most"]
     assert {more.outcome, gives_up.outcome} == {UNDECIDED}
-    growing = {**level, "5": columns(300, 1.0, seed=1)}
-    falling = {**growing, "0": columns(100, 1.0, abstained=0.9)}
+    growing = {**level, "5": outcomes(300, 1.0, seed=1)}
+    falling = {**growing, "0": outcomes(100, 1.0, abstained=0.9)}
     assert fig9.judge(falling)["then it gives up: it abstains more, and explores less than at most"
                                ].outcome == FALLS  # fmt: skip
 
