@@ -129,7 +129,12 @@ def compare(
     measure : "reward", "cost", "success" or "abstained".
     """
     outcomes = TrialOutcomes.of(trials)
-    return difference(outcomes.of_agent(first), outcomes.of_agent(second), measure=measure)
+    one, other = outcomes.of_agent(first), outcomes.of_agent(second)
+    if not {*one.key} & {*other.key}:
+        raise SettingsError(
+            f"Agents {first!r} and {second!r} share no task; run both under the same seed."
+        )
+    return difference(one, other, measure=measure)
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Interval:
@@ -147,8 +152,7 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     found = _measured(first, measure)[left] - _measured(second, measure)[right]
     known = ~np.isnan(found)
     if not known.any():
-        one, other = (", ".join(map(repr, side.agents)) or "nobody" for side in (first, second))
-        raise SettingsError(f"{one} and {other} share no task; run both under the same seed.")
+        raise SettingsError(f"No task has a {measure} on both sides; run both under the same seed.")
     return paired_difference(found[known], 0.0, first.object_name[left][known])
 
 

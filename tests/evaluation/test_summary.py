@@ -7,7 +7,7 @@ import pytest
 from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import compare, mean, summarize
+from meal_bayes.evaluation import compare, difference, mean, summarize
 from meal_bayes.momdp import belief_of, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.trial_log import TrialOutcomes
@@ -106,6 +106,9 @@ def test_agents_are_compared_on_shared_tasks():
 def test_what_cannot_be_compared_is_refused():
     with pytest.raises(SettingsError, match="share no task"):
         compare(TRIALS, "bayes", "greedy")
+    one, other = (TrialOutcomes.of(TRIALS).of_agent(name) for name in ("bayes", "greedy"))
+    with pytest.raises(SettingsError, match="No task has a cost on both sides"):
+        difference(one, other, measure="cost")
     with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
         compare(TRIALS, "bayes", "morc", measure="speed")
 
@@ -126,5 +129,8 @@ def test_means_have_errors_of_whole_objects():
     assert mean(own, "success")[:2] == (row.accuracy, row.accuracy_se)
     assert mean(TRIALS, "abstained").estimate == 0.25
     assert math.isnan(mean([], "reward").estimate)
+    one, other = (TrialOutcomes.of(TRIALS).of_agent(name) for name in ("bayes", "greedy"))
+    with pytest.raises(SettingsError, match="No task has a cost on both sides"):
+        difference(one, other, measure="cost")
     with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
         mean(own, "speed")
