@@ -40,6 +40,12 @@ class Stalling(SimpleHTTPRequestHandler):
         pass
 
 
+@pytest.fixture(autouse=True)
+def _allowed(monkeypatch):
+    """Let fetches go on where the caller has forbidden them, as all of them stay on this machine."""
+    monkeypatch.setenv("MEAL_BAYES_OFFLINE", "0")
+
+
 @pytest.mark.real_data
 def test_a_killed_fetch_goes_on_to_the_end(recordings, tmp_path, monkeypatch):
     handler = functools.partial(Stalling, directory=str(recordings))
@@ -48,7 +54,7 @@ def test_a_killed_fetch_goes_on_to_the_end(recordings, tmp_path, monkeypatch):
     threading.Thread(target=server.serve_forever, daemon=True).start()
     environment = {
         **os.environ, "PYTHONPATH": str(ROOT), "MEAL_BAYES_DATA_DIR": str(tmp_path),
-        "MEAL_BAYES_DATA_URL": f"http://127.0.0.1:{server.server_port}", "MEAL_BAYES_OFFLINE": "0",
+        "MEAL_BAYES_DATA_URL": f"http://127.0.0.1:{server.server_port}",
     }  # fmt: skip
     with subprocess.Popen([sys.executable, "-c", CODE], env=environment) as child:
         assert Stalling.stalled.wait(120)
