@@ -42,7 +42,7 @@ class Stalling(SimpleHTTPRequestHandler):
 
 @pytest.fixture(autouse=True)
 def _allowed(monkeypatch):
-    """Let fetches go on where the caller has forbidden them, as all of them stay on this machine."""
+    """Allow fetches where the caller has forbidden them: all of them stay on this machine."""
     monkeypatch.setenv("MEAL_BAYES_OFFLINE", "0")
 
 
