@@ -199,8 +199,9 @@ def test_a_browser_shows_the_trials(trials):
         send_recording(trials, viewer.recording, {})
         browser = browsers.chromium.launch(executable_path=chromium, args=options)
         page = browser.new_page(viewport={"width": 1200, "height": 800})
-        asked, said = [], []
-        page.on("requestfinished", lambda request: asked.append(request.url))
+        asked, answered, said = [], [], []
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("requestfinished", lambda request: answered.append(request.url))
         page.on("console", lambda message: said.append(message.text))
         page.goto(f"{viewer.address}&renderer=webgl")
         colors = 0
@@ -213,5 +214,5 @@ def test_a_browser_shows_the_trials(trials):
                     break
         browser.close()
         assert colors > 60
-        assert all(url.startswith(viewer.address.partition("?")[0]) for url in asked)
+        assert all(url.startswith(viewer.address.partition("?")[0]) for url in answered)
         assert any(url.endswith("run.rrd") for url in asked)
