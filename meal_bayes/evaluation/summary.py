@@ -129,12 +129,8 @@ def compare(
     measure : "reward", "cost", "success" or "abstained".
     """
     outcomes = TrialOutcomes.of(trials)
-    one, other = outcomes.of_agent(first), outcomes.of_agent(second)
-    if not {*one.key} & {*other.key}:
-        raise SettingsError(
-            f"Agents {first!r} and {second!r} share no task; run both under the same seed."
-        )
-    return difference(one, other, measure=measure)
+    fault = f"Agents {first!r} and {second!r} share no task; run both under the same seed."
+    return _paired(outcomes.of_agent(first), outcomes.of_agent(second), measure, fault)
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Interval:
@@ -145,6 +141,12 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     first, second : a row a task each, paired by the keys of their tasks.
     measure : "reward", "cost", "success" or "abstained".
     """
+    fault = f"No task has a {measure} on both sides; run both under the same seed."
+    return _paired(first, second, measure, fault)
+
+
+def _paired(first: TrialOutcomes, second: TrialOutcomes, measure: str, fault: str) -> Interval:
+    """Compute the mean of first - second over shared tasks; raise `fault` where there are none."""
     rows = dict(zip(first.key.tolist(), range(len(first)), strict=True))
     others = dict(zip(second.key.tolist(), range(len(second)), strict=True))
     pairs = [(row, others[key]) for key, row in rows.items() if key in others]
@@ -152,7 +154,7 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     found = _measured(first, measure)[left] - _measured(second, measure)[right]
     known = ~np.isnan(found)
     if not known.any():
-        raise SettingsError(f"No task has a {measure} on both sides; run both under the same seed.")
+        raise SettingsError(fault)
     return paired_difference(found[known], 0.0, first.object_name[left][known])
 
 
