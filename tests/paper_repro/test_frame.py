@@ -54,6 +54,7 @@ def test_offline_trials_are_taken_from_the_logs(tmp_path):
     assert path == unit
     assert seconds > 0
     assert once.report.shape == (5, 2)
+    assert (once.success == (once.report == once.truth).all(axis=1)).all()
     unit.with_name("unit-0000.timing.csv").unlink()
     third = offline.run_agent(setting, "recorded", "roc36", 2, "random", 5)
     assert (third.cost == once.cost).all()
@@ -68,6 +69,7 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
             domain=offline.domain_path("roc36_every_action"),
         )  # fmt: skip
         assert run.cost == pytest.approx(37.10, abs=1e-9)
+        assert run.cost.std(ddof=1) == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.long
