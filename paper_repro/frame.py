@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import canvas
+from meal_bayes.evaluation import Interval, canvas
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro.statements import Evidence, Statement, verdict
@@ -31,6 +31,11 @@ class Estimate(NamedTuple):
 
     mean: float
     se: float
+
+    @classmethod
+    def of(cls, interval: Interval) -> "Estimate":
+        """Return the mean of an interval and its standard error."""
+        return cls(interval.estimate, interval.se)
 
 
 Cell = str | int | float | Estimate | None  # None: not measured, or not printed

@@ -12,7 +12,6 @@ AGAINST = "morc"  # the paper's agent, which others are compared with
 MEASURES = ("success", "cost", "reward")
 _CLASSIFIERS = {"roc36": "paper"}  # whose percept tables the published protocol draws from
 
-
 Runs = Mapping[str, TrialOutcomes]  # by agent
 
 
@@ -70,8 +69,7 @@ def run_agent(
 
 def estimate(outcomes: TrialOutcomes, measure: str) -> Estimate:
     """Estimate the mean of "success", "cost" or "reward"; objects are clusters."""
-    found = mean(outcomes, measure)
-    return Estimate(found.estimate, found.se)
+    return Estimate.of(mean(outcomes, measure))
 
 
 def paired_table(runs: Mapping[str, Runs], agents: Sequence[str]) -> Table:
@@ -79,5 +77,5 @@ def paired_table(runs: Mapping[str, Runs], agents: Sequence[str]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for agent in agents:
         found = [difference(own[agent], own[AGAINST]) for own in runs.values()]
-        rows.append((agent, *(Estimate(one.estimate, one.se) for one in found)))
+        rows.append((agent, *map(Estimate.of, found)))
     return Table(f"reward less that of {AGAINST}, paired", ("agent", *runs), tuple(rows))

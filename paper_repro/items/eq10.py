@@ -25,7 +25,7 @@ def run(setting: Setting) -> Result:
             (name, READINGS[name], len(one), mean_of(one.hours[:, -1]), mean_of(one.reward[:, -1]))
             for name, one in zip(READINGS, (first, second), strict=True)
         ]
-        rows[0], rows[1] = (*rows[0], None), (*rows[1], Estimate(lead.estimate, lead.se))
+        rows[0], rows[1] = (*rows[0], None), (*rows[1], Estimate.of(lead))
         effects["24"] = (
             "counting pretraining too: MORC-ITRS's reward over its hours of exploration on CY101, "
             f"1 attribute, {lead.estimate:+.1f} ± {lead.se:.1f} ({len(first)} repeats)"

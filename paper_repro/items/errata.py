@@ -36,8 +36,8 @@ def run(setting: Setting) -> Result:
         if before not in rows:
             rows.append(before)
         found = difference(changed, ours)
-        paired = Estimate(found.estimate, found.se)
-        rows.append((number, dataset, text, *(estimate(changed, m) for m in MEASURES), paired))
+        means = (estimate(changed, m) for m in MEASURES)
+        rows.append((number, dataset, text, *means, Estimate.of(found)))
         effects[number] = (
             f"MORC on {dataset.upper()}, {n} attributes, {text}: accuracy "
             f"{changed.success.mean():.3f} against {ours.success.mean():.3f}, cost "

@@ -166,12 +166,12 @@ def compared(panel: Panel, title: str) -> Table:
                 mean_of(curves.hours[:, -1]),
                 mean_of(curves.accuracy[:, -3:].mean(axis=1)),
                 mean_of(curves.reward[:, -1]),
-                Estimate(lead.estimate, lead.se),
+                Estimate.of(lead),
                 lead.low,
                 lead.high,
-                Estimate(trials.estimate, trials.se),
-                Estimate(accuracy.estimate, accuracy.se),
-                *(Estimate(one.estimate, one.se) for one in at),
+                Estimate.of(trials),
+                Estimate.of(accuracy),
+                *map(Estimate.of, at),
             )
         )
     return Table(title, (*COLUMNS, *(f"reward at {h:g} h" for h in budgets)), tuple(rows))

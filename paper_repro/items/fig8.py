@@ -39,8 +39,8 @@ def run(setting: Setting) -> Result:
             lambda some: judge(by_number(some, numbers)),
         )  # fmt: skip
         runs[protocol] = by_number(found, numbers)
-    told = ("trials", *MEASURES.values())
-    columns = ("attributes", "agent", *(f"{m}: {p}" for m in told for p in runs))
+    shown = ("trials", *MEASURES.values())
+    columns = ("attributes", "agent", *(f"{m}: {p}" for m in shown for p in runs))
     rows: list[tuple[Cell, ...]] = []
     for n, agent in product(numbers, AGENTS):
         own = [run[n][agent] for run in runs.values()]
