@@ -1,4 +1,4 @@
-"""Hostile files: damages of every kind of file that the package reads, and files made to do harm.
+"""Damaged files of every kind that the package reads, drawn by hypothesis.
 
 Each kind runs in a process of its own, so that its memory is its own. `silent` counts results that
 are not what the file says, `hangs` readings that took more than five seconds of CPU, `tracebacks`
@@ -23,18 +23,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from click.testing import CliRunner
-from fuzz_crafted import make_crafted
 from fuzz_damage import SOUND, damages, make_sound
-from fuzz_oracles import Wrong, readers, refused
+from fuzz_oracles import Wrong, readers
+from hypothesis import Phase, given, seed, settings
 
 from meal_bayes.cli import main as program
+from meal_bayes.errors import MealBayesError
 
 FOUND = ("inputs", "silent", "hangs", "tracebacks", "changed")
 PATIENCE = 5.0  # s of CPU
 MEMORY = 500.0  # MB
 EVERY = 10  # of so many inputs one goes through the command line too
-CRAFTED = "crafted"
-KINDS = ("log", "table", "csv", "labels", "toml", "pomdp", "pomdpx", "outcomes", CRAFTED)
+KINDS = tuple(SOUND)
 SHOWN = 20  # findings that are told
 COMMANDS = {
     "log": (("log", "check"), ("log", "info"), ("log", "info", "--json"), ("log", "show"),
@@ -74,7 +74,7 @@ class Tally:
         except Wrong as fault:
             self.note("silent", f"{name}: {fault}")
         except Exception as fault:
-            if not refused(fault):
+            if not isinstance(fault, MealBayesError):
                 self.note("tracebacks", f"{name}: {type(fault).__name__}: {str(fault)[:200]}")
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
@@ -103,67 +103,34 @@ def command(arguments: tuple[str, ...], path: Path, tally: Tally) -> None:
 def digests(folder: Path) -> dict[str, str]:
     """Digest of every file, but of those that commands wrote as they were told."""
     return {
-        path.name: f"{path.stat().st_size} {hashlib.sha256(_bytes(path)).hexdigest()}"
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.iterdir())
         if path.is_file() and not path.name.startswith("out.")
     }
 
 
-def _bytes(path: Path) -> bytes:
-    """Read the beginning: a sparse file may be endless."""
-    with path.open("rb") as file:
-        return file.read(1 << 22)
-
-
-def damaged(kind: str, count: int, seed: int, folder: Path, tally: Tally) -> None:
+def damaged(kind: str, count: int, number: int, folder: Path, tally: Tally) -> None:
     """Damage one sound file over and over."""
     make_sound(folder)
     path = folder / SOUND[kind]
-    data = path.read_bytes()
     checks = readers(kind, path)
-    for index, (name, changed) in enumerate(damages(data, count, f"{kind} {seed}")):
+
+    @seed(number)
+    @settings(max_examples=count, deadline=None, database=None, phases=[Phase.generate])
+    @given(damages(path.read_bytes()))
+    def read(changed: bytes) -> None:
         path.write_bytes(changed)
-        tally.counts["inputs"] += 1
-        with unchanged(folder, f"{kind} {name}", tally, whole=index % EVERY == 0):
+        index = tally.counts["inputs"] = tally.counts["inputs"] + 1
+        name = f"{kind} {index}"
+        with unchanged(folder, name, tally, whole=index % EVERY == 0):
             for check in checks:
-                tally.run(f"{kind} {name}", lambda check=check: check(path))
-            if index % EVERY == 0:
-                for arguments in COMMANDS.get(kind, ()):
-                    tally.run(f"{kind} {name}", lambda a=arguments: command(a, path, tally))
-                    for out in folder.glob("out.*"):
-                        out.unlink()
+                tally.run(name, lambda c=check: c(path))
+            for arguments in COMMANDS.get(kind, ()) if index % EVERY == 0 else ():
+                tally.run(name, lambda a=arguments: command(a, path, tally))
+                for out in folder.glob("out.*"):
+                    out.unlink()
 
-
-def crafted(count: int, seed: int, folder: Path, tally: Tally) -> None:
-    """Read files that no accident makes."""
-    sound = folder / "sound"
-    sound.mkdir()
-    make_sound(sound)
-    work = folder / "work"
-    work.mkdir()
-    for index, case in enumerate(make_crafted(sound, count, seed)):
-        path = work / case.name
-        make(case.make, path)
-        tally.counts["inputs"] += 1
-        with unchanged(sound, case.told, tally), unchanged(work, case.told, tally):
-            tally.run(case.told, lambda case=case, path=path: case.read(path))
-            if index % EVERY == 0 or not case.frequent:
-                for arguments in COMMANDS.get(case.kind, ()):
-                    tally.run(case.told, lambda a=arguments, p=path: command(a, p, tally))
-        for left in work.iterdir():
-            left.rmdir() if left.is_dir() and not left.is_symlink() else left.unlink()
-
-
-def make(maker: Callable[[Path], object], path: Path) -> None:
-    """Make a file in a process of its own: what that takes is not the reader's memory."""
-    child = os.fork()
-    if child == 0:
-        try:
-            maker(path)
-        finally:
-            os._exit(0 if path.exists() or path.is_symlink() else 1)
-    if os.waitpid(child, 0)[1]:
-        sys.exit(f"{path.name} could not be made")
+    read()
 
 
 @contextlib.contextmanager
@@ -186,10 +153,7 @@ def one_kind(kind: str, options: argparse.Namespace) -> None:
     tally = Tally()
     with tempfile.TemporaryDirectory() as name:
         os.chdir(name)
-        if kind == CRAFTED:
-            crafted(options.crafted, options.seed, Path(name), tally)
-        else:
-            damaged(kind, options.inputs, options.seed, Path(name), tally)
+        damaged(kind, options.inputs, options.seed, Path(name), tally)
     counts = {key: tally.counts[key] for key in FOUND}
     print(json.dumps({**counts, "peak_mb": round(peak_mb()), "told": tally.told}))
 
@@ -203,7 +167,6 @@ def main() -> int:
     """Read the command line; the exit code is 1 where something was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--inputs", type=int, default=1000, help="damages of each kind of file")
-    parser.add_argument("--crafted", type=int, default=500, help="files made to do harm")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", action="append", choices=KINDS, help="a kind; may be repeated")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -215,7 +178,7 @@ def main() -> int:
     total: Counter[str] = Counter(dict.fromkeys(FOUND, 0))
     peak, told, by_kind = 0, [], {}
     for kind in options.only or KINDS:
-        numbers = [f"--{key}={getattr(options, key)}" for key in ("inputs", "crafted", "seed")]
+        numbers = [f"--{key}={getattr(options, key)}" for key in ("inputs", "seed")]
         done = subprocess.run(
             [sys.executable, __file__, "--kind", kind, *numbers], capture_output=True, text=True,
             check=False,

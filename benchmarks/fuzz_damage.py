@@ -1,11 +1,10 @@
 """Sound files of every kind that the package reads, and what may happen to them."""
 
-import random
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+from hypothesis import strategies as st
 
 from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
@@ -15,7 +14,8 @@ from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.momdp import write_pomdp, write_pomdpx
-from meal_bayes.trial_log import TrialOutcomes, write_trials
+from meal_bayes.trial_log import write_trials
+from meal_bayes.trials import TrialOutcomes
 
 SOUND = {  # kind -> the file that is damaged
     "log": "run.mcap",
@@ -28,44 +28,11 @@ SOUND = {  # kind -> the file that is damaged
     "outcomes": "outcomes.mcap",
 }
 OBJECTS, RECORDINGS, TRIALS = 6, 3, 6
-_TOKENS = (
-    b"nan",
-    b"inf",
-    b"-inf",
-    b"1e999",
-    b"3_4",
-    b"0x10",
-    b"\xd9\xa3",
-    b"\0",
-    b"\xef\xbb\xbf",
-    b"\xff",
-    b'"',
-    b"'",
-    b"[",
-    b"]",
-    b"{",
-    b"}",
-    b",",
-    b";",
-    b":",
-    b"\n",
-    b"\r",
-    b"\t",
-    b"#",
-    b"=",
-    b"*",
-    b"<",
-    b">",
-    b"&",
-    b"-",
-    b".",
+_TOKENS = [
+    *(sign.encode() for sign in "\"'[]{},;:\n\r\t#=*<>&-. \0\u0663\ufeff"),
+    *b"nan inf -inf 1e999 3_4 0x10 term uniform identity \xff \x1b[31m".split(),
     b"9" * 400,
-    b"\x1b[31m",
-    b" ",
-    b"term",
-    b"uniform",
-    b"identity",
-)
+]  # fmt: skip
 
 
 def make_sound(folder: Path) -> None:
@@ -108,63 +75,21 @@ def _make_runs(folder: Path) -> None:
     write_pomdpx(momdp, folder / "own.pomdpx")
 
 
-def damages(data: bytes, count: int, seed: str) -> Iterator[tuple[str, bytes]]:
-    """Yield name and bytes of damaged copies: bits, cuts, holes, blocks twice, tokens put in."""
-    rng = random.Random(seed)
-    kinds = (_bits, _cut, _hole, _twice, _without, _token, _tail, _swap)
-    for index in range(count):
-        kind = kinds[index % len(kinds)]
-        yield f"{kind.__name__[1:]} {index}", bytes(kind(bytearray(data), rng))
-
-
-def _span(data: bytearray, rng: random.Random) -> tuple[int, int]:
-    begin = rng.randrange(len(data))
-    return begin, min(len(data), begin + rng.choice((1, 2, 5, 30, 300, 3000)))
-
-
-def _bits(data: bytearray, rng: random.Random) -> bytearray:
-    for _ in range(rng.randint(1, 3)):
-        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    return data
-
-
-def _cut(data: bytearray, rng: random.Random) -> bytearray:
-    return data[: rng.randrange(len(data))]
-
-
-def _hole(data: bytearray, rng: random.Random) -> bytearray:
-    begin, end = _span(data, rng)
-    data[begin:end] = bytes(end - begin)
-    return data
-
-
-def _twice(data: bytearray, rng: random.Random) -> bytearray:
-    begin, end = _span(data, rng)
-    place = rng.choice((end, rng.randrange(len(data))))
-    data[place:place] = data[begin:end]
-    return data
-
-
-def _without(data: bytearray, rng: random.Random) -> bytearray:
-    begin, end = _span(data, rng)
-    del data[begin:end]
-    return data
-
-
-def _token(data: bytearray, rng: random.Random) -> bytearray:
-    place = rng.randrange(len(data))
-    width = rng.choice((0, 0, 1, 3))
-    data[place : place + width] = rng.choice(_TOKENS)
-    return data
-
-
-def _tail(data: bytearray, rng: random.Random) -> bytearray:
-    more = rng.choice((bytes(100), rng.randbytes(100), data[-50:], b"\n1,2,3\n", b"x = 1\n"))
-    return data + more
-
-
-def _swap(data: bytearray, rng: random.Random) -> bytearray:
-    lines = data.split(b"\n")
-    first, second = rng.randrange(len(lines)), rng.randrange(len(lines))
-    lines[first], lines[second] = lines[second], lines[first]
-    return bytearray(b"\n".join(lines))
+@st.composite
+def damages(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a damaged copy: bits, cuts, holes, blocks twice, tokens put in."""
+    begin = draw(st.integers(0, len(data) - 1))
+    end = min(len(data), begin + draw(st.sampled_from((1, 2, 5, 30, 300, 3000))))
+    span, rest = data[begin:end], data[end:]
+    kind = draw(st.sampled_from(("bit", "cut", "hole", "twice", "without", "token", "tail")))
+    if kind == "bit":
+        return (
+            data[:begin] + bytes([data[begin] ^ 1 << draw(st.integers(0, 7))]) + data[begin + 1 :]
+        )
+    if kind == "token":
+        width = draw(st.sampled_from((0, 1, 3)))
+        return data[:begin] + draw(st.sampled_from(_TOKENS)) + data[begin + width :]
+    if kind == "tail":
+        return data + draw(st.sampled_from((bytes(100), data[-50:], b"\n1,2,3\n", b"x = 1\n")))
+    middle = {"cut": b"", "hole": bytes(end - begin), "twice": span + span, "without": b""}[kind]
+    return data[:begin] + middle + (b"" if kind == "cut" else rest)

@@ -9,6 +9,7 @@ that is written here, and nothing that the format does not allow may pass.
 import csv
 import dataclasses
 import io
+import json
 import math
 import pickle
 import re
@@ -23,8 +24,6 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
-from meal_bayes.errors import MealBayesError
-from meal_bayes.momdp import read_pomdp
 from meal_bayes.planners.point_based.policy_file import read_policy
 from meal_bayes.trial_log import Logs, check_log, log_info, read_outcomes, read_trials, salvage
 
@@ -38,7 +37,7 @@ class Wrong(Exception):
 Reader = Callable[[Path], None]  # raises `Wrong`, or what the package raises
 
 
-def readers(kind: str, sound: Path) -> tuple[Reader, ...]:  # noqa: PLR0911  one a kind
+def readers(kind: str, sound: Path) -> tuple[Reader, ...]:
     """Return the readings of a kind of file; `sound` is the undamaged one."""
     if kind == "log":
         trials = [pickle.dumps(trial) for trial in read_trials(sound)]
@@ -62,9 +61,7 @@ def readers(kind: str, sound: Path) -> tuple[Reader, ...]:  # noqa: PLR0911  one
         return (_check_csv,)
     if kind == "toml":
         return (_check_toml,)
-    if kind == "pomdp":
-        return (_check_pomdp,)
-    return _POMDPX
+    return _WRITTEN_ONLY
 
 
 def _refused(read: Callable[[Path], object]) -> Reader:
@@ -77,11 +74,9 @@ def _refused(read: Callable[[Path], object]) -> Reader:
     return check
 
 
-# The package writes .pomdpx for SARSOP and reads none: whichever reader gets one must refuse it.
-_POMDPX = tuple(
-    map(
-        _refused, (read_policy, read_pomdp, log_info, read_outcomes, lambda p: list(read_trials(p)))
-    )
+# The package writes .pomdp and .pomdpx and reads neither: whichever reader gets one must refuse it.
+_WRITTEN_ONLY = tuple(
+    map(_refused, (read_policy, log_info, read_outcomes, lambda p: list(read_trials(p))))
 )
 
 
@@ -168,7 +163,8 @@ def _check_cells(cells: list[str], values: Any) -> None:
 
 def _check_toml(path: Path) -> None:
     domain = load_domain(path)
-    told, found = tomllib.loads(path.read_bytes().decode("utf-8-sig")), domain_table(domain)
+    told = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    found = json.loads(json.dumps(domain_table(domain)))  # lists, as a file has them
     for behavior in domain.behaviors:
         if not 0 <= behavior.cost < math.inf:
             raise Wrong(f"cost {behavior.cost}")
@@ -181,47 +177,3 @@ def _check_toml(path: Path) -> None:
         for key, value in table.items():
             if key not in ("extends", "note") and other[key] != value:
                 raise Wrong(f"{key} is {other[key]!r}, the file says {value!r}")
-
-
-def _check_pomdp(path: Path) -> None:
-    found = read_pomdp(path)
-    for rows in (found.transition, found.observation):
-        if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1):
-            raise Wrong("rows that are no probabilities")
-    if not (0 <= found.discount <= 1 and np.isfinite(found.reward).all()):
-        raise Wrong("a discount or reward that is none")
-    for (action, source, target), value in _transitions(path, found).items():
-        if not np.allclose(found.transition[action, source, target], value, atol=1e-4):
-            raise Wrong(f"T[{action},{source},{target}]; the file says {value}")
-
-
-def _transitions(path: Path, found: Any) -> dict[tuple[int, int, int], float]:
-    """Read the T statements of one line, the way the package writes them; later ones count."""
-    text = path.read_bytes().decode("utf-8-sig")
-    places = [
-        {name: i for i, name in enumerate(names)}
-        for names in (found.action_names, found.state_names, found.state_names)
-    ]
-    cells: dict[tuple[int, int, int], float] = {}
-    for line in text.split("\n"):
-        words = line.partition("#")[0].replace(":", " : ").split()
-        plain = len(words) == 8 and words[0] == "T" and [words[i] for i in (1, 3, 5)] == [":"] * 3
-        if words[:1] == ["T"] and not plain:
-            return {}  # not as the package writes them
-        if plain:
-            indices = [
-                range(len(place)) if word == "*" else [place.get(word, -1)]
-                for place, word in zip(places, (words[2], words[4], words[6]), strict=True)
-            ]
-            cells.update(
-                ((a, s, t), float(words[7]))
-                for a in indices[0]
-                for s in indices[1]
-                for t in indices[2]
-            )
-    return {} if any(min(cell) < 0 for cell in cells) else cells
-
-
-def refused(fault: BaseException) -> bool:
-    """Whether a fault is the package's own way to say no, in one printable line."""
-    return isinstance(fault, MealBayesError)

@@ -4,11 +4,10 @@ Each round starts the same command twice at once on one new folder of logs, each
 kills both at random moments (one by SIGKILL, one by SIGTERM), waits that all their children are
 gone, and starts both again until they end. The tables that they print and all logs must equal
 those of one run that nobody disturbed, byte for byte. `--kills 5 --at-once 1` kills one run five
-times in a row; `--cluster` kills one of the two workers of a Dask cluster instead, in mid-run.
+times in a row.
 
     python benchmarks/kill.py --rounds 50
     python benchmarks/kill.py --rounds 10 --kind online --root FOLDER --kills 5 --at-once 1
-    python benchmarks/kill.py --rounds 5 --kind online --root FOLDER --cluster --json
 """
 
 import argparse
@@ -22,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
@@ -63,7 +62,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--kills", type=int, default=1, help="of a command, in a row")
     parser.add_argument("--at-once", type=int, default=2, help="commands on one folder")
-    parser.add_argument("--cluster", action="store_true", help="kill one of two Dask workers")
     parser.add_argument("--kind", choices=["offline", "online"], default="offline")
     parser.add_argument("--trials", type=int, help="of each agent, or of a batch of it")
     parser.add_argument("--root", help="recordings of an online run")
@@ -75,7 +73,7 @@ def main() -> None:
     plan = Plan(
         words, expected, seconds, random.Random(options.seed), options.kills, options.at_once
     )
-    found = measure(plan, options.rounds, round_on_cluster if options.cluster else round_here)
+    found = measure(plan, options.rounds)
     if options.json:
         print(json.dumps(found))
         return
@@ -104,15 +102,13 @@ def undisturbed(words: list[str]) -> tuple[Outcome, float]:
         return outcome(Path(name), found), time.monotonic() - begin
 
 
-def measure(
-    plan: Plan, rounds: int, one_round: Callable[[Plan, Path, str], Found]
-) -> dict[str, object]:
+def measure(plan: Plan, rounds: int) -> dict[str, object]:
     """Compare rounds with the undisturbed run."""
     different, left, killed = 0, 0, 0
     for number in range(rounds):
         with tempfile.TemporaryDirectory() as name:
             mark, folder = str(number), Path(name)
-            hit, orphans, outcomes = one_round(plan, folder, mark)
+            hit, orphans, outcomes = round_here(plan, folder, mark)
             killed += hit
             left += orphans + remaining(mark)
             different += any(found != plan.expected for found in outcomes)
@@ -146,23 +142,6 @@ def round_here(plan: Plan, folder: Path, mark: str) -> Found:
         left += remaining(mark)
     group = [start(words, folder, mark) for _ in range(plan.at_once)]
     return killed, left, [outcome(folder, finish(one)) for one in group]
-
-
-def round_on_cluster(plan: Plan, folder: Path, mark: str) -> Found:
-    """Kill one of two workers while it works; the other, and the one that replaces it, go on."""
-    from dask.distributed import LocalCluster  # noqa: PLC0415  an extra
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        address, states = cluster.scheduler_address, cluster.scheduler.workers
-        one = start([*plan.words, "--cluster", address], folder, mark)
-        while one.poll() is None and not all(state.processing for state in states.values()):
-            time.sleep(0.1)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            one.wait(plan.moments.uniform(0.0, plan.seconds / 2))
-        victim = plan.moments.choice(list(cluster.workers.values()))
-        killed = bool(states[victim.worker_address].processing)
-        os.kill(victim.pid, signal.SIGKILL)
-        return int(killed), 0, [outcome(folder, finish(one))]
 
 
 def start(words: list[str], folder: Path, mark: str) -> "subprocess.Popen[str]":

@@ -61,7 +61,7 @@ def measure(name: str) -> dict[str, object]:
         "all behaviors", lambda domain, query: Predefined(sequence),
         object_level=True, shared_trait=True, base_rates=True, levels=4,
     )  # fmt: skip
-    learner = Learner(domain, agent=agent, logs=None)
+    learner = Learner(domain, agent=agent, refit_every=None, logs=None)
     fit = milliseconds(lambda: learner.fit(dataset))
     before = learner.knowledge().posterior.concentration
     trials, values = [], []

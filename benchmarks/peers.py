@@ -8,7 +8,7 @@ from itertools import accumulate
 import numpy as np
 import pomdp_py
 
-from meal_bayes.momdp import MOMDP, Belief, best_report, percept_probabilities
+from meal_bayes.momdp import MOMDP, Belief, best_answer, percept_probabilities
 from meal_bayes.planners import Decision, History
 
 _DEPTH = 40  # steps of a simulation, at most; random roll-outs report long before
@@ -75,8 +75,8 @@ class PomdpPyPolicy:
             node = agent.tree[taken]
             values[min(taken.number, e)] = np.fmax(values[min(taken.number, e)], node.value)
         if action >= e:
-            # It is spared choosing between reports by luck: ours knows the most probable one.
-            action = best_report(self.momdp, belief)
+            # It is spared choosing between answers by luck: ours knows the best one.
+            action = best_answer(self.momdp, belief)
         unknown = np.full(e + 1, np.nan)
         visits = np.zeros(e + 1, dtype=np.int64)
         return Decision(action, values, unknown, visits, simulations=self.planner.last_num_sims)
@@ -116,10 +116,10 @@ class _Tables:
         n_x, n_y, n_e = len(momdp.x_names), 2 ** len(momdp.query), momdp.n_behaviors
         n_z = momdp.levels ** len(momdp.query)
         self.states = [[_State(x * n_y + y, x, y) for y in range(n_y)] for x in range(n_x)]
-        self.actions = [_Action(number) for number in range(n_e + n_y)]
+        self.actions = [_Action(number) for number in range(momdp.n_actions)]
         self.seen = [[_Observation(x * (n_z + 1) + z) for z in range(n_z + 1)] for x in range(n_x)]
         self.end, self.n_e, self.none = momdp.terminal, n_e, n_z
-        self.cost = momdp.cost.tolist()
+        self.cost, self.abstention = momdp.cost.tolist(), momdp.abstention
         self.correct, self.incorrect = float(momdp.correct), float(momdp.incorrect)
         self.move = [
             [list(accumulate(row)) for row in momdp.transition[e].tolist()] for e in range(n_e)
@@ -130,14 +130,11 @@ class _Tables:
             [list(accumulate(row)) for row in percept_probabilities(momdp, e).tolist()]
             for e in range(n_e)
         ]
-        exits = ~momdp.legal.T & (momdp.transition[:, :, momdp.terminal] == 1)  # (E,X)
         self.allowed: list[list[_Action]] = []
         for x in range(self.end):
             behaviors = np.flatnonzero(momdp.legal[x]).tolist()
-            if momdp.abstain and exits[:, x].any():
-                behaviors.append(int(np.where(exits[:, x], momdp.cost, np.inf).argmin()))
-            reports = range(n_e, n_e + n_y)
-            self.allowed.append([self.actions[number] for number in (*behaviors, *reports)])
+            answers = range(n_e, momdp.n_actions)
+            self.allowed.append([self.actions[number] for number in (*behaviors, *answers)])
         self.allowed.append(self.actions[:1])  # nothing is left to do
 
     def next_state(self, state: _State, action: _Action) -> _State:
@@ -162,6 +159,8 @@ class _Tables:
             return 0.0
         if action.number < self.n_e:
             return -self.cost[action.number]
+        if action.number == self.abstention:
+            return 0.0
         return self.correct if action.number - self.n_e == state.y else self.incorrect
 
 

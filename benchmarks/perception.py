@@ -16,17 +16,17 @@ import time
 from typing import Any
 
 import numpy as np
-
-from meal_bayes.datasets import Dataset, load_dataset
-from meal_bayes.perception import PAPER, build_percept_table, with_classifier
-from meal_bayes.perception.quality import (
+from held_out import (
     base_rate_log_loss,
-    held_out_counts,
     held_out_log_loss,
     held_out_log_odds,
     permuted,
     with_base_rate,
+    yes_counts,
 )
+
+from meal_bayes.datasets import Dataset, load_dataset
+from meal_bayes.perception import PAPER, build_percept_table, with_classifier
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
@@ -42,7 +42,7 @@ def asked(dataset: Dataset) -> np.ndarray:
 def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
     """Kappa of each asked attribute and sensing behavior, (P,E)."""
     sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
-    kappa = held_out_counts(log_odds, dataset.labels).kappa()
+    kappa = yes_counts(log_odds, dataset.labels).kappa()
     return kappa[np.ix_(asked(dataset), sensing)]
 
 

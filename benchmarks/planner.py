@@ -12,6 +12,7 @@ Peers are run when they are there: pomdp-py (`pip install meal-bayes[bench]`), S
 """
 
 import argparse
+import itertools
 import json
 import math
 import multiprocessing
@@ -31,17 +32,19 @@ from planner_bound import restrict, upper_bound
 from planner_costs import measure_costs, table_of
 from planner_models import LARGE, MODELS, momdp_of
 from planner_policies import PLANNERS, TABLED, Planner, believed_in, planners_for, solver_of
-from planner_rollouts import Rollouts, simulate
+from planner_random import attributes_of, names_of
 
 from meal_bayes.momdp import MOMDP, initial_belief
-from meal_bayes.planners import History, Policy
+from meal_bayes.planners import History, OpenLoop, Policy
 from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.seeds import stream
 
 PIECE = 100  # episodes
 SLOW_EPISODES = 100  # of a peer that takes a tenth of a second a decision
 SEED = 20_260
 
+SURE = ("olfc", "pomcp:1ms")  # on random problems
 QUICK = ("olfc", "factored", "pomcp:1ms", "greedy", "predefined_plus", "random_legal")
 
 
@@ -115,6 +118,13 @@ def bound_of(momdp: MOMDP) -> float:
     return upper_bound(momdp, size=1 if n >= min(LARGE) else TABLED)
 
 
+def lower_bound(momdp: MOMDP) -> float:
+    """Bound the optimum by the best open-loop plan, or by ending at once."""
+    rng = np.random.default_rng(0)
+    decision = OpenLoop().solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+    return float(np.nanmax(decision.values))
+
+
 def pieces_of(model: str, planner: Planner, options: argparse.Namespace) -> list[Piece]:
     """Cut a planner's episodes into pieces that depend on nothing but their number."""
     slow = planner.policy.startswith("pomdp-py")
@@ -132,6 +142,7 @@ def row_of(
     model: str,
     planner: Planner,
     played: Sequence[Played],
+    lower: float,
     bound: float,
     returns: Mapping[str, NDArray[np.float64]],
 ) -> dict[str, Any]:
@@ -154,6 +165,7 @@ def row_of(
         "ms_per_decision": 1e3 * cpu_s / decisions,
         "solve_s": played[0].solve_s,
         "simulations_per_s": simulations / cpu_s if simulations else None,
+        "lower_bound": lower,
         "upper_bound": bound,
         "gap": bound - value,
     }
@@ -199,12 +211,13 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             every = [piece for pieces in cut for piece in pieces]
             results = pool.map(play, every) if options.jobs > 1 else map(play, every)
             momdp = momdp_of(model, options.reference)
-            bound, returns = bound_of(momdp), dict[str, NDArray[np.float64]]()
+            lower, bound = lower_bound(momdp), bound_of(momdp)
+            returns = dict[str, NDArray[np.float64]]()
             for planner, pieces in zip(planners, cut, strict=True):
                 played = [
                     _next(results, model, planner, i, len(pieces)) for i in range(len(pieces))
                 ]
-                row = row_of(model, planner, played, bound, returns)
+                row = row_of(model, planner, played, lower, bound, returns)
                 parts = [part for piece in played for part in piece.rollouts]
                 returns[planner.policy] = np.concatenate([part.returns for part in parts])
                 if model.startswith("ispy32") and planner.policy in ("olfc", "pomcp"):
@@ -223,7 +236,9 @@ def _next(results: Iterator[Played], model: str, planner: Planner, i: int, n: in
 COLUMNS = (  # of the table: title, width, key, format
     ("value", 8, "value", "{:.1f}"),
     ("se", 5, "value_se", "{:.1f}"),
+    ("plan", 7, "lower_bound", "{:.1f}"),
     ("bound", 7, "upper_bound", "{:.1f}"),
+    ("gap", 6, "gap", "{:.1f}"),
     ("accuracy", 9, "accuracy", "{:.3f}"),
     ("cost s", 7, "cost_s", "{:.1f}"),
     ("abst.", 6, "abstained", "{:.2f}"),
@@ -265,6 +280,10 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="A1, A2, 200 episodes, cheap policies")
     parser.add_argument("--models", type=_list(MODELS), metavar="A1,A2,...")
     parser.add_argument(
+        "--random", type=_seeds, metavar="1,2,...", help="seeds of random problems, N = 1 .. 5"
+    )
+    parser.add_argument("--noisy", action="store_true", help="whose percepts say little")
+    parser.add_argument(
         "--policies", type=_list([*names, *(planner.policy for planner in PLANNERS)]),
         metavar="P,Q,...", help=", ".join(names),
     )  # fmt: skip
@@ -273,12 +292,34 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--reference", metavar="DIR", help="or MEAL_BAYES_REFERENCE")
     options = parser.parse_args()
+    if options.random:
+        names = [names_of(seed, noisy=options.noisy) for seed in options.random]
+        options.models = options.models or tuple(itertools.chain(*names))
+        options.policies = options.policies or SURE
     options.models = options.models or (("A1", "A2") if options.quick else MODELS)
     options.policies = options.policies or (QUICK if options.quick else None)
     options.episodes = options.episodes or (200 if options.quick else 2000)
     if options.episodes < 2 or options.jobs < 1:
         parser.error("give 2 episodes or more, and 1 job or more")
     return options
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    return tuple(int(seed) for seed in text.split(","))
+
+
+def mean_gaps(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Average the gaps to the bound on random problems, by policy and attributes; a fraction."""
+    gaps: dict[str, dict[str, list[float]]] = {}
+    for row in rows:
+        n = attributes_of(row["model"])
+        if n is not None:
+            by_size = gaps.setdefault(Planner(row["policy"], row["budget"]).name, {})
+            by_size.setdefault(str(n), []).append(row["gap"] / row["upper_bound"])
+    return {
+        policy: {n: float(np.mean(each)) for n, each in by_size.items()}
+        for policy, by_size in gaps.items()
+    }
 
 
 def _list(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
@@ -306,8 +347,12 @@ def main() -> None:
         if sys.stderr.isatty():
             print("\r\033[K", end="", file=sys.stderr, flush=True)
         print(line(row), file=shown, flush=True)
+    gaps = mean_gaps(rows)
+    for policy, by_size in gaps.items():
+        text = ", ".join(f"N = {n}: {gap:.1%}" for n, gap in by_size.items())
+        print(f"mean gap of {policy}: {text}", file=shown)
     if options.json:
-        print(json.dumps({"rows": rows}, indent=2, allow_nan=False))
+        print(json.dumps({"rows": rows, "mean_gaps": gaps}, indent=2, allow_nan=False))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@
   there with its own belief.
 - `super-A1` .. `super-A3`: A5, where the values of all attributes beyond 1 .. 3 are known before:
   irrelevant attributes, whose percepts still come. Values must be those of A1 .. A3.
+- `random7-3`, `noisy7-3`: random problems (`planner_random.py`); not in `MODELS`.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
   as above; all but the first two are known before; nobody to ask.
 """
@@ -17,10 +18,11 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from planner_random import attributes_of, random_momdp
+from planner_reference import load_reference
 
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
-from meal_bayes.momdp.reference import load_reference
 
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
 PRECISIONS = (1, 3, 5)
@@ -40,6 +42,8 @@ MODELS = (
 @lru_cache(maxsize=1)
 def momdp_of(model: str, reference: str | None) -> MOMDP:
     """Build a model's MOMDP by name."""
+    if attributes_of(model) is not None:
+        return random_momdp(model)
     kind, _, rest = model.partition("-")
     if kind == "ispy32":
         momdp = _learned("ispy32", _large_query(int(rest)))

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from planner_models import NOISY
+from planner_random import attributes_of
 
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
-from meal_bayes.planners.point_based.pbvi import PBVI
 from meal_bayes.planners.point_based.sarsop import Sarsop
 
 TABLED = 3  # attributes up to which factored value iteration is near the optimum
@@ -42,7 +42,6 @@ PLANNERS = (  # those that others are compared with come first
     Planner("olfc"),
     Planner("eq8"),
     Planner("factored"),
-    Planner("pbvi"),
     *SEARCHES,
     *BASELINES,
     Planner("sarsop", "5s"),
@@ -60,6 +59,10 @@ def believed_in(planner: Planner, momdp: MOMDP) -> MOMDP:
 
 def planners_for(model: str) -> tuple[Planner, ...]:
     """List the planners that can be run on a model here."""
+    n = attributes_of(model)
+    if n is not None:
+        tabled = (Planner("factored"),) if n <= TABLED else ()
+        return (Planner("olfc"), *tabled, *SEARCHES)
     kind, _, rest = model.partition("-")
     if rest:
         finite, few = rest.startswith("precision"), kind == "super"
@@ -68,7 +71,7 @@ def planners_for(model: str) -> tuple[Planner, ...]:
     n = int(model[-1])
     absent = {"eq8"}
     if n > TABLED:
-        absent |= {"factored", "pbvi"}
+        absent.add("factored")
     if shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
         absent.add("sarsop")
     if importlib.util.find_spec("pomdp_py") is None or model not in NOISY or n > TABLED:
@@ -84,7 +87,6 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "olfc": OpenLoop,
         "eq8": Factored,
         "factored": Factored,
-        "pbvi": PBVI,
         "pomcp": lambda: _search(str(planner.budget)),
         "pomcp-sampled": lambda: replace(_search(str(planner.budget)), backup="sampled"),
         "greedy": Greedy,

@@ -177,9 +177,10 @@ def run(command: str) -> str:
 
 
 def demo_block() -> str:
-    """Make the demo's text a code block."""
-    lines = (line.rstrip() for line in run(DEMO).splitlines())
-    return "\n".join(("```text", *lines, "```\n"))
+    """Make a code block of the demo's question, one of its decisions, and its answer."""
+    parts = [part.rstrip() for part in run(DEMO).split("\n\n")]
+    shown = [part for part in parts if part.startswith(("  question", "2  ", "  answer"))]
+    return "\n".join(("```text", "\n...\n".join(shown), "```\n"))
 
 
 def online_block(summary: list[dict[str, Any]]) -> str:
@@ -199,18 +200,17 @@ def online_block(summary: list[dict[str, Any]]) -> str:
 
 
 def summary_table(kept: Mapping[str, list[dict[str, Any]]]) -> str:
-    """Make the one table of the README: what three agents reach, and the command of each line."""
-    head = ["question, and its command"]
-    head += [f"`{agent}`: accuracy, cost, reward" for agent in SUMMARIZED]
+    """Make the one table of the README: what three agents reach, and below it the commands."""
+    head = ["question", *(f"`{agent}`: accuracy, cost, reward" for agent in SUMMARIZED)]
     lines = [_row(head), _row(["---", *["--:"] * len(SUMMARIZED)])]
     for one in RUNS:
         rows = {row["agent"]: row for row in kept[one.command]}
-        cells = [f"{one.title}: `{one.command}`"]
+        cells = [one.title]
         for row in (rows[agent] for agent in SUMMARIZED):
             _, accuracy, _, reward, *_ = _cells(row)
             cells.append(f"{accuracy}, {_number(row['cost_s'], 1)} s, {reward}")
         lines.append(_row(cells))
-    return "\n".join(lines)
+    return "\n".join([*lines, "", "```sh", *(one.command for one in RUNS), "```"])
 
 
 def beliefs_table(rows: list[dict[str, Any]]) -> str:
@@ -233,7 +233,7 @@ def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
     """Make the table of one run from its rows."""
     head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     printed = [*head, "paper: accuracy", "paper: cost, s"] if of.paper else head
-    lines = [f"**{of.title}**: `{of.command}`", "", _row(printed)]
+    lines = [f"**{of.title}**", "", _row(printed)]
     lines.append(_row(["---", *["--:"] * (len(printed) - 1)]))
     for row in rows:
         cells = _cells(row)
@@ -241,7 +241,7 @@ def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
             accuracy, cost = of.paper.get(row["agent"], (None, None))
             cells += [_number(accuracy, 3), _number(cost, 2)]
         lines.append(_row(cells))
-    lines += ["", f"{rows[0]['trials']} trials an agent."]
+    lines += ["", f"{rows[0]['trials']} trials an agent, by `{of.command}`."]
     return "\n".join(lines)
 
 

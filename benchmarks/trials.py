@@ -21,8 +21,8 @@ import numpy as np
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import Logs, TrialOutcomes, log_info, write_trials
-from meal_bayes.trial_log.outcomes import task_key
+from meal_bayes.trial_log import Logs, log_info, write_trials
+from meal_bayes.trials import TrialOutcomes, task_key
 
 AGENTS = (
     "iterative_random_legal",

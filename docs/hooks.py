@@ -17,13 +17,35 @@ from mkdocs.exceptions import BuildError
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-BESIDE = ("*.md", "benchmarks/README.md", "paper_repro/*.md", "paper_repro/results/*.png")
+BESIDE = ("*.md", "benchmarks/README.md", "paper_repro/*.md", "paper_repro/results/*.md",
+          "paper_repro/results/*.png")  # fmt: skip
+HEADING = "    options: { show_root_heading: true, show_root_full_path: false }"
+FUNCTIONS = {  # functions that a package takes from modules as a whole
+    "meal_bayes.trial_log": f"\n::: meal_bayes.trial_log.recovery.salvage\n{HEADING}\n",
+    "meal_bayes.planners": f"\n::: meal_bayes.planners.precompile.warm_up\n{HEADING}\n",
+}
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 
 
+def packages() -> dict[str, Path]:
+    """Return all packages by name."""
+    sources = sorted((ROOT / "meal_bayes").rglob("__init__.py"))
+    return {".".join(path.parent.relative_to(ROOT).parts): path for path in sources}
+
+
+def on_config(config: Any) -> Any:
+    """Put a page for each package behind the first page of the reference."""
+    (pages,) = (entry["Reference"] for entry in config.nav if "Reference" in entry)
+    pages[1:1] = [{name: f"reference/{name}.md"} for name in packages()]
+    return config
+
+
 def on_files(files: Files, config: Any) -> Files:
-    """Add pages and pictures that lie outside of docs/, under the paths that they have."""
+    """Add pages of packages, and what lies outside of docs/, under the paths that it has."""
+    for package in packages():
+        text = f"# {package}\n\n::: {package}\n{FUNCTIONS.get(package, '')}"
+        files.append(File.generated(config, f"reference/{package}.md", content=text))
     for pattern in BESIDE:
         for path in sorted(ROOT.glob(pattern)):
             name = path.relative_to(ROOT).as_posix()
@@ -35,6 +57,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Turn links between files of the repository into links between pages of the site."""
     here = page.file.src_uri
+    if here.startswith("reference/"):
+        return markdown + (package_table() if here.endswith("index.md") else "")
     source = here if (ROOT / here).is_file() else f"docs/{here}"
 
     def link(found: re.Match[str]) -> str:
@@ -42,6 +66,13 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         return "](" + posixpath.relpath(path.removeprefix("docs/"), posixpath.dirname(here) or ".")
 
     return LINK.sub(link, markdown)
+
+
+def package_table() -> str:
+    """Make the table of packages, by the first lines of their docstrings."""
+    texts = {n: ast.get_docstring(ast.parse(p.read_text("utf-8"))) for n, p in packages().items()}
+    rows = [f"| [`{n}`]({n}.md) | {str(text).splitlines()[0]} |" for n, text in texts.items()]
+    return "\n".join(["\n| package | |", "|---|---|", *rows, ""])
 
 
 def on_page_content(content: str, **_: Any) -> str:
@@ -63,8 +94,7 @@ def on_post_build(config: Any) -> None:
     BuildError : names that do not.
     """
     absent = []
-    for source in sorted((ROOT / "meal_bayes").rglob("__init__.py")):
-        package = ".".join(source.parent.relative_to(ROOT).parts)
+    for package, source in packages().items():
         page = Path(config.site_dir, "reference", package, "index.html").read_text("utf-8")
         shown = set(re.findall(rf'id="{re.escape(package)}\.(?:\w+\.)?(\w+)"', page))
         (names,) = re.findall(r"^__all__ = (\[.*?\])", source.read_text("utf-8"), re.M | re.S)

@@ -16,7 +16,7 @@ logged.
 
 These names are the public API; each is loaded with its package when it is first used, so that the
 import itself costs nothing. The packages (`meal_bayes.domain`, `.datasets`, `.perception`,
-`.posterior`, `.momdp`, `.planners`, `.robots`, `.agents`, `.trial_log`, `.learner`,
+`.posterior`, `.momdp`, `.planners`, `.robots`, `.trials`, `.agents`, `.trial_log`, `.learner`,
 `.experiments`, `.evaluation`, `.gym`) hold the rest.
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
@@ -46,7 +46,6 @@ from typing import TYPE_CHECKING
 from meal_bayes.version import package_version
 
 if TYPE_CHECKING:
-    from meal_bayes.agents import Trial, run_trial
     from meal_bayes.datasets import Dataset, load_dataset, load_percepts
     from meal_bayes.datasets.percept_file import save_percepts
     from meal_bayes.domain import Query, load_domain, read_query
@@ -60,6 +59,7 @@ if TYPE_CHECKING:
     from meal_bayes.posterior import ConfusionPosterior
     from meal_bayes.robots import Outcome
     from meal_bayes.trial_log import read_trials, write_trials
+    from meal_bayes.trials import Trial, run_trial
 
 __all__ = [
     "POMCP",
@@ -89,7 +89,6 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "agents": ("Trial", "run_trial"),
     "datasets": ("Dataset", "load_dataset", "load_percepts"),
     "datasets.percept_file": ("save_percepts",),
     "domain": ("Query", "load_domain", "read_query"),
@@ -103,6 +102,7 @@ _ROOMS = {
     "posterior": ("ConfusionPosterior",),
     "robots": ("Outcome",),
     "trial_log": ("read_trials", "write_trials"),
+    "trials": ("Trial", "run_trial"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

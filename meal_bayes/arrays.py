@@ -1,9 +1,12 @@
 """Read-only arrays: every array field of a public type goes through `freeze` at birth."""
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.errors import DataError
 
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -26,3 +29,69 @@ def set_frozen(instance: object, **fields: Any) -> None:
     """Set fields of a frozen dataclass inside its own `__post_init__`."""
     for name, value in fields.items():
         object.__setattr__(instance, name, value)
+
+
+_LABELS = {1: 1, 0: 0, -1: -1, None: -1, "": -1}  # True is 1, and 1.0 too
+
+
+def label_values(values: Any) -> NDArray[np.int8]:
+    """Convert labels to 1, 0 and -1, before any cast can make values of what is none.
+
+    Parameters
+    ----------
+    values : ArrayLike
+        True or 1, False or 0; -1, None, NaN, nothing or what is masked is unknown.
+
+    Raises
+    ------
+    DataError
+        Any other value, such as 257, 0.5 or "False".
+
+    Examples
+    --------
+    >>> label_values([True, 0, None, float("nan")])
+    array([ 1,  0, -1, -1], dtype=int8)
+    >>> label_values(["False"])
+    Traceback (most recent call last):
+    meal_bayes.errors.DataError: Found the label 'False'; expected 1 or True, 0 or False, or None.
+    """
+    if type(values) is np.ndarray and values.dtype == np.int8 and np.isin(values, (-1, 0, 1)).all():
+        return values
+    array = np.ma.filled(np.ma.asarray(values).astype(object), None)
+    labels = np.empty(array.shape, np.int8)
+    for index, value in np.ndenumerate(array):
+        scalar = value.item() if isinstance(value, np.generic) else value
+        unknown = repr(scalar) in ("<NA>", "nan")  # pandas' and IEEE's
+        try:
+            labels[index] = -1 if unknown else _LABELS[scalar]
+        except (KeyError, TypeError):
+            raise DataError(
+                f"Found the label {scalar!r}; expected 1 or True, 0 or False, or None."
+            ) from None
+    return labels
+
+
+def real_values(values: ArrayLike) -> NDArray[np.float32]:
+    """Convert numbers to single precision; text, complex and masked numbers are none.
+
+    Raises
+    ------
+    ValueError
+        Such values; NumPy would read "4_0" as 40, and drop masks and imaginary parts.
+
+    Examples
+    --------
+    >>> real_values(["4_0"])
+    Traceback (most recent call last):
+    ValueError: found text; expected real numbers
+    """
+    if np.ma.is_masked(values):
+        raise ValueError("found masked values; expected real numbers")
+    array = np.asarray(values)
+    if array.dtype == object and all(isinstance(value, Real) for value in array.flat):
+        array = array.astype(np.float64)
+    if array.dtype.kind not in "biuf":
+        name = {"U": "text", "S": "bytes", "c": "complex numbers"}.get(array.dtype.kind, "objects")
+        raise ValueError(f"found {name}; expected real numbers")
+    with np.errstate(over="ignore"):  # to infinity, which callers refuse
+        return array.astype(np.float32)

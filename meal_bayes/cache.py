@@ -1,9 +1,8 @@
 """Folders of compiled code: the user's own, closed to everybody else, or none at all.
 
 What lies in such a folder is loaded and run. So a folder is used only where nobody else can have
-written into it, or put it there: it is the user's, has mode 0700, is no link, and every folder
-above it can be changed by the user and the system alone. Where there is no such folder, programs
-work without, and compile anew each time.
+written into it, or made it: it is the user's, has mode 0700, and is no link. Where there is no such
+folder, programs work without, and compile anew each time.
 """
 
 import atexit
@@ -25,7 +24,6 @@ from meal_bayes.processes import alive
 
 log = logging.getLogger("meal_bayes.cache")
 
-_OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do not repeat it
 
 
@@ -105,7 +103,10 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
 
     Parameters
     ----------
-    options : of `numba.njit`, but `cache`.
+    function : Callable[..., Any]
+        What numba can compile.
+    **options : Any
+        Of `numba.njit`, but `cache`.
     """
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
 
@@ -133,64 +134,28 @@ def _loaded(kept: Any, load: Callable[..., Any], *signature: Any) -> Any:
 
 
 def _prepare(folder: Path) -> None:
-    """Create a folder and check who can write into it.
-
-    Raises
-    ------
-    OSError : it cannot be made or written into, or others can.
-    """
-    for one in (folder.parent, folder):
-        one.parent.mkdir(parents=True, exist_ok=True)
-        with contextlib.suppress(FileExistsError):
-            one.mkdir(mode=0o700)
-        state = one.lstat()
+    """Create a folder; raise an `OSError` where others can write into it, or the user cannot."""
+    folder.parent.parent.mkdir(parents=True, exist_ok=True)
+    for own in (folder.parent, folder):
+        own.mkdir(mode=0o700, exist_ok=True)
+        state = own.lstat()
         if not stat.S_ISDIR(state.st_mode):
-            raise OSError(f"{one} is a link or a file, expected a folder")
-    if not hasattr(os, "getuid"):  # Windows: the profile's permissions hold
-        return
-    if state.st_uid != os.getuid():
-        raise OSError(f"{folder} belongs to another user ({state.st_uid})")
-    if state.st_mode & _OTHERS:
-        mode = stat.S_IMODE(state.st_mode)
-        raise OSError(f"{folder} is open to others (mode {mode:o}); remove it")
-    for above in {*folder.parents, *folder.resolve().parents}:
-        _check_above(above)
+            raise OSError(f"{own} is a link or a file, expected a folder")
+        if os.name != "posix":  # the profile's permissions hold
+            continue
+        if state.st_uid != os.getuid():
+            raise OSError(f"{own} belongs to another user ({state.st_uid})")
+        if state.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+            mode = stat.S_IMODE(state.st_mode)
+            raise OSError(f"{own} is open to others (mode {mode:o}); remove it")
     if not _writable(folder):
         raise OSError(f"{folder} cannot be written")
 
 
-def _check_above(folder: Path) -> None:
-    """Check that nobody else can replace what lies in a folder, or the folder, which may be a link.
-
-    A sticky folder such as /tmp is safe, as others cannot rename what is not theirs. So is one that
-    is open to a group named like the user, who is alone in it by convention.
-    """
-    for state in (folder.lstat(), folder.stat()):
-        if state.st_uid not in (0, os.getuid()):
-            raise OSError(f"{folder} above it belongs to another user ({state.st_uid})")
-    open_to = state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    if open_to == stat.S_IWGRP and _own_group(state.st_gid):
-        return
-    if open_to and not state.st_mode & stat.S_ISVTX:
-        raise OSError(f"others can write to {folder} above it")
-
-
-def _own_group(gid: int) -> bool:
-    import grp  # noqa: PLC0415  not on Windows
-    import pwd  # noqa: PLC0415  the same
-
-    try:
-        return gid == 0 or grp.getgrgid(gid).gr_name == pwd.getpwuid(os.getuid()).pw_name
-    except KeyError:
-        return False
-
-
 def _writable(folder: Path) -> bool:
-    probe = folder / f".probe-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):
+            return True
     except OSError:
         return False
-    return True

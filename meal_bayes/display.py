@@ -122,9 +122,12 @@ def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[in
 
     Parameters
     ----------
-    values : (E+1,) of each behavior, then of the best report; nan where an action has none.
-    chosen : position of the decision, which is always among them, as is the report.
-    most : number of positions.
+    values : NDArray[np.float64]
+        (E+1,) of each behavior, then of the best report; nan where an action has none.
+    chosen : int
+        Position of the decision, which is always among them, as is the report.
+    most : int
+        Number of positions.
 
     Examples
     --------

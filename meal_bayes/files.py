@@ -7,6 +7,7 @@ when the disk is full or the process is killed.
 
 import contextlib
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
@@ -18,21 +19,34 @@ _LOG_MAGIC = b"\x89MCAP0\r\n"
 _KEPT = 60  # bytes of a name that its draft shows
 
 
+def file_name(text: str, longest: int = 60) -> str:
+    """Return any text as a name of a file, in no other folder.
+
+    >>> file_name("../a blue cup")
+    '.._a_blue_cup'
+    """
+    return re.sub(r"[^\w.-]+", "_", text)[:longest]
+
+
 def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
     """Check that a file can be written, before the work that it is to hold; creates its folder.
 
     Parameters
     ----------
-    path : of the output; a link is followed.
-    inputs : files, or folders of files, that the same command reads.
+    path : str | Path
+        Of the output; a link is followed.
+    inputs : Iterable[str | Path]
+        Files, or folders of files, that the same command reads.
 
     Returns
     -------
-    The path with links followed.
+    Path
+        The path with links followed.
 
     Raises
     ------
-    OutputError : it is one of the inputs, a trial log, or no regular file, or cannot be written.
+    OutputError
+        It is one of the inputs, a trial log, or no regular file, or cannot be written.
     """
     named = Path(path)
     target = Path(os.path.realpath(named))
@@ -47,7 +61,8 @@ def check_folder(folder: str | Path) -> Path:
 
     Raises
     ------
-    OutputError : it cannot be made or written in.
+    OutputError
+        It cannot be made or written in.
     """
     folder = Path(folder)
     with _with_path(folder):
@@ -64,11 +79,13 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
 
     Parameters
     ----------
-    path, inputs : as for `check_output`.
+    path, inputs
+        As for `check_output`.
 
     Raises
     ------
-    OutputError : as for `check_output`, or the disk is full.
+    OutputError
+        As for `check_output`, or the disk is full.
     """
     named = Path(path)
     target = check_output(named, inputs=inputs)

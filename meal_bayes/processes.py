@@ -26,7 +26,8 @@ def end_with_parent(parent: int | None = None) -> None:
 
     Parameters
     ----------
-    parent : its process id; the present parent's by default.
+    parent : int | None
+        Its process id; the present parent's by default.
     """
     expected = os.getppid() if parent is None else parent
     if os.getppid() != expected:
@@ -61,8 +62,10 @@ def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
 
     Parameters
     ----------
-    command : absolute path of the program, and its arguments.
-    options : of `subprocess.Popen`.
+    command : Sequence[str]
+        Absolute path of the program, and its arguments.
+    options : Any
+        Of `subprocess.Popen`.
     """
     guard = [sys.executable, "-I", "-S", __file__, str(os.getpid())]
     return subprocess.Popen([*guard, *command], **options)

@@ -27,9 +27,11 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
 
     Raises
     ------
-    OSError : the file cannot be read.
-    ValueError : it is larger, is no regular file (a pipe or device may never end), or holds zero
-        bytes, which no text does: a disk that lost a part of the file leaves them.
+    OSError
+        The file cannot be read.
+    ValueError
+        It is larger, is no regular file (a pipe or device may never end), or holds zero bytes,
+        which no text does: a disk that lost a part of the file leaves them.
     """
     # Not to wait for a pipe that nobody writes to.
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -52,8 +54,9 @@ def read_json(text: str | bytes) -> object:
 
     Raises
     ------
-    ValueError : no JSON, too large or nested too deeply, a number that is not finite, text that is
-        no Unicode (a surrogate alone).
+    ValueError
+        No JSON, too large or nested too deeply, a number that is not finite, text that is no
+        Unicode (a surrogate alone).
 
     Examples
     --------
@@ -80,8 +83,9 @@ def levels(found: object) -> Iterator[list[object]]:
 
     Raises
     ------
-    RecursionError : they are nested more than `DEPTH_LIMIT` deep. Parsers raise it too, but at a
-        depth that any library may change (`sys.setrecursionlimit`).
+    RecursionError
+        They are nested more than `DEPTH_LIMIT` deep. Parsers raise it too, but at a depth that any
+        library may change (`sys.setrecursionlimit`).
     """
     level, depth = [found], 0
     while level:

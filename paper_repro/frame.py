@@ -5,40 +5,26 @@ import json
 import math
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import Interval, canvas
+from meal_bayes.evaluation import Effect, canvas
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
-from paper_repro.statements import Evidence, Statement, verdict
+from paper_repro.statements import PROTOCOLS, Evidence, judged, verdict
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
 _ZERO = 1e-9
 
 Choice = TypeVar("Choice")
-Found = TypeVar("Found")
 
-
-class Estimate(NamedTuple):
-    """A mean and its standard error."""
-
-    mean: float
-    se: float
-
-    @classmethod
-    def of(cls, interval: Interval) -> "Estimate":
-        """Return the mean of an interval and its standard error."""
-        return cls(interval.estimate, interval.se)
-
-
-Cell = str | int | float | Estimate | None  # None: not measured, or not printed
+Cell = str | int | float | Effect | None  # None: not measured, or not printed
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -49,7 +35,7 @@ class Setting:
     seed: int = 0
     jobs: int = 1
     logs: Path = Path("logs")
-    as_published: bool = False  # the published code's protocol alone
+    as_published: bool = False  # the paper's own settings alone
     cluster: str | None = None  # address of a Dask scheduler
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 runs none
@@ -67,20 +53,20 @@ class Setting:
 
     @property
     def protocols(self) -> tuple[str, ...]:
-        """Columns to run."""
-        return ("published",) if self.as_published else ("published", "recorded")
+        """Columns to run: the paper's settings, its method on recordings, ours beside it."""
+        return PROTOCOLS[:1] if self.as_published else PROTOCOLS
 
     def choose(self, full: Choice, quick: Choice) -> Choice:
         """Return the size of a full run, or of a quick one."""
         return quick if self.quick else full
 
-    def trial_steps(self, full: Sequence[int], quick: int) -> tuple[int, ...]:
-        """Return the steps of offline trials, cut at the most that are wanted."""
-        return _cut((quick,) if self.quick else full, self.trials)
+    def trials_of(self, full: int, quick: int) -> int:
+        """Return how many offline trials an agent runs: one number, looked at once."""
+        return min(quick if self.quick else full, self.trials or full)
 
-    def repeat_steps(self, full: Sequence[int]) -> tuple[int, ...]:
-        """Return the steps of online repeats, cut likewise; a quick run has one."""
-        return _cut((1,) if self.quick else full, self.repeats)
+    def repeats_of(self, full: int) -> int:
+        """Return how many online repeats an agent runs; a quick run has two."""
+        return min(2 if self.quick else full, full if self.repeats is None else self.repeats)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -99,54 +85,23 @@ class Result:
     Attributes
     ----------
     title : what it is about.
-    paper, ours : its number in a few words, the paper's and ours on recordings.
-    published : the same in the published code's protocol; empty where it has none.
-    statements : what the paper says of it, judged.
+    sentence : what came of it, one sentence to quote.
+    tables : of its numbers.
+    evidence : of what the paper says of it, by protocol and text; None where it is not run.
+    notes : for readers.
     figures : by what their files' names end in after the item.
     shows : what the paper describes, beside the figures.
     effects : of the published code's departures, by their number in errata.toml.
     """
 
     title: str
-    paper: str
-    ours: str
+    sentence: str
     tables: tuple[Table, ...]
-    statements: tuple[Statement, ...]
-    published: str = ""
+    evidence: Mapping[str, Mapping[str, Evidence | None]]
     notes: tuple[str, ...] = ()
     figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     shows: str = ""
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
-
-
-def until_decided(
-    names: Iterable[str],
-    steps: Sequence[int],
-    run: Callable[[str, int], Found],
-    judge: Callable[[Mapping[str, Found]], Mapping[str, Evidence]],
-) -> tuple[dict[str, Found], dict[str, Evidence]]:
-    """Run agents in steps until every statement about them is decided, or no step would do it.
-
-    Parameters
-    ----------
-    names : of the agents.
-    steps : repeats (or trials) of an agent, in all, growing.
-    run : runs an agent so often, or reads it from the logs.
-    judge : judges the statements, by text; their `agents` go on where one is undecided.
-    """
-    at = dict.fromkeys(names, 0)
-    found = {name: run(name, steps[0]) for name in at}
-    while True:
-        evidence = dict(judge(found))
-        open_ = (one for one in evidence.values() if not one.decided)
-        within = (one for one in open_ if one.needed is None or one.needed <= steps[-1])
-        again = {name for one in within for name in one.agents}
-        again = {name for name in again if name in at and at[name] + 1 < len(steps)}
-        if not again:
-            return found, evidence
-        for name in sorted(again):
-            at[name] += 1
-            found[name] = run(name, steps[at[name]])
 
 
 def asked(n: int) -> str:
@@ -172,7 +127,7 @@ def paper_values(item: str) -> Any:
 def items() -> tuple[str, ...]:
     """List the items, in the order of the paper."""
     values = read_table("paper_values.toml")
-    return tuple(name for name, section in values.items() if isinstance(section, dict))
+    return tuple(name for name, one in values.items() if isinstance(one, dict) and "where" in one)
 
 
 def named(words: Iterable[str]) -> tuple[str, ...]:
@@ -202,29 +157,27 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
 
 def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
     """Return a result as plain values; equal runs give equal ones."""
-    statements = [statement.as_dict() for statement in result.statements]
-    tables = [*result.tables, *_evidence(result.statements)]
+    values = paper_values(item)
+    statements = judged(result.evidence, values.get("central", ["*"]), values["where"])
     return {
         "item": item,
         "title": result.title,
         "command": command(item, setting),
         "seed": setting.seed,
         "verdict": verdict(statements),
-        "paper": result.paper,
-        "published": result.published,
-        "ours": result.ours,
+        "sentence": " ".join(result.sentence.split()),
         "tables": [
             {
                 "title": table.title,
                 "columns": list(table.columns),
                 "rows": [[plain_cell(cell) for cell in row] for row in table.rows],
             }
-            for table in tables
+            for table in result.tables
         ],
-        "statements": statements,
+        "statements": [_plain(one) for one in statements],
         "notes": [" ".join(note.split()) for note in result.notes],
         "figures": [f"{item}{end}.png" for end in result.figures],
-        "shows": result.shows,
+        "shows": " ".join(result.shows.split()),
         "effects": dict(result.effects),
     }
 
@@ -242,31 +195,17 @@ def command(item: str, setting: Setting) -> str:
 
 def plain_cell(cell: Cell) -> Any:
     """Return a cell as JSON: six digits are enough, and are the same on every machine."""
-    if isinstance(cell, Estimate):
-        return [plain_cell(number) for number in cell]
+    if isinstance(cell, Effect):
+        return [plain_cell(cell.estimate), plain_cell(cell.se)]
     if isinstance(cell, float):
         nothing = abs(cell) < _ZERO  # what rounding leaves over
         return None if not math.isfinite(cell) else 0.0 if nothing else float(f"{cell:.6g}")
     return cell
 
 
-def _cut(steps: Sequence[int], most: int | None) -> tuple[int, ...]:
-    """Return steps up to the most; none where that is 0."""
-    if most is None:
-        return tuple(steps)
-    return tuple(dict.fromkeys(min(step, most) for step in steps if most))
-
-
-def _evidence(statements: Sequence[Statement]) -> list[Table]:
-    """Build the table of what every statement rests on: rule, mean with its sign, interval."""
-    rows: list[tuple[Cell, ...]] = []
-    for one in statements:
-        for protocol in ("published", "recorded"):
-            found: Evidence | None = getattr(one, protocol)
-            if found is not None:
-                mean, _, low, high = map(float, found.interval)
-                rows.append((one.text, protocol, found.rule, mean, low, high, found.outcome,
-                             found.repeats, found.needed))  # fmt: skip
-    columns = ("statement", "protocol", "stands if", "mean", "95 % low", "high", "outcome",
-               "repeats", "needed")  # fmt: skip
-    return [Table("what the statements rest on", columns, tuple(rows))] if rows else []
+def _plain(statement: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a statement as JSON."""
+    return {
+        name: [plain_cell(end) for end in value] if isinstance(value, list) else plain_cell(value)
+        for name, value in statement.items()
+    }

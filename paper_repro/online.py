@@ -1,25 +1,25 @@
 """Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import PublishedVariants, load_agent
+from meal_bayes.agents import Agent, load_agent
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation import clustered_se, paired_difference, plots
-from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.evaluation import Effect, plots, resampled
+from meal_bayes.experiments import OnlineConfig, PublishedVariants, run_online
 from paper_repro import published
-from paper_repro.frame import Estimate, Setting, paper_values
+from paper_repro.frame import Setting, paper_values
+from paper_repro.statements import THEIRS
 
 LEGAL, BASE, BEST = PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
-STEPS = (10, 20, 40)  # repeats
+REPEATS = 20  # of an agent: more do not replace objects
 THIRDS = (33, 33, 34)  # of the objects: pretraining, training, test
-SPLITS = {"cy101": (15, 40, 45)}  # where the published code departs
+PUBLISHED = (15, 40, 45)  # in the published code, which has CY101 alone
 ATTRIBUTES = {"cy101": load_domain("cy101").attributes}
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ class Curves:
     accuracy, reward : (S,B) means over test trials.
     by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
     training : (S,B-1) logs of the training trials.
+    ratio : test objects over training objects.
     """
 
     hours: Array
@@ -42,6 +43,7 @@ class Curves:
     reward: Array
     by_attribute: Array
     training: tuple[tuple[Path, ...], ...]
+    ratio: float = 0.5
 
     def __len__(self) -> int:
         return len(self.hours)
@@ -63,22 +65,23 @@ def run_curves(
     setting : seed, processes, logs.
     dataset, n : what is asked, and how many attributes at a time.
     agent, repeats : who, and how often in all.
-    protocol : "recorded", or "published": all variants of the published code at once.
+    protocol : "recorded", or "theirs": the variants that the published code has, at once.
     options : other settings of `OnlineConfig`.
     """
-    code = protocol == "published"
+    code = protocol == THEIRS
+    split = PUBLISHED if code else THIRDS
     batches, trials = setting.choose((10, 40), (1, 4))
     config = OnlineConfig(
         f"{dataset}_published" if code else dataset,
         attributes=n,
-        agents=(published.online_agent(agent) if code else load_agent(agent),),
+        agents=(planned_alike(published.online_agent(agent) if code else load_agent(agent)),),
         batches=batches,
         trials=trials,
         repeats=repeats,
         seed=setting.seed,
         reward=paper_values("online_reward"),
         published=PublishedVariants.named(*["all"] * code),
-        split=SPLITS.get(dataset, THIRDS) if code else THIRDS,
+        split=split,
         **options,
     )
     run = run_online(
@@ -97,7 +100,13 @@ def run_curves(
     every = range(1, batches + 1)
     logs = tuple(tuple(own / f"{b:02d}-train.mcap" for b in every) for own in folders)
     setting.spend(path for own in folders for path in own.glob("*.mcap"))
-    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs)
+    ratio = split[2] / (split[0] + split[1])
+    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs, ratio)
+
+
+def planned_alike(agent: Agent) -> Agent:
+    """Give Iterative MORC the planner of MORC-ITRS, so that only the bonus tells them apart."""
+    return replace(agent, solver=load_agent(BEST).solver) if agent.name == BASE else agent
 
 
 def at_hours(hours: Array, values: Array, when: float) -> Array:
@@ -119,15 +128,15 @@ def mean_until(hours: Array, values: Array, end: Array) -> Array:
     return np.array(found)
 
 
-def paired(first: Array, second: Array) -> Interval:
-    """Estimate first - second over the repeats (S,) that both have."""
+def paired(first: Array, second: Array, ratio: float) -> Effect:
+    """Estimate first - second over the repeats (S,) that both have, splits of the same objects."""
     number = min(len(first), len(second))
-    return paired_difference(first[:number], second[:number], range(number))
+    return resampled(first[:number] - second[:number], ratio)
 
 
-def mean_of(values: Array) -> Estimate:
-    """Estimate a mean over repeats (S,)."""
-    return Estimate(float(values.mean()), clustered_se(values, range(len(values))))
+def mean_of(values: Array, ratio: float = 0.5) -> Effect:
+    """Estimate a mean over the repeats (S,) that have one."""
+    return resampled(values[~np.isnan(values)], ratio)
 
 
 def series(curves: Curves, values: Array, name: str) -> plots.Series:

@@ -1,4 +1,4 @@
-"""Results as Markdown: one item, the README of all, the errata of the published code."""
+"""Results as Markdown: a page an item, the index of all, the errata of the published code."""
 
 import json
 import tomllib
@@ -7,7 +7,6 @@ from typing import Any
 
 from meal_bayes.files import write_whole
 from paper_repro import frame
-from paper_repro.statements import OUTCOMES, counts
 
 _DASH = "\N{EN DASH}"  # nothing measured, or nothing printed
 _ACCURACIES = 2.0  # numbers below are shown with three decimals, others with one
@@ -19,96 +18,88 @@ object-centric action policies. Autonomous Robots 47, 2023. doi:10.1007/s10514-0
     meal-bayes reproduce all            # everything in full; a run that was stopped goes on
     meal-bayes reproduce all --quick    # the same on a few trials
     meal-bayes reproduce table3 --as-published
-    meal-bayes reproduce readme         # this page and ERRATA.md from results/
+    meal-bayes reproduce readme         # these pages and ERRATA.md from results/
 
-Numbers stand in up to three columns. **paper**: what it prints. **published**: the published code's
-protocol: percepts are drawn from the learned confusion matrices themselves, so that accuracy is the
-model's opinion of itself; with its transition diagrams, its baselines and, on ROC36, the paper's
-classifiers (their percepts are computed from the recordings once, in a minute or two).
-**recorded**: percepts are outputs of classifiers on real recordings of an object that none has
-seen, none used twice in a trial; `morc` is the paper's algorithm, `bayes` is ours. ± is one
-standard error; agents answer the same queries with the same failures and recordings.
+Numbers stand in three columns. **theirs**: the paper's own settings, as far as they were published:
+ROC36's confusion matrices, from which percepts are drawn, the settings that names of plotted files
+tell, CY101's split sizes. **recorded**: the paper's method on outputs of classifiers on real
+recordings of an object that none has seen, none used twice in a trial. **ours**: our agent on the
+same tasks as the second column. Printed numbers are judged in the first column alone, ideas in the
+second, and our agent against the second.
 
 ## The rules
 
-Every statement of the paper is judged by the 95 % interval of what it speaks of: a paired
-difference on the same tasks wherever agents are compared, with objects (offline) or repeats
-(online) as clusters. Its row under *what the statements rest on* gives the rule, the mean with its
-sign, and the interval.
+- *stands*: the whole interval is on the side that the statement says, or within the margin that
+  `paper_values.toml` gave before the run. *falls*: on the other side, or outside. *undecided*: it
+  reaches both; `needed` are the units (objects, splits) that would decide it at 80 % power if mean
+  and spread stayed as they are, and none where only objects would, which nobody can draw.
+- *by construction*: what was fitted to the paper's numbers, is read back from settings, is chance
+  or arithmetic. It is no evidence.
+- Offline objects are the clusters of a paired difference. Online repeats split the same objects, so
+  their variance is the corrected one of Nadeau and Bengio (2003). Intervals of proportions are
+  Wilson's on clusters. Each run is looked at once. All statements of an item in one column are a
+  family, judged at 95 % by Holm's levels; the interval that is shown is that of its level.
+- The verdict is that of the central statements, which `paper_values.toml` names before the run.
 
-- *stands*: the whole interval is on the side that the statement says. A printed number stands where
-  the whole interval is within the margin that `paper_values.toml` gave before the run. *Best* means
-  ahead of every other one.
-- *falls*: the whole interval is on the other side.
-- *undecided*: the interval reaches both sides; `needed` is the number of trials or repeats that
-  would decide it if mean and spread stayed as they are (a dash: no number would, as the measured
-  difference is nothing, or too few repeats are there to tell).
-- *by construction*: what was fitted to the paper's numbers, or is read back from settings. It is no
-  evidence, and no verdict rests on it.
-
-A run goes on in steps until every statement of its item is decided, or not even the last step would
-decide it. A verdict counts the outcomes on recordings, beside them those of the published protocol.
-*reproduced*: all that are judged stand. *not reproduced*: at least one falls. *reproduced only in
-the published protocol*: those that fall stand there, and none falls there. *undecided*: none falls,
-and at least one is undecided. *not run on recordings*: there are outcomes of the published
-protocol alone. *not run*: there is no outcome yet. *nothing to judge*: the paper states nothing.
-
-Minutes are of computing the trials, those of all processes together, or of the whole run where that
-is longer; trials that several items rest on count at each of them. This page is made by
-`meal-bayes reproduce readme`; what the paper prints and the margins are in `paper_values.toml`,
-departures of the published code in `ERRATA.md`. Figures 1, 2, 3, 6 and 13 are drawings and
-photographs, and are not made again.
+How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).
+What the paper prints is in `paper_values.toml`, departures of the published code in `ERRATA.md`.
+Figures 1, 2, 3, 6 and 13 are drawings and photographs, and are not made again.
 
 ## The items
 """
 
 
 def write_pages() -> list[str]:
-    """Write README.md and ERRATA.md from the results that are there; returns their paths."""
+    """Write the index, a page an item, and ERRATA.md from results; returns their paths."""
     pages = {"README.md": readme(frame.items()), "ERRATA.md": errata(frame.items())}
+    for item in frame.items():
+        if (found := _read(item)) is not None:
+            pages[f"results/{item}.md"] = result_page(found) + "\n"
     for name, text in pages.items():
         write_whole(frame.HERE / name, text)
     return [str(frame.HERE / name) for name in pages]
 
 
 def readme(items: Iterable[str]) -> str:
-    """Build the README from the results that are there."""
+    """Build the index from the results that are there: item, verdict, a sentence, minutes."""
     path = frame.RESULTS / "timing.json"
     timing = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    header = ["item", "command", "minutes", "paper", "published protocol", "recorded", "verdict"]
-    lines = [_HEAD, _row(header), _row(["---"] * len(header))]
-    sections, every = [], []
+    lines = [_HEAD, _row(["item", "verdict", "in one sentence", "minutes"]), _row(["---"] * 4)]
     for item in items:
         found = _read(item)
         if found is None:
-            shown = f"`meal-bayes reproduce {item}`"
-            lines.append(_row([item, shown, *[_DASH] * 4, "not run in full yet"]))
+            lines.append(_row([item, "not run in full yet", _DASH, _DASH]))
             continue
-        cells = [f"[{item}](#{item})", f"`{found['command']}`", _minutes(timing.get(item, 0.0))]
-        cells += [found[side] or _DASH for side in ("paper", "published", "ours")]
-        lines.append(_row([*cells, found["verdict"]]))
-        sections.append(result_page(found, figures="results/"))
-        every += found["statements"]
-    for side in ("recorded", "published"):
-        number = counts(one[side] for one in every)
-        told = ", ".join(f"{number[outcome]} {outcome}" for outcome in OUTCOMES)
-        lines += ["", f"All statements, {side}: {told}."]
-    return "\n".join(lines) + "\n\n" + "\n".join(sections)
+        cells = [f"[{item}](results/{item}.md)", found["verdict"], found["sentence"]]
+        lines.append(_row([*cells, _minutes(timing.get(item, 0.0))]))
+    return "\n".join(lines) + "\n"
 
 
-def result_page(found: Mapping[str, Any], *, figures: str = "") -> str:
-    """Show one result, with the figures of a folder beside what the paper describes."""
-    lines = [f"## {found['item']}", "", f"{found['title']}. `{found['command']}`", ""]
+def result_page(found: Mapping[str, Any]) -> str:
+    """Show one result: its sentence, statements, tables, and figures."""
+    lines = [f"# {found['item']}: {found['title']}", "", found["sentence"], ""]
+    lines += [f"**{found['verdict']}**. `{found['command']}`", ""]
+    if found["statements"]:
+        header = ["statement", "column", "outcome", "estimate", "interval", "rule", "needed"]
+        lines += [_row(header), _row(["---"] * len(header))]
+        lines += [*map(_statement, found["statements"]), "", "Central statements are bold.", ""]
     for table in found["tables"]:
         lines += [f"**{table['title']}**", "", _row(table["columns"])]
         lines.append(_row(["---", *["--:"] * (len(table["columns"]) - 1)]))
         lines += [*(_row([_text(cell) for cell in row]) for row in table["rows"]), ""]
-    if figures and found["figures"]:
-        lines += [" ".join(found["shows"].split()), ""] if found["shows"] else []
-        lines += [*(f"![{name}]({figures}{name})" for name in found["figures"]), ""]
-    lines += [f"- {one['text']}: {_outcomes(one)}" for one in found["statements"]]
-    lines += ["", *(f"{note}\n" for note in found["notes"]), f"**{found['verdict']}**", ""]
-    return "\n".join(lines)
+    lines += [found["shows"], ""] if found["shows"] and found["figures"] else []
+    lines += [*(f"![{name}]({name})" for name in found["figures"]), ""] if found["figures"] else []
+    return "\n".join([*lines, *(f"{note}\n" for note in found["notes"])]).rstrip()
+
+
+def _statement(one: Mapping[str, Any]) -> str:
+    """Show a statement as a row."""
+    text = f"**{one['text']}**" if one["central"] else one["text"]
+    if one["outcome"] is None:
+        return _row([text, one["protocol"], "not run", *[_DASH] * 4])
+    interval = one["interval"] and f"[{_text(one['interval'][0])}, {_text(one['interval'][1])}]"
+    cells = [one["outcome"], _text(one["estimate"]), interval or _DASH, one["rule"]]
+    return _row([text, one["protocol"], *cells, one["needed"] or _DASH])
 
 
 def errata(items: Iterable[str]) -> str:
@@ -118,7 +109,7 @@ def errata(items: Iterable[str]) -> str:
     for item in items:
         found = _read(item)
         for number, effect in (found["effects"] if found else {}).items():
-            effects.setdefault(number, []).append(f"{effect} ([{item}](README.md#{item}))")
+            effects.setdefault(number, []).append(f"{effect} ([{item}](results/{item}.md))")
     lines = [table["head"].strip(), "", _row(["", "departure", "where", "effect"])]
     lines.append(_row(["--:", "---", "---", "---"]))
     for number, entry in table["departure"].items():
@@ -133,15 +124,6 @@ def _read(item: str) -> dict[str, Any] | None:
         return None
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
-
-
-def _outcomes(statement: Mapping[str, Any]) -> str:
-    """Return the outcomes of a statement in words, and how many repeats would decide it."""
-    sides = [f"{side} {statement[side]}" for side in ("published", "recorded") if statement[side]]
-    words = ", ".join(sides) if statement["published"] else statement["recorded"] or "not run"
-    if statement["needed"] is not None:
-        words += f" ({statement['repeats']} repeats, about {statement['needed']} would decide)"
-    return words
 
 
 def _minutes(seconds: float) -> str:

@@ -1,15 +1,109 @@
-"""Baselines as the published code has them, where it departs from the paper."""
+"""What was published: learned matrices, settings of the plotted files, baselines, the solver."""
 
+import csv
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, load_agent
-from meal_bayes.domain import Domain, Query
+from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
+from meal_bayes.datasets.download import fetch
+from meal_bayes.datasets.sources import source
+from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Decision, History, Policy, RandomLegal, Solver, unvalued
+from meal_bayes.planners import Decision, History, Policy, RandomLegal, Sarsop, Solver, unvalued
+from paper_repro.frame import HERE, Setting, paper_values
 
 ASK = "ask"
+EVERY_ACTION = str(HERE / "domains" / "roc36_every_action.toml")  # x decides nothing
+
+
+def table_path(
+    setting: Setting, dataset: str, *, name: str = "", domain: str = "", matrices: str = "",
+    costs: dict[str, float] | None = None, answer: float | None = None, **changes: Any,
+) -> str:  # fmt: skip
+    """Write a percept table under another domain, or with published matrices; return its path.
+
+    Parameters
+    ----------
+    setting : whose logs it is kept beside.
+    dataset : roc36, ispy32 or cy101.
+    name : of the table.
+    domain : a shipped one, or a path; the data set's by default.
+    matrices : "train5" or "train12", ROC36's published confusion counts; learned ones by default.
+    costs : s, of behaviors that cost something else.
+    answer : Pr(a person is right), of each attribute.
+    changes : other fields of the domain.
+    """
+    own, costs = load_domain(domain or dataset), costs or {}
+    behaviors = [
+        replace(
+            one,
+            cost=costs.get(one.name, one.cost),
+            answer_accuracy=one.answer_accuracy
+            if one.name != ASK
+            else answer or one.answer_accuracy,
+        )
+        for one in own.behaviors
+    ]
+    own = replace(own, name=name, behaviors=tuple(behaviors), **changes)
+    table = load_percepts(dataset, domain=own)
+    if matrices:
+        table = with_counts(table, published_counts(matrices, own))
+    path = setting.logs / "tables" / f"{name}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_percepts(table, path)
+    return str(path)
+
+
+def plotted_ispy32(setting: Setting, n: int, *, whole: bool = False) -> str:
+    """Return ISPY32 under the settings that the plotted files' names tell, at N attributes.
+
+    Parameters
+    ----------
+    whole : a person's whole answer is right with the accuracy, as in the published code, whatever
+        N is; otherwise each attribute is.
+    """
+    paper = paper_values("plotted")
+    return table_path(
+        setting, "ispy32", name=f"ispy32_plotted_{'whole' if whole else 'each'}_{n * whole}",
+        domain="ispy32_published", costs={ASK: paper["ask_cost"]},
+        answer=paper["ask_accuracy"] ** (1 / n if whole else 1), legal_budget=(paper["budget"],),
+    )  # fmt: skip
+
+
+def published_counts(name: str, domain: Domain) -> NDArray[np.int64]:
+    """Read ROC36's published counts (P,E,2,2) of truth and percept; none of reinit and ask."""
+    counts = np.zeros((len(domain.attributes), len(domain.behaviors), 2, 2), np.int64)
+    path = fetch("roc36") / source("roc36").path / f"confusion_matrices_{name}.csv"
+    with path.open(encoding="ascii") as file:
+        for attribute, behavior, *row in list(csv.reader(file))[1:]:
+            hit, false_alarm, miss, rejection = map(int, row)
+            matrix = counts[domain.attributes.index(attribute), domain.behavior_index(behavior)]
+            matrix[:] = [[rejection, false_alarm], [miss, hit]]
+    return counts
+
+
+def with_counts(table: PerceptTable, counts: NDArray[np.int64]) -> PerceptTable:
+    """Replace what is learned by counts (P,E,2,2), the same for each object that is left out.
+
+    They are dealt out over the other objects of each truth, as only their sums enter Eq. 8.
+    """
+    objects = len(table.objects)
+    bins = np.zeros((objects, objects, *counts.shape[:2], 2), np.uint8)
+    for held_out, p, truth in product(range(objects), range(len(counts)), range(2)):
+        others = np.flatnonzero((table.labels[:, p] == truth) & (np.arange(objects) != held_out))
+        each, rest = np.divmod(counts[p, :, truth], len(others))  # (E,2)
+        bins[held_out, others, p] = each + (np.arange(len(others))[:, None, None] < rest)
+    rounds = -(-int(bins.sum(axis=-1).max()) // table.recordings)  # as many recordings as counts
+    return replace(
+        table, log_odds=np.tile(table.log_odds, (1, rounds, 1, 1)), training_bins=bins,
+        edges=table.edges[[len(table.edges) // 2]],
+        recording_counts=table.recording_counts * rounds,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +140,7 @@ def _random_legal(domain: Domain, query: Query) -> Solver:
 
 @dataclass(frozen=True, slots=True)
 class RandomOfAll:
-    """Random that draws from all actions, illegal ones and `ask` too."""
+    """Random that draws from all actions, `ask` too; what is not legal moves nothing."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomOfAllPolicy":
         """Make the policy."""
@@ -60,18 +154,24 @@ class RandomOfAllPolicy:
     momdp: MOMDP
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw an action."""
-        actions = self.momdp.n_behaviors + 2 ** len(self.momdp.query)
-        return unvalued(self.momdp, int(rng.integers(actions)))
+        """Draw an action, and again where it is not legal: there it is free and changes nothing."""
+        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
+        reports = np.arange(self.momdp.n_behaviors, self.momdp.abstention)
+        return unvalued(self.momdp, int(rng.choice(np.concatenate([legal, reports]))))
 
 
 def _random(domain: Domain, query: Query) -> Solver:
     return RandomOfAll()
 
 
+def _sarsop(domain: Domain, query: Query) -> Solver:
+    return Sarsop(paper_values("plotted")["solver_seconds"])
+
+
 AGENTS = {
     "random": Agent("random", _random),
     "random_legal": Agent("random_legal", _random_legal),
+    "sarsop": Agent("sarsop", _sarsop, abstain=True),
 }
 
 

@@ -1,17 +1,21 @@
-"""What the paper states, judged by an interval: it stands, it falls, or it is undecided.
+"""What the paper states, judged by intervals: it stands, it falls, or it is undecided.
 
-Functions here take plain arrays and intervals. A statement about a difference compares agents on
-the same tasks; objects (offline) or repeats (online) are the clusters of its interval.
+A statement has parts, each an effect that has to lie in a range. It stands where the interval of
+every part lies inside, and falls where that of one part lies outside. All statements of an item
+under one protocol are a family: each is judged at its level by Holm [Holm1979].
 """
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.evaluation import Interval, paired_difference
+from meal_bayes.evaluation import Effect, clustered, holm
+from meal_bayes.evaluation.statistics import MASS
 
 STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "stands",
@@ -19,246 +23,236 @@ STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "undecided",
     "by construction",
 )
-_NONE = Interval(math.nan, math.nan, math.nan, math.nan)
+_LEVEL = 1 - MASS
+THEIRS, RECORDED, OURS = PROTOCOLS = ("theirs", "recorded", "ours")
+
+
+class Part(NamedTuple):
+    """An effect that has to lie in a range."""
+
+    of: str
+    effect: Effect
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def inside(self) -> float:
+        """The smallest level at which its interval lies inside."""
+        return max(self.effect.level_above(self.low), self.effect.level_below(self.high))
+
+    @property
+    def outside(self) -> float:
+        """The smallest level at which its interval lies outside."""
+        return min(
+            self.effect.level_below(self.low) if self.low > -math.inf else 2.0,
+            self.effect.level_above(self.high) if self.high < math.inf else 2.0,
+        )
+
+    @property
+    def rule(self) -> str:
+        """When it stands, in words."""
+        if self.high == math.inf:
+            return f"{self.of} is above {self.low:.5g}"
+        if self.low == -math.inf:
+            return f"{self.of} is below {self.high:.5g}"
+        return f"{self.of} is in [{self.low:.5g}, {self.high:.5g}]"
+
+    def needed(self, level: float) -> int | None:
+        """Return the units that would decide it at 80 % power; None where no number would."""
+        ends = [end for end in (self.low, self.high) if math.isfinite(end)]
+        return self.effect.needed(min(ends, key=lambda end: abs(self.effect.estimate - end)), level)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Evidence:
-    """The outcome of a statement under one protocol, and what it rests on.
+    """What a statement rests on under one protocol: parts, or a fact.
 
     Attributes
     ----------
-    outcome : one of `OUTCOMES`.
-    rule : when the statement stands.
-    interval : of the decisive difference; nan where a fact decides.
-    repeats : trials or repeats behind it.
-    needed : repeats that would decide it if mean and spread stayed; None where it is decided, or
-        where no number would.
-    agents : whose further repeats could decide it.
+    parts : that have to hold; none where a fact decides.
+    outcome, rule : of a fact, or of what is by construction.
+    shown : what a fact rests on.
     """
 
-    outcome: str
-    rule: str
-    interval: Interval = _NONE
-    repeats: int = 1
-    needed: int | None = None
-    agents: tuple[str, ...] = ()
+    parts: tuple[Part, ...] = ()
+    outcome: str = UNDECIDED
+    rule: str = ""
+    shown: Effect | None = None
 
     @property
-    def decided(self) -> bool:
-        """Whether more repeats are not called for."""
-        return self.outcome != UNDECIDED
+    def level(self) -> float:
+        """The smallest level at which it is decided: all parts inside, or any one outside."""
+        return min(self._inside, self._outside)
 
+    @property
+    def _inside(self) -> float:
+        return max(part.inside for part in self.parts)
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Statement:
-    """Something that the paper says of an item; None: not run in that protocol."""
+    @property
+    def _outside(self) -> float:
+        return len(self.parts) * min(part.outside for part in self.parts)
 
-    text: str
-    recorded: Evidence | None  # on recorded percepts, or where no percept is drawn
-    published: Evidence | None = None  # in the published code's protocol
-
-    def as_dict(self) -> dict[str, str | int | None]:
-        """Return the statement as results/ keep it."""
-        own, code = self.recorded, self.published
-        both = [one for one in (own, code) if one is not None]
-        open_ = [one for one in both if not one.decided]
-        counted = open_ or both
-        needed = [one.needed for one in open_ if one.needed is not None]
+    def judge(self, level: float) -> dict[str, Any]:
+        """Judge it at a level; the part that decides it, or keeps it open, is shown."""
+        if not self.parts:
+            told: dict[str, Any] = dict.fromkeys(
+                ("estimate", "interval", "units", "level", "needed")
+            )
+            told |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact"}
+            return told | (_told(self.shown, _LEVEL) | {"level": _LEVEL} if self.shown else {})
+        outcome = UNDECIDED
+        if self.level <= level:
+            outcome = STANDS if self._inside <= self._outside else FALLS
+        shown = min(self.parts, key=lambda part: part.outside)
+        if outcome != FALLS:
+            shown = max(self.parts, key=lambda part: part.inside)
+            more = len(self.parts) - 1
+        else:
+            more = 0
+        effect, own = shown.effect, level if outcome != FALLS else level / len(self.parts)
+        rule = shown.rule + (f", and {more} more" if more else "")
+        needed = shown.needed(own) if outcome == UNDECIDED else None
         return {
-            "text": self.text,
-            "recorded": own.outcome if own else None,
-            "published": code.outcome if code else None,
-            "repeats": min((one.repeats for one in counted), default=0),
-            "needed": max(needed, default=None),
+            "outcome": outcome,
+            "rule": rule,
+            **_told(effect, own),
+            "level": own,
+            "needed": f"{needed} {effect.unit}" if needed else None,
         }
 
 
-def mean_interval(values: ArrayLike, clusters: ArrayLike) -> Interval:
-    """Return the mean with its 95 % interval over clusters.
+def above(effect: Effect, bound: float, *, of: str = "it") -> Evidence:
+    """State that a quantity exceeds a bound.
 
-    Where all cases are right, or all are wrong, it reaches by the rule of three.
+    >>> above(Effect(2.0, 0.1, 10), 0).judge(0.05)["outcome"]
+    'stands'
+    """
+    return Evidence((Part(of, effect, low=bound),))
+
+
+def below(effect: Effect, bound: float, *, of: str = "it") -> Evidence:
+    """State that a quantity is less than a bound."""
+    return Evidence((Part(of, effect, high=bound),))
+
+
+def within(effect: Effect, low: float, high: float, *, of: str = "it") -> Evidence:
+    """State that a quantity lies in a range."""
+    return Evidence((Part(of, effect, low, high),))
+
+
+def every(statements: Sequence[Evidence]) -> Evidence:
+    """State that all of them hold."""
+    return Evidence(tuple(part for one in statements for part in one.parts))
+
+
+def best(differences: Mapping[str, Effect], *, of: str) -> Evidence:
+    """State that one is ahead of every other, from its differences by their names."""
+    return every(
+        [above(found, 0, of=f"{of}: the lead over {n}") for n, found in differences.items()]
+    )
+
+
+def fact(holds: bool, rule: str) -> Evidence:
+    """Judge what no luck enters."""
+    return Evidence(outcome=STANDS if holds else FALLS, rule=rule)
+
+
+def constructed(rule: str) -> Evidence:
+    """Mark what was fitted, is read back from settings, or is chance: it is no evidence."""
+    return Evidence(outcome=CONSTRUCTED, rule=rule)
+
+
+def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
+    """Judge one trial of the paper: it stands if another split might as well have given it.
+
+    The printed value lies inside the 95 % prediction interval of one more split, or it falls.
     """
     x = np.asarray(values, float)
-    found, reach = paired_difference(x, np.zeros_like(x), clusters), 3 / len(x)
-    if x.min() == x.max() and x[0] in (0.0, 1.0):
-        low, high = max(0.0, float(x[0]) - reach), min(1.0, float(x[0]) + reach)
-        return Interval(float(x[0]), found.se, low, high)
-    return found
+    x = x[~np.isnan(x)]
+    spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
+    one = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
+                 method="prediction interval of one split")  # fmt: skip
+    _, _, low, high = one.interval(1 - _LEVEL)
+    outcome = UNDECIDED if math.isnan(low) else STANDS if low <= printed <= high else FALLS
+    return Evidence(outcome=outcome, rule=f"{printed:g} is one of our splits' {of}", shown=one)
 
 
 def change_of_means(
     first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike
-) -> Interval:
-    """Return the mean of first - second where the tasks differ; clusters in both are paired."""
+) -> Effect:
+    """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
     sides = []
     for values, clusters in ((first, first_clusters), (second, second_clusters)):
         x, names = np.asarray(values, float), np.asarray(clusters)
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
-    means = [[side[name] for name in shared] for side in sides]
-    return paired_difference(means[0], means[1], shared)
+    return clustered([sides[0][name] - sides[1][name] for name in shared], shared)
 
 
-def above(
-    interval: Interval, bound: float, repeats: int, agents: Sequence[str] = (), *, of: str = "it"
-) -> Evidence:
-    """Judge that a quantity exceeds a bound: the whole interval must lie above it.
-
-    >>> above(Interval(2.0, 1.0, 0.5, 3.5), 0, 10).outcome
-    'stands'
-    >>> above(Interval(2.0, 1.0, -0.5, 4.5), 0, 10).needed
-    16
-    """
-    rule = f"{of} is above {bound:g}"
-    if interval.low > bound:
-        return Evidence(STANDS, rule, interval, repeats, None, tuple(agents))
-    if interval.high < bound:
-        return Evidence(FALLS, rule, interval, repeats, None, tuple(agents))
-    return _undecided(rule, interval, abs(interval.estimate - bound), repeats, agents)
-
-
-def below(
-    interval: Interval, bound: float, repeats: int, agents: Sequence[str] = (), *, of: str = "it"
-) -> Evidence:
-    """Judge that a quantity is less than a bound."""
-    mean, se, low, high = interval
-    turned = above(Interval(-mean, se, -high, -low), -bound, repeats, agents)
-    return dataclasses.replace(turned, rule=f"{of} is below {bound:g}", interval=interval)
-
-
-def within(
-    interval: Interval, low: float, high: float, repeats: int, agents: Sequence[str] = (), *,
-    of: str = "it",
-) -> Evidence:  # fmt: skip
-    """Judge that a quantity lies in a range: its whole interval must."""
-    rule = f"{of} is in [{low:.5g}, {high:.5g}]"
-    if low <= interval.low and interval.high <= high:
-        return Evidence(STANDS, rule, interval, repeats, None, tuple(agents))
-    if interval.high < low or interval.low > high:
-        return Evidence(FALLS, rule, interval, repeats, None, tuple(agents))
-    distance = min(abs(interval.estimate - low), abs(interval.estimate - high))
-    return _undecided(rule, interval, distance, repeats, agents)
-
-
-def every(parts: Iterable[Evidence]) -> Evidence:
-    """Judge that all parts stand; one that falls decides, and the weakest is what is shown."""
-    found = list(parts)
-    for outcome in (FALLS, UNDECIDED, STANDS):
-        own = [part for part in found if part.outcome == outcome]
-        if own:
-            shown = min(own, key=lambda part: part.interval.estimate)
-            agents = tuple(dict.fromkeys(name for part in own for name in part.agents))
-            needed = [part.needed for part in own if part.needed is not None]
-            return dataclasses.replace(shown, needed=max(needed, default=None), agents=agents)
-    raise ValueError("no parts")
-
-
-def best(
-    differences: Mapping[str, Interval], repeats: int, agents: Sequence[str] = (), *,
-    of: str = "measure",
-) -> Evidence:  # fmt: skip
-    """Judge that one is ahead of every other; a tie with any of them leaves it undecided.
+def judged(
+    evidence: Mapping[str, Mapping[str, Evidence | None]], central: Sequence[str], where: str
+) -> list[dict[str, Any]]:
+    """Judge the statements of an item, protocol by protocol, as results/ keep them.
 
     Parameters
     ----------
-    differences : the one less each other, by the other's name.
+    evidence : of statements by their text, by protocol; None where it is not run.
+    central : patterns of the texts on which the verdict rests, named before the run.
+    where : the paper has them.
     """
-    return every(
-        above(found, 0, repeats, (*agents, name), of=f"{of}: the lead over {name}")
-        for name, found in differences.items()
-    )
+    rows = []
+    for protocol, statements in evidence.items():
+        tested = [one.level for one in statements.values() if one is not None and one.parts]
+        levels = iter(holm(tested)) if tested else iter(())
+        for text, one in statements.items():
+            facts: dict[str, Any] = {"outcome": None}
+            if one is not None:
+                facts = one.judge(float(next(levels)) if one.parts else 0.0)
+            rows.append({
+                "text": text, "where": where, "protocol": protocol,
+                "central": any(fnmatch(text, pattern) for pattern in central), "looks": 1, **facts,
+            })  # fmt: skip
+    return rows
 
 
-def at_least(count: int, parts: Sequence[Evidence], *, of: str) -> Evidence:
-    """Judge that no fewer than `count` of the parts stand."""
-    outcomes = [part.outcome for part in parts]
-    rule = f"at least {count} of {len(parts)} {of}"
-    share = Interval(float(outcomes.count(STANDS)), math.nan, outcomes.count(STANDS),
-                     len(parts) - outcomes.count(FALLS))  # fmt: skip
-    repeats = min(part.repeats for part in parts)
-    agents = tuple(dict.fromkeys(name for part in parts for name in part.agents))
-    if share.low >= count:
-        return Evidence(STANDS, rule, share, repeats, None, agents)
-    if share.high < count:
-        return Evidence(FALLS, rule, share, repeats, None, agents)
-    open_ = sorted(part.needed for part in parts if part.needed is not None)
-    lacking = min(count - int(share.low), len(open_))
-    return Evidence(UNDECIDED, rule, share, repeats, open_[lacking - 1] if open_ else None, agents)
+def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
+    """Return the verdict on an item: that of its central statements, with its counts.
 
+    A statement is judged on recordings; a printed number under the paper's own settings alone.
 
-def fact(holds: bool, rule: str) -> Evidence:
-    """Judge what no luck enters."""
-    return Evidence(STANDS if holds else FALLS, rule)
-
-
-def constructed(rule: str) -> Evidence:
-    """Mark what was fitted, or read back from settings: it is no evidence."""
-    return Evidence(CONSTRUCTED, rule)
-
-
-def joined(
-    recorded: Mapping[str, Evidence | None] | None,
-    published: Mapping[str, Evidence | None] | None,
-) -> tuple[Statement, ...]:
-    """Join the outcomes of both protocols, by text."""
-    own, code = recorded or {}, published or {}
-    texts = dict.fromkeys([*own, *code])
-    return tuple(Statement(text, own.get(text), code.get(text)) for text in texts)
-
-
-def counts(outcomes: Iterable[str | None]) -> dict[str, int]:
-    """Count outcomes, those that are None left out."""
-    found = list(outcomes)
-    return {outcome: found.count(outcome) for outcome in OUTCOMES}
-
-
-def verdict(statements: Sequence[Mapping[str, str | int | None]]) -> str:
-    """Return the verdict on an item from its statements, with its counts.
-
-    >>> verdict([{"recorded": "stands", "published": None}])
+    >>> verdict([{"text": "a", "protocol": "recorded", "central": True, "outcome": "stands"}])
     'reproduced (1 stands)'
     """
-    own, code = (counts(one[side] for one in statements) for side in ("recorded", "published"))  # type: ignore[misc]
-    told = " (" + "; in the published protocol ".join(filter(None, map(_told, (own, code)))) + ")"
-    if not statements:
+    recorded = {one["text"] for one in statements if one["protocol"] == RECORDED}
+    deciding = [
+        one["outcome"]
+        for one in statements
+        if one["central"] and (one["protocol"] == RECORDED or one["text"] not in recorded)
+        and one["protocol"] != OURS
+    ]  # fmt: skip
+    number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
+    told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)
+    if not deciding:
         return "nothing to judge"
-    if not _judged(own):
-        if _judged(code):
-            return "not run on recordings" + (
-                f" (in the published protocol {_told(code)})" if not _told(own) else told
-            )
-        return ("by construction" if own[CONSTRUCTED] or code[CONSTRUCTED] else "not run") + (
-            told if _told(own) or _told(code) else ""
-        )
-    fell = [one for one in statements if one["recorded"] == FALLS]
-    if fell:
-        only = not code[FALLS] and all(one["published"] == STANDS for one in fell)
-        word = "reproduced only in the published protocol" if only else "not reproduced"
+    if number[FALLS]:
+        word = "not reproduced" if not number[STANDS] else "reproduced in part"
+    elif None in deciding:
+        word = "not run"
+    elif number[UNDECIDED]:
+        word = "undecided" if not number[STANDS] else "reproduced in part"
     else:
-        word = "undecided" if own[UNDECIDED] else "reproduced"
-    return word + told
+        word = "reproduced" if number[STANDS] else CONSTRUCTED
+    return f"{word} ({told})" if told else word
 
 
-def _judged(found: Mapping[str, int]) -> int:
-    return sum(found[outcome] for outcome in (STANDS, FALLS, UNDECIDED))
+def _told(effect: Effect, level: float) -> dict[str, Any]:
+    _, _, low, high = effect.interval(1 - level)
+    return {
+        "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
+        "units": f"{effect.units} {effect.unit}",
+    }  # fmt: skip
 
 
-def _told(found: Mapping[str, int]) -> str:
-    words = dict(zip(OUTCOMES, ("stands", "falls", "undecided", "by construction"), strict=True))
+def _counted(number: int, outcome: str) -> str:
     plural = {STANDS: "stand", FALLS: "fall"}
-    return ", ".join(
-        f"{number} {plural.get(outcome, words[outcome]) if number > 1 else words[outcome]}"
-        for outcome, number in found.items()
-        if number
-    )
-
-
-def _undecided(
-    rule: str, interval: Interval, distance: float, repeats: int, agents: Sequence[str]
-) -> Evidence:
-    """Leave it undecided, with the repeats whose interval would not reach the bound."""
-    reach, needed = interval.high - interval.estimate, None
-    if math.isfinite(reach) and distance > 0:
-        needed = max(math.ceil(repeats * (reach / distance) ** 2), repeats + 1)
-    return Evidence(UNDECIDED, rule, interval, repeats, needed, tuple(agents))
+    return f"{number} {plural.get(outcome, outcome) if number > 1 else outcome}"

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import meal_bayes
-from meal_bayes.agents import OfflineRunner, Trial, load_agent, trials_frame
+from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
 from meal_bayes.display import bar_html, card, level_names, short_repr, table_html
 from meal_bayes.domain import load_domain
@@ -17,6 +17,7 @@ from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.posterior import draw_grid
+from meal_bayes.trials import Trial, trials_frame
 
 LONGEST = 2000  # characters
 
@@ -120,6 +121,11 @@ def test_the_frame_of_a_trial_holds_its_steps(trial):
     silent = [step.observation is None for step in trial.steps]
     assert frame["percept_beans"].isna().tolist() == silent
     assert frame["action"].iloc[-1] == "report heavy, beans"
+    assert not frame["warning"].any()
+    warned = (dataclasses.replace(trial.steps[0], warning="no percept of look: dark"),)
+    broken = dataclasses.replace(trial, steps=(*warned, *trial.steps[1:]))
+    assert broken.to_frame()["warning"].iloc[0] == "no percept of look: dark"
+    assert "no percept of look: dark" in repr(broken)
 
 
 def test_frames_of_a_run_say_what_its_summary_says(tmp_path):

@@ -169,3 +169,9 @@ def test_run_offline_needs_a_process(tmp_path):
     config = meal_bayes.OfflineConfig("roc36", trials=1, agents=("greedy",))
     with pytest.raises(SettingsError, match="jobs is 0"):
         meal_bayes.run_offline(config, logs=tmp_path, jobs=0)
+
+
+def test_no_file_is_longer_than_350_lines():
+    files = SOURCE.parent.rglob("*.py")
+    lines = {path.name: len(path.read_text("utf-8").splitlines()) for path in files}
+    assert {name: count for name, count in lines.items() if count > 350} == {}

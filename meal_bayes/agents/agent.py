@@ -30,7 +30,7 @@ class Agent:
     shared_trait : percepts of an object may err together.
     base_rates : the prior belief comes from the training objects; otherwise it is uniform.
     levels : K of its percepts.
-    abstain : its planner may end a trial by an illegal behavior.
+    abstain : it may answer "I do not know".
     discount : of a step, in planning only; 1 plans for the reward that is reported.
     observation_model : of one's own: takes knowledge and the positions of the N queried attributes,
         returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes` (N,2,C), or None for

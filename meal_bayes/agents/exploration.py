@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from meal_bayes.agents.experience import Experience
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Query
 from meal_bayes.momdp import ITRS, MOMDP, Objective, build_momdp, observation_entropy, shape_reward
@@ -30,27 +29,32 @@ class Progress:
 
     Attributes
     ----------
-    knowledge, experience : so far.
-    valued : returns (P,E) `information_value` at the last refit, s a query.
-    queries : about each attribute, to come.
-    counted : objects whose labelled instances are experience (Eq. 10).
+    knowledge : Knowledge
+        So far.
+    valued : callable
+        Returns (P,E) `information_value` at the last refit, s a query.
+    queries : float
+        About each attribute, to come.
+    unit : float
+        Labelled instances that make one unit of experience, delta of Eq. 10.
+    instances : (P,E) int array
+        Labelled instances: delta x IE of Eq. 10.
+    objects : (P,E) int array
+        Objects with a labelled instance.
+    fresh : (P,E) bool array
+        Whether the object at hand has none.
+    labeled : (P,) bool array
+        Attributes of the object at hand that were labeled before and are remembered.
     """
 
     knowledge: Knowledge
-    experience: Experience
     valued: Callable[[], Array]
     queries: float
-    counted: NDArray[np.intp]
-
-    @property
-    def delta(self) -> float:
-        """Labelled instances that make one unit of experience (Eq. 10)."""
-        return float(self.experience.labels.shape[2] * len(self.counted))
-
-    @property
-    def instances(self) -> NDArray[np.int64]:
-        """Labelled instances, (P,E): delta x IE of Eq. 10."""
-        return self.experience.evidence(self.counted)
+    unit: float
+    instances: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    fresh: NDArray[np.bool_]
+    labeled: NDArray[np.bool_]
 
 
 class ExplorationBonus(Protocol):
@@ -65,13 +69,12 @@ class ExplorationBonus(Protocol):
     @property
     def paid(self) -> float: ...  # noqa: D102  in the class's docstring
 
-    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus for exploring.
 
         Parameters
         ----------
         momdp : of the query, without a bonus.
-        object_index : the object at hand; None: one of which nothing is recorded.
         progress : what the robot has learned so far.
         """
         ...
@@ -83,7 +86,7 @@ class NoBonus:
 
     paid: float = np.inf
 
-    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP as it is."""
         return momdp
 
@@ -96,9 +99,9 @@ class ITRSBonus:
     beta: float = 30.0
     paid: float = np.inf
 
-    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
-        return _itrs(momdp, ITRS(self.alpha, self.beta, progress.delta), progress)
+        return _itrs(momdp, ITRS(self.alpha, self.beta, progress.unit), progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +110,7 @@ class FittedITRSBonus:
 
     paid: float = np.inf
 
-    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
         return _itrs(momdp, fitted_weights(progress), progress)
 
@@ -118,12 +121,12 @@ class InformationBonus:
 
     paid: float = 1.0
 
-    def shape(self, momdp: MOMDP, object_index: int | None, progress: Progress) -> MOMDP:
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""
         domain = progress.knowledge.domain
         columns = domain.columns(momdp.query.attributes)
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
-        bonus[0] = first_percept_value(progress, object_index, columns)[:, None]
+        bonus[0] = first_percept_value(progress, columns)[:, None]
         return replace(momdp, bonus=bonus)
 
 
@@ -157,22 +160,18 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))
 
 
-def first_percept_value(progress: Progress, object_index: int | None, columns: list[int]) -> Array:
+def first_percept_value(progress: Progress, columns: list[int]) -> Array:
     """Compute the value of a first percept of each behavior to the queries to come, (E,), s.
 
     Parameters
     ----------
-    object_index : the object at hand; recordings of it in D add no value. None: a new object.
+    progress : of which D holds recordings of the object that add no value.
     columns : the queried attributes; with memory, those labeled before count as well. (Those
         labeled later would too, but to record for them first costs more than it brings.)
     """
-    experience = progress.experience
-    new = np.zeros(progress.instances.shape, np.bool_)  # (P,E)
+    new = np.tile(progress.labeled[:, None], progress.instances.shape[1])  # (P,E)
     new[columns] = True
-    if object_index is not None:
-        if experience.memory:
-            new |= experience.object_labels[object_index][:, None] >= 0
-        new &= ~experience.recorded()[object_index].T
+    new &= progress.fresh
     return np.asarray((_object_value(progress) * new).sum(axis=0))
 
 
@@ -182,15 +181,15 @@ def fitted_weights(progress: Progress) -> ITRS:
     alpha Ent - beta IE, averaged over the truths, is fitted to the value of a first percept over
     all attributes and behaviors.
     """
-    knowledge, delta = progress.knowledge, progress.delta
+    knowledge, unit = progress.knowledge, progress.unit
     domain, senses = knowledge.domain, _senses(knowledge)
     confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
     momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
     entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
     value = _object_value(progress)[:, senses]
-    ie = progress.instances[:, senses] / delta
+    ie = progress.instances[:, senses] / unit
     (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), value.ravel())
-    return ITRS(float(alpha), float(beta), delta)
+    return ITRS(float(alpha), float(beta), unit)
 
 
 def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
@@ -202,8 +201,7 @@ def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
 
 def _object_value(progress: Progress) -> Array:
     """Compute the value of one more object in each table, (P,E), s; it falls with their number."""
-    objects = progress.experience.recorded().sum(axis=0).T  # (P,E)
-    return np.asarray(progress.queries * progress.valued() / (objects + 1))
+    return np.asarray(progress.queries * progress.valued() / (progress.objects + 1))
 
 
 def _senses(knowledge: Knowledge) -> NDArray[np.bool_]:

@@ -13,7 +13,6 @@ from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.planners import (
     POMCP,
-    Factored,
     Greedy,
     OpenLoop,
     Predefined,
@@ -21,8 +20,6 @@ from meal_bayes.planners import (
     RandomLegal,
     Solver,
 )
-
-_POINTS = (0, 2_000, 2_000, 50_000)  # of the grid that solves the paper's problem, by N
 
 
 def _random(domain: Domain, query: Query) -> Solver:
@@ -51,20 +48,15 @@ def _pomcp(domain: Domain, query: Query) -> Solver:
     return POMCP()
 
 
-def _optimal(domain: Domain, query: Query) -> Solver:
-    return Factored(_POINTS[len(query)]) if len(query) < len(_POINTS) else POMCP()
-
-
 def _open_loop(domain: Domain, query: Query) -> Solver:
     return OpenLoop()
 
 
 _LEGAL = Agent("random_legal", _random_legal)
 # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-_MORC = Agent("morc", _optimal, abstain=True)
+_MORC = Agent("morc", _pomcp, abstain=True)
 _ITERATIVE = replace(_MORC, name="iterative_morc")
-# Its shaped rewards (Eq. 11) are those of a tree search.
-_ITRS = replace(_MORC, name="morc_itrs", solver=_pomcp, exploration=ITRSBonus())
+_ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())
 # Ours: graded percepts, objects differ and may seem what they are not, prior from the training
 # objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
 _BAYES = Agent(

@@ -1,17 +1,14 @@
 """Algorithm 1: from a query to a report, about an object left out of everything learned."""
 
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.agent import Agent
-from meal_bayes.agents.experience import replayable
-from meal_bayes.agents.inner_loop import Environment, Recorder, Streams, run_trial
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
@@ -20,8 +17,9 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, recorded_percepts, sampled_percepts
 from meal_bayes.planners import Policy
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.robots import CheckedRobot, RecordedRobot
+from meal_bayes.robots import Boundary, RecordedRobot, replayable
 from meal_bayes.seeds import stream
+from meal_bayes.trials import Environment, Session, Streams, Task, Trial, run_trial
 
 _PERCEPTS = ("recorded", "model")
 _KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
@@ -67,40 +65,43 @@ class OfflineRunner:
             labels = np.where(self.table.labels < 0, self.labels, self.table.labels)
             self.table = replace(self.table, labels=labels)
 
-    def run(
-        self,
-        task: Task,
-        *,
-        on_step: Callable[[Step], None] | None = None,
-        recorder: Recorder | None = None,
-    ) -> Trial:
-        """Run one trial (Alg. 1). Equal seeds and tasks give equal trials."""
+    def run(self, task: Task, **options: Any) -> Trial:
+        """Run one trial (Alg. 1). Equal seeds and tasks give equal trials.
+
+        Parameters
+        ----------
+        task : Task
+            What is asked, of which object.
+        options :
+            Of `Session`.
+        """
         momdp, policy = self.prepare(task)
-        return run_trial(
-            task,
-            momdp,
-            policy,
-            self.environment(task),
-            agent=self.agent.name,
-            on_step=on_step,
-            recorder=recorder,
+        session = Session(
+            task, momdp, policy, self.environment(task), agent=self.agent.name, **options
+        )
+        return run_trial(session, self.robot(task))
+
+    def problem(self, task: Task) -> MOMDP:
+        """Build the query's MOMDP from what is known without the object."""
+        counts = replayable(self.table)[task.object_index]
+        columns, known = self.table.domain.columns(task.query.attributes), None
+        if self.labels is not None and self.agent.memory:
+            known = self.labels[task.object_index, columns]
+        return self.agent.model(
+            task.query,
+            self.knowledge(task.object_index),
+            limit=counts if self.percepts == "recorded" else np.inf,
+            reward=self.reward,
+            labels=known,
         )
 
     def prepare(self, task: Task) -> tuple[MOMDP, Policy]:
-        """Build and solve the query's MOMDP from what is known without the object."""
+        """Build and solve the query's MOMDP; policies used lately are kept."""
         key = (task.object_index, task.query.attributes)
         if key not in self._policies:
-            counts = replayable(self.table)[task.object_index]
-            columns = self.table.domain.columns(key[1])
+            momdp, solver = self.problem(task), self.agent.solver(self.table.domain, task.query)
             rng = stream(self.seed, "solver", self.agent.name, task.object_name, *key[1])
-            self._policies[key] = self.agent.prepare(
-                task.query,
-                self.knowledge(task.object_index),
-                rng,
-                limit=counts if self.percepts == "recorded" else np.inf,
-                reward=self.reward,
-                labels=None if self.labels is None else self.labels[task.object_index, columns],
-            )
+            self._policies[key] = momdp, solver.solve(momdp, rng)
             if len(self._policies) > _KEPT:
                 self._policies.popitem(last=False)
         self._policies.move_to_end(key)
@@ -120,22 +121,25 @@ class OfflineRunner:
             self._knowledge[held_out] = known
         return self._knowledge[held_out]
 
-    def environment(self, task: Task) -> Environment:
-        """Return the environment of a trial, with random streams of the trial's own."""
-        domain = self.table.domain
-        columns = domain.columns(task.query.attributes)
-        robot = RecordedRobot(
-            domain,
+    def robot(self, task: Task) -> RecordedRobot:
+        """Return a robot that replays the task's object, with random streams of the trial's own."""
+        return RecordedRobot(
+            self.table.domain,
             task.object_index,
             replayable(self.table)[task.object_index],
             stream(self.seed, "recordings", *task.key),
             stream(self.seed, "robot", *task.key),
             repeats=self.percepts == "model",
         )
+
+    def environment(self, task: Task) -> Environment:
+        """Return the environment of a trial, with random streams of the trial's own."""
+        domain = self.table.domain
+        columns = domain.columns(task.query.attributes)
         return Environment(
-            CheckedRobot(robot, domain, object_index=task.object_index),
+            Boundary(domain, object_index=task.object_index),
             self._perceiver(task),
-            Streams.of(self.seed, task, self.agent.name),
+            Streams.of(self.seed, task.key, self.agent.name),
             self.table.labels[task.object_index, columns],
             self.knowledge(task.object_index).posterior.counts[columns],
         )

@@ -7,6 +7,7 @@ Results go to standard output, progress and notes to standard error.
 import click
 
 from meal_bayes.cli.ask import ask
+from meal_bayes.cli.compare import compare
 from meal_bayes.cli.data import data
 from meal_bayes.cli.demo import demo
 from meal_bayes.cli.doctor import doctor
@@ -26,7 +27,8 @@ run.add_command(online)
 
 
 _COMMANDS = [
-    demo, ask, memory, run, reproduce, view, report, posterior, data, log, export, sim, doctor,
+    demo, ask, memory, run, reproduce, view, report, compare, posterior, data, log, export, sim,
+    doctor,
 ]  # fmt: skip
 
 

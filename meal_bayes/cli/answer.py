@@ -1,9 +1,9 @@
 """Answering one question: run the trial, log it, and return its facts as JSON values."""
 
 import math
-import re
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.console import Console
 
-    from meal_bayes.agents import Step, Task, Trial
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.learner import LabeledTrial
+    from meal_bayes.trial_log import ObjectLabels
+    from meal_bayes.trials import Step, Task, Trial
 
 
 def answer(
@@ -28,30 +28,38 @@ def answer(
     logs: Path,
     config: Mapping[str, object],
     console: "Console | None" = None,
-    labeled_trials: "Sequence[LabeledTrial]" = (),
+    labels: "Sequence[ObjectLabels] | None" = None,
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task, and return it with the path of its log.
 
     Parameters
     ----------
-    config : of the log's header; its "command" begins the log's name.
-    console : where the trial is printed while it runs, if anywhere.
-    labeled_trials : labels that people gave before.
+    config : Mapping[str, object]
+        Of the log's header; its "command" begins the log's name.
+    console : Console | None
+        Where the trial is printed while it runs, if anywhere.
+    labels : Sequence[ObjectLabels] | None
+        That people gave before, to objects that the agent recognizes.
     """
     from meal_bayes.cli.narration import Narrator
-    from meal_bayes.files import check_folder
+    from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
 
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
     check_folder(logs)  # once the agent is known to be one
     start = time.perf_counter()
-    learner.resume(table, labeled_trials, [False] * len(labeled_trials))
-    narrator = None if console is None else Narrator(console, task, learner.problem(task))
+    learner.fit(table)
+    if labels is not None:
+        learner.agent = replace(learner.agent, memory=True)
+    for one in labels or ():
+        if one.object_name in table.objects:
+            values = {name: v for name, v in one.values.items() if name in table.domain.attributes}
+            learner.tell(one.object_name, values)
+    narrator = None if console is None else Narrator(console, task, learner.runner.problem(task))
     with showing_compilation():
-        trial = learner.replay(task, on_step=None if narrator is None else narrator.step)
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", task.object_name)[:60]
-    path = logs / f"{config['command']}-{name}-{digest(config)}.mcap"
+        trial = learner.runner.run(task, on_step=None if narrator is None else narrator.step)
+    path = logs / f"{config['command']}-{file_name(task.object_name)}-{digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:
         log.write(trial, seconds=time.perf_counter() - start)

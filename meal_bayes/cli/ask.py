@@ -19,12 +19,7 @@ from meal_bayes.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from meal_bayes.agents import Trial
-    from meal_bayes.datasets import PerceptTable
-    from meal_bayes.learner import LabeledTrial
-    from meal_bayes.trial_log import ObjectLabels
+    from meal_bayes.trials import Trial
 
 
 @click.command(short_help="Ask about one object.")
@@ -66,7 +61,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         config["labels_before"] = number
     trial, path = answer(
         table, task, agent=agent_value(config["agent"]), seed=config["seed"], logs=logs,
-        config=config, labeled_trials=_labeled_trials(memory, table),
+        config=config, labels=memory if learn else None,
     )  # fmt: skip
     if as_json:
         print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
@@ -79,34 +74,17 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _labeled_trials(
-    memory: "Iterable[ObjectLabels]", table: "PerceptTable"
-) -> "list[LabeledTrial]":
-    """Return the labels of a table's objects and attributes."""
-    from meal_bayes.learner import LabeledTrial
-
-    known = set(table.domain.attributes)
-    return [
-        LabeledTrial(
-            ("memory", one.number),
-            one.object_name,
-            {name: value for name, value in one.values.items() if name in known},
-            (),
-        )
-        for one in memory
-        if one.object_name in table.objects
-    ]
-
-
 def _ask_labels(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
     """Ask a person about the answer, and write the labels into the trial's log.
 
     Parameters
     ----------
-    number : position of these labels in the memory.
-    known : attributes that are labeled already, about which nothing is asked.
+    number : int
+        Position of these labels in the memory.
+    known : set[str]
+        Attributes that are labeled already, about which nothing is asked.
     """
-    from meal_bayes.agents import implied
+    from meal_bayes.learner import implied
     from meal_bayes.trial_log import ObjectLabels, write_labels
 
     names = trial.task.query.attributes

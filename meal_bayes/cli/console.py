@@ -3,16 +3,14 @@
 import contextlib
 import functools
 import json
-import re
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple, NoReturn
 
 import click
-from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
-from rich.measure import Measurement
+from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -38,20 +36,13 @@ Advance = Callable[[int, int], None]  # called with (done, in all)
 class Signs(NamedTuple):
     """Characters beyond ASCII, or their replacements where the output cannot show them."""
 
-    full: str
-    empty: str
-    arrow: str
-    interval: str
-    chosen: str
+    full: str = "\N{FULL BLOCK}"
+    empty: str = "\N{LIGHT SHADE}"
+    arrow: str = "\N{RIGHTWARDS ARROW}"
+    interval: str = "\N{PLUS-MINUS SIGN}"
+    chosen: str = "\N{BLACK RIGHT-POINTING POINTER}"
 
 
-_UNICODE = Signs(
-    "\N{FULL BLOCK}",
-    "\N{LIGHT SHADE}",
-    "\N{RIGHTWARDS ARROW}",
-    "\N{PLUS-MINUS SIGN}",
-    "\N{BLACK RIGHT-POINTING POINTER}",
-)
 _ASCII = Signs("#", ".", "->", "+-", ">")
 
 
@@ -64,7 +55,14 @@ def printable(text: str) -> str:
     >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
     True
     """
-    return text if text.isprintable() else _HIDDEN.sub(_picture, text)
+    if text.isprintable():
+        return text
+    return "".join(
+        sign if sign.isprintable() or sign == "\n"
+        else chr(_PICTURES + ord(sign)) if ord(sign) < _CONTROLS
+        else "\N{REPLACEMENT CHARACTER}"
+        for sign in text
+    )  # fmt: skip
 
 
 def say(text: object) -> None:
@@ -72,43 +70,15 @@ def say(text: object) -> None:
     click.echo(printable(str(text)))
 
 
-_HIDDEN = re.compile(r"[^\n]")
-
-
-def _picture(found: re.Match[str]) -> str:
-    sign = found.group()
-    if sign.isprintable():
-        return sign
-    code = ord(sign)
-    return chr(_PICTURES + code) if code < _CONTROLS else "\N{REPLACEMENT CHARACTER}"
-
-
-class _PrintableHook(RenderHook):
-    """Hook that makes all output of a console printable."""
-
-    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        """Return the renderables, wrapped."""
-        return [_Printable(one) for one in renderables]
-
-
-class _Printable:
-    """A renderable without control characters in its text."""
-
-    def __init__(self, inside: ConsoleRenderable) -> None:
-        self._inside = inside
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield its segments; those that move the cursor are the console's own."""
-        for segment in console.render(self._inside, options):
+class _Console(Console):
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Yield segments of printable text; those that move the cursor are the console's own."""
+        for segment in super().render(renderable, options):
             text = segment.text if segment.control else printable(segment.text)
             yield Segment(text, segment.style, segment.control)
 
-    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        """Return its width."""
-        return Measurement.get(console, options, self._inside)
-
-
-class _Console(Console):
     def on_broken_pipe(self) -> NoReturn:
         """Raise, as the program chooses the exit code."""
         raise BrokenPipeError
@@ -126,7 +96,6 @@ def notes() -> Console:
 
 def _console(*, stderr: bool) -> Console:
     console = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
-    console.push_render_hook(_PrintableHook())
     if console.width < _NARROWEST:  # COLUMNS=0, or a terminal of unknown width
         console.width = _USUAL
     return console
@@ -136,7 +105,9 @@ def new_table(*names: str, left: Collection[str] = ()) -> Table:
     """Return an empty table of these columns, right-justified but for the first and `left`."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for name in names:
-        table.add_column(name, justify="left" if name in (names[0], *left) else "right")
+        justify: JustifyMethod = "left" if name in (names[0], *left) else "right"
+        # The first column holds names, which stay whole.
+        table.add_column(name, justify=justify, no_wrap=name == names[0])
     return table
 
 
@@ -165,7 +136,7 @@ def label_text(label: str) -> Text:
 
 def signs_of(console: Console) -> Signs:
     """Return the characters that a console can show."""
-    return _ASCII if console.options.ascii_only else _UNICODE
+    return _ASCII if console.options.ascii_only else Signs()
 
 
 def note(text: str) -> None:
@@ -183,31 +154,42 @@ def patience(text: str) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+        timer.join()  # its note must not come when the streams are closed
 
 
 @contextlib.contextmanager
 def progress(what: str, unit: str) -> Iterator[Advance]:
-    """Show fraction done and time left: a bar on a terminal, else lines."""
-    console = notes()
-    if not console.is_terminal:
-        yield _lines(console, what, unit)
-        return
+    """Show fraction done, time passed and time left: a bar on a terminal, else lines."""
+    console, start = notes(), time.monotonic()
     columns = (
+        SpinnerColumn("line"),  # moves while a long unit does not
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
         MofNCompleteColumn(),
         TextColumn(f"{unit},"),
+        TimeElapsedColumn(),
         TimeRemainingColumn(),
         TextColumn("left"),
     )
-    with Progress(*columns, console=console, transient=True, expand=True) as bars:
-        task = bars.add_task(printable(what), total=None)
+    # On no terminal rich prints nothing before the end; then a line tells from time to time.
+    bars = Progress(
+        *columns, console=console, transient=True, expand=True, disable=not console.is_terminal
+    )
+    task, first, last = bars.add_task(printable(what), total=None), None, start
 
-        def advance(done: int, total: int) -> None:
-            if bars.tasks[0].total is None:  # what was there before must not count as speed
-                bars.reset(task, completed=done, total=total)
-            bars.update(task, completed=done, total=total)
+    def advance(done: int, total: int) -> None:
+        nonlocal first, last
+        if first is None:  # what was there before must not count as speed
+            first = done
+            bars.reset(task, completed=done, total=total)
+        bars.update(task, completed=done, total=total)
+        now = time.monotonic()
+        if bars.disable and now - last >= _EVERY and first < done < total:
+            last = now
+            left = (now - start) / (done - first) * (total - done)
+            note(f"{what}: {done}/{total} {unit}, {left:.0f} s left")
 
+    with bars:
         yield advance
 
 
@@ -233,38 +215,16 @@ def resumed(units: str) -> Iterator[Advance]:
         raise
 
 
-def _lines(console: Console, what: str, unit: str) -> Advance:
-    start = last = time.monotonic()
-    first = -1
-
-    def advance(done: int, total: int) -> None:
-        nonlocal last, first
-        now = time.monotonic()
-        first = done if first < 0 else first
-        if now - last >= _EVERY and first < done < total:
-            last = now
-            left = (now - start) / (done - first) * (total - done)
-            console.print(f"{what}: {done}/{total} {unit}, {left:.0f} s left", soft_wrap=True)
-
-    return advance
-
-
 @contextlib.contextmanager
 def showing_compilation() -> Iterator[None]:
-    """Show a spinner and seconds while kernels are compiled, once after an install."""
+    """Show that kernels are compiled, once after an install."""
     from meal_bayes.planners import watch_compilation
 
-    text, console = "compiling the planner, once after an install", notes()
-    if not console.is_terminal:
-        announce = functools.cache(functools.partial(note, f"{text} ..."))
-        with watch_compilation(announce, lambda: None):
-            yield
-        return
-    columns = SpinnerColumn("line"), TextColumn(text), TimeElapsedColumn()
-    spinner = Progress(*columns, console=console, transient=True, redirect_stdout=False)
-    spinner.add_task(text, total=None)
+    text, console = "compiling the planner, once after an install ...", notes()
+    status = console.status(text, spinner="line")
+    start = status.start if console.is_terminal else functools.cache(lambda: note(text))
     try:
-        with watch_compilation(spinner.start, spinner.stop):
+        with watch_compilation(start, status.stop):
             yield
     finally:
-        spinner.stop()
+        status.stop()

@@ -25,7 +25,7 @@ _FORMATS = ("pomdp", "pomdpx")
     help="What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
 )  # fmt: skip
 @dataset_option
-@click.option("--query", metavar="A,B,...", help="The attributes asked.")
+@click.option("--query", required=True, metavar="A,B,...", help="The attributes asked.")
 @click.option(
     "--object", metavar="NAME",
     help="Learn without this object, as for a trial about it; from all by default.",
@@ -36,17 +36,6 @@ _FORMATS = ("pomdp", "pomdpx")
 @click.option(
     "--reward", type=Finite(0, LARGEST, min_open=True), metavar="R",
     help="For a right report, and taken for a wrong one; the data set's by default.",
-)  # fmt: skip
-@click.option(
-    "--forbid-illegal", is_flag=True,
-    help="Price illegal behaviors below every report, so that no solver takes one.",
-)  # fmt: skip
-@click.option(
-    "--model", metavar="NAME", help="A reference model (A1 to A5) in place of a data set's query."
-)
-@click.option(
-    "--reference", metavar="DIR",
-    help="Folder of the reference models; MEAL_BAYES_REFERENCE by default.",
 )  # fmt: skip
 @json_option
 def export(file: Path, as_json: bool, **options: Any) -> None:
@@ -60,15 +49,16 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     from meal_bayes.momdp.pomdpx_file import write_pomdpx
 
     kind = options["format"] or file.suffix.removeprefix(".")
-    _check(file, kind, options)
+    if kind not in _FORMATS:
+        raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
     check_output(file, inputs=[options["dataset"]])
-    momdp = _reference(options) if options["query"] is None else _query(options)
+    momdp = _query(options)
     if options["discount"] is not None:
         momdp = replace(momdp, discount=options["discount"])
     if options["reward"] is not None:
         momdp = replace(momdp, correct=options["reward"], incorrect=-options["reward"])
     write = write_pomdp if kind == "pomdp" else write_pomdpx
-    write(momdp, file, forbid_illegal=options["forbid_illegal"])
+    write(momdp, file)
     facts = {
         "file": str(file),
         "format": kind,
@@ -86,30 +76,6 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
         f"{facts['observations']} observations, {facts['bytes']:,} bytes"
     )
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
-
-
-def _check(file: Path, kind: str, options: dict[str, Any]) -> None:
-    """Check that the options go together."""
-    model = options["model"]
-    if kind not in _FORMATS:
-        raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
-    if (model is None) == (options["query"] is None):
-        raise click.UsageError("Give either --query (of a data set) or --model (a reference).")
-    if model is not None and options["object"] is not None:
-        raise click.UsageError("A reference model knows no objects; leave --object out.")
-    if model is None and options["reference"] is not None:
-        raise click.UsageError("--reference goes with --model; leave it out, or name a model.")
-
-
-def _reference(options: dict[str, Any]) -> "MOMDP":
-    from meal_bayes.domain import unknown
-    from meal_bayes.errors import SettingsError
-    from meal_bayes.momdp.reference import load_reference
-
-    models, name = load_reference(options["reference"]), options["model"]
-    if name not in models:
-        raise SettingsError(unknown("reference model", name, models))
-    return models[name]
 
 
 def _query(options: dict[str, Any]) -> "MOMDP":

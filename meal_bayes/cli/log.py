@@ -8,7 +8,7 @@ import click
 from meal_bayes.cli.console import output, print_facts, print_json, say
 from meal_bayes.cli.options import json_option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.values import MOST_TRIALS, Whole
+from meal_bayes.cli.values import MOST_TRIALS
 
 _UNSOUND = 1  # exit code of `check` for a log with problems
 
@@ -20,77 +20,92 @@ def log() -> None:
     """Show, check and recover trial logs."""
 
 
-@log.command()
+@log.command(short_help="Show what logs hold, and the settings of the run.")
 @_file
 @json_option
 def info(file: Path, as_json: bool) -> None:
-    """Show what a whole log holds, and the configuration of its run."""
-    from meal_bayes.trial_log import log_info
+    """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
+    from meal_bayes.trial_log import log_files, log_info
 
-    found = log_info(file)
+    infos = list(map(log_info, log_files(file)))
     if as_json:
-        facts = {**dataclasses.asdict(found), "path": str(found.path)}
-        print_json(facts)
+        print_json(_listed([dataclasses.asdict(one) for one in infos], file))
         return
+    size, trials, steps, momdps = (
+        sum(getattr(one, name) for one in infos) for name in ("size", "trials", "steps", "momdps")
+    )
+    forms = ", ".join(dict.fromkeys(one.form for one in infos))
+    files = f" ({len(infos)} files)" if file.is_dir() else ""
     facts = {
-        "file": f"{found.path}, {found.size:,} bytes, format {found.format_version}, {found.form}",
-        "holds": f"{found.trials} trials, {found.steps} steps, {found.momdps} MOMDPs",
+        "file": f"{file}{files}, {size:,} bytes, format {infos[0].format_version}, {forms}",
+        "holds": f"{trials} trials, {steps} steps, {momdps} MOMDPs",
     }
-    for name, value in found.header.items():
-        facts[name] = _as_text(value)
-    print_facts(output(), facts)
+    print_facts(output(), {**facts, **{k: _as_text(v) for k, v in infos[0].header.items()}})
 
 
-@log.command()
+@log.command(short_help="Show one trial step by step; of a compact log its outcome.")
 @_file
 @click.option(
-    "--trial", "number", type=Whole(0, MOST_TRIALS), default=0, show_default=True,
+    "--trial", "number", type=click.IntRange(0, MOST_TRIALS), default=0, show_default=True,
     help="Which trial, counted from 0.",
 )  # fmt: skip
 def show(file: Path, number: int) -> None:
-    """Show one trial of a log step by step."""
+    """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome."""
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.errors import SettingsError
-    from meal_bayes.trial_log import read_trials
+    from meal_bayes.trial_log import Logs
+    from meal_bayes.trials import truth_text
 
-    found = 0
-    for trial in read_trials(file):
-        if found == number:
-            console = output()
-            facts = {
-                "question": f"{', '.join(trial.task.query.attributes)}?",
-                "object": trial.task.object_name,
-                "agent": trial.agent,
-            }
-            print_facts(console, facts)
+    logs, before = Logs(file), 0
+    for group in logs.groups():
+        row = number - before
+        before += len(group.outcomes)
+        if row >= len(group.outcomes):
+            continue
+        outcome = group.outcomes.rows([row])
+        asked = [name for name in outcome.attribute[0] if name]
+        facts = {
+            "question": f"{', '.join(asked)}?",
+            "object": outcome.object_name[0],
+            "agent": outcome.agent[0],
+        }
+        if not group.trials:
+            answer = truth_text(asked, outcome.report[0]) if outcome.answered[0] else "abstained"
+            facts["answer"] = answer
+            facts["truth"] = truth_text(asked, outcome.truth[0][: len(asked)])
+            facts["cost"] = f"{outcome.cost[0]:.1f} s, reward {outcome.reward[0]:.1f}"
+        console = output()
+        print_facts(console, facts)
+        if group.trials:
             console.print()
-            print_trial(console, trial)
-            return
-        found += 1
-    raise SettingsError(f"{file} holds {found} trials; give --trial 0 to {found - 1}.")
+            print_trial(console, group.trials[row])
+        return
+    if not before:
+        logs.complain_of_nothing()
+    raise SettingsError(f"{file} holds {before} trials; give --trial 0 to {before - 1}.")
 
 
-@log.command(short_help="Read a log to its end and list its problems.")
+@log.command(short_help="Read logs to their end and list their problems.")
 @_file
 @json_option
 def check(file: Path, as_json: bool) -> None:
-    """Read a log to its end and list its problems, if any; then the exit code is 1."""
-    from meal_bayes.trial_log import check_log
+    """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
+    from meal_bayes.trial_log import check_log, log_files
 
-    report = check_log(file)
+    reports = list(map(check_log, log_files(file)))
     if as_json:
-        facts = {**dataclasses.asdict(report), "path": str(report.path)}
-        print_json(facts)
+        print_json(_listed([dataclasses.asdict(one) for one in reports], file))
     else:
-        console = output()
-        state = "whole, nothing is missing or changed" if report.whole else "not sound"
-        held = f"{report.trials} trials, {report.steps} steps can be read"
-        facts = {"file": str(report.path), "state": state, "holds": held}
-        if not report.whole:
-            facts["problems"] = "\n".join(report.problems)
-            facts["repair"] = f"meal-bayes log recover {report.path}"
-        print_facts(console, facts)
-    if not report.whole:
+        for report in reports:
+            state = "whole, nothing is missing or changed" if report.whole else "not sound"
+            held = f"{report.trials} trials, {report.steps} steps can be read"
+            facts = {"file": str(report.path), "state": state, "holds": held}
+            if not report.whole:
+                facts["problems"] = "\n".join(report.problems)
+                if report.trials:
+                    facts["repair"] = f"meal-bayes log recover {report.path}"
+            print_facts(output(), facts)
+    if not all(report.whole for report in reports):
         click.get_current_context().exit(_UNSOUND)
 
 
@@ -107,6 +122,12 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
         print_json({"path": str(saved.path), "trials": saved.trials})
         return
     say(f"{saved.path}: {saved.trials} whole trials saved")
+
+
+def _listed(facts: list[dict[str, object]], path: Path) -> dict[str, object]:
+    """Return the facts of one log, or of a folder's logs, for JSON."""
+    facts = [{**one, "path": str(one["path"])} for one in facts]
+    return {"files": facts} if path.is_dir() else facts[0]
 
 
 def _as_text(value: object) -> str:

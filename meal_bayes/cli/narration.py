@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from meal_bayes.agents import Step, Task, Trial
     from meal_bayes.momdp import MOMDP
     from meal_bayes.planners import Decision
+    from meal_bayes.trials import Step, Task, Trial
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
@@ -42,9 +42,8 @@ class Narrator:
         self._steps += 1
         self._spent += step.cost
         momdp, action = self._momdp, step.decision.action
-        name = momdp.behavior_names[action] if action < momdp.n_behaviors else "report"
         self._console.print()
-        self._print_heading(f"{self._steps}  {name}")
+        self._print_heading(f"{self._steps}  {momdp.action_label(action)}")
         self._print_values(step.decision, step.x)
         if action >= momdp.n_behaviors:
             return
@@ -74,7 +73,8 @@ class Narrator:
         if not options:
             print_facts(self._console, {"why": "this agent follows a rule and compares nothing"})
             return
-        names = [*momdp.behavior_names, "report now"]
+        abstains = decision.action == momdp.abstention
+        names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
         width, label = max(len(names[option]) for option in options), "why"
         if not self._header_printed:
             self._header_printed = True
@@ -122,7 +122,7 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
 
     With more attributes than the console is wide for, print it as `print_trial` does.
     """
-    from meal_bayes.trial_log.formatting import percept_labels
+    from meal_bayes.trials import percept_labels
 
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
@@ -166,7 +166,7 @@ def _cell(percept: str, p: float, width: int) -> str:
 
 def final_facts(trial: "Trial") -> dict[str, str]:
     """Return texts of the report, its truth, the verdict and the cost."""
-    from meal_bayes.trial_log.formatting import truth_text, verdict_text
+    from meal_bayes.trials import truth_text, verdict_text
 
     facts = {
         "answer": "abstained; every report was too risky",
@@ -199,8 +199,6 @@ def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
     """Return what a behavior led to, as text."""
     action, x, next_x = step.decision.action, step.x, step.next_x
     path = f"{momdp.x_names[x]} {arrow} {momdp.x_names[next_x]}"
-    if not momdp.legal[x, action]:
-        return f"not legal here{', which ends the trial' * (next_x == momdp.terminal)}: {path}"
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:
@@ -214,7 +212,7 @@ def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
 
 def percept_text(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]") -> str:
     """Return the percept of each attribute, as text."""
-    from meal_bayes.trial_log.formatting import percept_labels
+    from meal_bayes.trials import percept_labels
 
     pairs = zip(momdp.query.attributes, percept_labels(momdp, behavior, observation), strict=True)
     return ", ".join(f"{name}: {percept}" for name, percept in pairs)

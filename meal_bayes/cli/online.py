@@ -32,14 +32,14 @@ from meal_bayes.cli.options import (
     logs_option,
     seed_option,
 )
-from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares, Whole
+from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Chance, Finite, Shares
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from meal_bayes.evaluation import LearningSummary
-    from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
+    from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
     Training = Callable[[str], list[TrialOutcomes]]
 
@@ -49,7 +49,7 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 @click.command(short_help="Agents learn while they work, tested after every batch.")
 @dataset_option
 @click.option(
-    "--attributes", type=Whole(1, NAME_LIMIT), default=1, show_default=True, metavar="N",
+    "--attributes", type=click.IntRange(1, NAME_LIMIT), default=1, show_default=True, metavar="N",
     help="Asked at a time.",
 )  # fmt: skip
 @click.option(
@@ -59,20 +59,20 @@ _MOST = 40  # repeats of a run that goes on until it is decided
     "iterative_morc, morc_itrs, bayes and bayes_memory by default.",
 )  # fmt: skip
 @click.option(
-    "--batches", type=Whole(1, MOST_TRIALS), default=10, show_default=True, metavar="B",
+    "--batches", type=click.IntRange(1, MOST_TRIALS), default=10, show_default=True, metavar="B",
     help="Refits.",
 )  # fmt: skip
 @click.option(
-    "--trials", type=Whole(1, MOST_TRIALS), default=40, show_default=True, metavar="T",
+    "--trials", type=click.IntRange(1, MOST_TRIALS), default=40, show_default=True, metavar="T",
     help="Of training, a batch.",
 )  # fmt: skip
 @click.option(
-    "--repeats", type=Whole(1, MOST_TRIALS), metavar="R",
+    "--repeats", type=click.IntRange(1, MOST_TRIALS), metavar="R",
     help="Runs on other splits of the objects; 1 by default.",
 )  # fmt: skip
 @click.option(
     "--until-decided", is_flag=True,
-    help="Run 10, 20, 40, ... repeats until every agent's 90 % interval excludes 0, at most "
+    help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
     f"--repeats, {_MOST} by default.",
 )  # fmt: skip
 @click.option(
@@ -129,9 +129,14 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted continues when the same command is given again.
     """
-    from meal_bayes.agents import PublishedVariants
     from meal_bayes.evaluation import decided, learning_rows, summarize_learning
-    from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
+    from meal_bayes.experiments import (
+        OnlineConfig,
+        PublishedVariants,
+        run_online,
+        run_online_until,
+        warm_up_online,
+    )
 
     how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
     settings["root"] = None if root is None else str(root)
@@ -209,7 +214,7 @@ def _differences(
             *(f"{at.estimate:+.1f}" for at in found),
             f"{one.reward_after_difference:+.1f}",
         )
-    table.caption = f"{spread}: half of the 90 % interval over repeats"
+    table.caption = f"{spread}: half of the 95 % interval over splits"
     return table
 
 

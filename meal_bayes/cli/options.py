@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
-from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, Address, Whole
+from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, Address
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -55,7 +55,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option --seed."""
     return click.option(
         "--seed",
-        type=Whole(0, LARGEST_SEED),
+        type=click.IntRange(0, LARGEST_SEED),
         default=default,
         show_default=True,
         metavar="S",
@@ -84,7 +84,7 @@ logs_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
 jobs_option = click.option(
-    "--jobs", type=Whole(1, MOST_JOBS), default=1, show_default=True, help="Processes."
+    "--jobs", type=click.IntRange(1, MOST_JOBS), default=1, show_default=True, help="Processes."
 )
 cluster_option = click.option(
     "--cluster", type=Address(), metavar="ADDRESS",
@@ -114,7 +114,8 @@ def named_value(name: str) -> Any:
 
     Raises
     ------
-    SettingsError : no such module, or nothing of that name in it.
+    SettingsError
+        No such module, or nothing of that name in it.
     """
     from meal_bayes.domain import unknown
     from meal_bayes.errors import SettingsError

@@ -16,7 +16,7 @@ from meal_bayes.cli.console import (
 )
 from meal_bayes.cli.export import held_out_counts
 from meal_bayes.cli.options import dataset_option, digest, json_option, table_of
-from meal_bayes.cli.values import LARGEST_SEED, Whole
+from meal_bayes.cli.values import LARGEST_SEED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,20 +43,22 @@ _SHOWN = 12  # pairs in the table
 @click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
 @click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
 @click.option(
-    "--levels", type=Whole(2, 8), default=2, show_default=True, metavar="K",
+    "--levels", type=click.IntRange(2, 8), default=2, show_default=True, metavar="K",
     help="Of a percept: 2, 4 or 8.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
     help="Folder of what is written; one in posteriors/ by default.",
 )  # fmt: skip
-@click.option("--draws", type=Whole(10, 100_000), default=1000, show_default=True,
+@click.option("--draws", type=click.IntRange(10, 100_000), default=1000, show_default=True,
               help="Of each chain.")  # fmt: skip
-@click.option("--tune", type=Whole(10, 1_000_000), default=1000, show_default=True,
+@click.option("--tune", type=click.IntRange(10, 1_000_000), default=1000, show_default=True,
               help="Steps before them (pymc).")  # fmt: skip
-@click.option("--chains", type=Whole(2, 64), default=4, show_default=True)
-@click.option("--seed", type=Whole(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
-              help="Equal seeds give equal draws.")  # fmt: skip
+@click.option("--chains", type=click.IntRange(2, 64), default=4, show_default=True)
+@click.option(
+    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
+    help="Equal seeds give equal draws.",
+)  # fmt: skip
 @json_option
 def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.

@@ -1,7 +1,6 @@
 """The command-line program: its exit codes, and its errors in one line."""
 
 import contextlib
-import io
 import logging
 import os
 import sys
@@ -43,10 +42,10 @@ class Program(Section):
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort):
-            _leave(INTERRUPTED)
+            sys.exit(INTERRUPTED)
         except BrokenPipeError:
             _close_output()
-            _leave(INTERRUPTED)
+            sys.exit(INTERRUPTED)
         except click.UsageError as fault:
             hint = f" Try: {fault.ctx.command_path} --help" if fault.ctx is not None else ""
             _fail(f"{fault.format_message()}{hint}")
@@ -58,7 +57,7 @@ class Program(Section):
             _fail(_system_message(fault), SYSTEM)
         except MemoryError:
             _fail("There is not enough memory; ask for less at a time, or close others.", SYSTEM)
-        _leave(code if isinstance(code, int) else 0)
+        sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command; interruptions end without click's messages."""
@@ -72,67 +71,29 @@ class Program(Section):
 
 
 def _hold_streams() -> None:
-    """Open the standard streams that are closed, as the next file would get their numbers."""
-    for number in range(3):
+    """Check that results can be shown, and let every stream show every name."""
+    for number in range(3):  # of closed streams, or the next file, such as a log, would get them
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-    closed = sys.stdout is None
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123
-    plain = sys.__stderr__
-    if plain is not None and sys.stderr is plain:
-        sys.stderr = _Notes(plain.buffer, plain.encoding, "replace", line_buffering=True)
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stderr is None:  # it was closed; notes are lost
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
+    if sys.stdout is None:
+        _fail("Standard output is closed, so nothing could be shown; give it a place.", SYSTEM)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
-    if closed:
-        _fail("Standard output is closed, so nothing could be shown; give it a place.", SYSTEM)
 
 
 def _check_text(arguments: Sequence[str]) -> None:
     """Check that arguments are UTF-8 text, as logs and pages are."""
     for text in arguments:
-        try:
-            text.encode()
-        except UnicodeEncodeError:
+        if not text.isascii() and any("\ud800" <= sign <= "\udfff" for sign in text):
             shown = os.fsencode(text).decode("utf-8", "backslashreplace")
             raise click.UsageError(
                 f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale."
-            ) from None
-        if "\0" in text:
-            raise click.UsageError(f"{text!r} holds a zero byte; leave it out.")
-
-
-class _Notes(io.TextIOWrapper):
-    """Standard error that drops text which cannot be written, as on a full disk."""
-
-    def write(self, text: str) -> int:
-        """Write text, or drop it."""
-        try:
-            return super().write(text)
-        except BrokenPipeError:
-            raise
-        except OSError:
-            self._drop_rest()
-            return len(text)
-
-    def flush(self) -> None:
-        """Flush, or drop the rest."""
-        try:
-            super().flush()
-        except BrokenPipeError:
-            raise
-        except OSError:
-            self._drop_rest()
-
-    def _drop_rest(self) -> None:
-        """Redirect to the null device, or the interpreter would try again at its end."""
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self.fileno())
-        os.close(nowhere)
+            )
 
 
 class _Warnings(logging.Handler):
@@ -170,7 +131,7 @@ def _fail(message: str, code: int = FAILED) -> NoReturn:
         click.echo(f"error: {line}", err=True)
     if code == SYSTEM:
         _close_output()
-    _leave(code)
+    sys.exit(code)
 
 
 def _close_output() -> None:
@@ -178,7 +139,3 @@ def _close_output() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(nowhere, sys.stdout.fileno())
-
-
-def _leave(code: int) -> NoReturn:
-    sys.exit(code)

@@ -17,7 +17,7 @@ from meal_bayes.cli.options import (
     logs_option,
     seed_option,
 )
-from meal_bayes.cli.values import MOST_TRIALS, Whole
+from meal_bayes.cli.values import MOST_TRIALS
 from meal_bayes.errors import DownloadError
 
 _PACKAGE = "paper_repro"
@@ -28,7 +28,7 @@ _PACKAGE = "paper_repro"
 @click.option("--quick", is_flag=True, help="A few trials each; results beside the logs.")
 @click.option(
     "--as-published", is_flag=True,
-    help="The published code's protocol alone: percepts drawn from the learned tables.",
+    help="The paper's own settings alone: percepts drawn from the matrices.",
 )  # fmt: skip
 @seed_option()
 @jobs_option
@@ -39,11 +39,11 @@ _PACKAGE = "paper_repro"
     help=f"Where the items are; {_PACKAGE}/ here or above by default.",
 )  # fmt: skip
 @click.option(
-    "--trials", type=Whole(1, MOST_TRIALS), metavar="T",
-    help="Of an agent offline, at most. By default until every statement is decided.",
+    "--trials", type=click.IntRange(1, MOST_TRIALS), metavar="T",
+    help="Of an agent offline, at most.",
 )  # fmt: skip
 @click.option(
-    "--repeats", type=Whole(0, MOST_TRIALS), metavar="R",
+    "--repeats", type=click.IntRange(0, MOST_TRIALS), metavar="R",
     help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
 @json_option
@@ -84,7 +84,8 @@ def find_package(scripts: Path | None) -> Path:
 
     Raises
     ------
-    click.UsageError : it is not in the named folder, or neither here nor above.
+    click.UsageError
+        It is not in the named folder, or neither here nor above.
     """
     here = Path.cwd()
     tried = [scripts] if scripts else [place / _PACKAGE for place in (here, *here.parents)]

@@ -33,13 +33,13 @@ from meal_bayes.cli.options import (
     table_of,
 )
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite, Whole
+from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.experiments import OfflineConfig, OfflineRun
-    from meal_bayes.trial_log import TrialOutcomes
+    from meal_bayes.trials import TrialOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -53,11 +53,11 @@ def run() -> None:
 @run.command(short_help="Agents answer the same queries about new objects.")
 @dataset_option
 @click.option(
-    "--attributes", type=Whole(1, NAME_LIMIT), default=2, show_default=True, metavar="N",
+    "--attributes", type=click.IntRange(1, NAME_LIMIT), default=2, show_default=True, metavar="N",
     help="Asked at a time.",
 )  # fmt: skip
 @click.option(
-    "--trials", type=Whole(1, MOST_TRIALS), default=400, show_default=True, metavar="T",
+    "--trials", type=click.IntRange(1, MOST_TRIALS), default=400, show_default=True, metavar="T",
     help="For each agent.",
 )  # fmt: skip
 @click.option(

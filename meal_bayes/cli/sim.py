@@ -17,17 +17,24 @@ from meal_bayes.cli.console import (
     progress,
     showing_compilation,
 )
-from meal_bayes.cli.options import agent_value, jobs_option, json_option, logs_option, seed_option
+from meal_bayes.cli.options import (
+    agent_value,
+    digest,
+    jobs_option,
+    json_option,
+    logs_option,
+    seed_option,
+)
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from meal_bayes.agents import Trial
     from meal_bayes.datasets import Dataset
     from meal_bayes.domain import Outcomes, TransitionDiagram
     from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.learner import Learner
     from meal_bayes.robots.frame import Frame
     from meal_bayes.robots.simulated_arm import OnFrame
+    from meal_bayes.trials import Trial
 
 _BLOCK = 20  # trials of one point of the curve
 _STATES = ("from", "to")  # columns
@@ -63,6 +70,8 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
     """
     from meal_bayes.experiments.simulated import outcomes_of, record_objects, save_recordings
 
+    if out.is_dir() and any(out.iterdir()):
+        raise click.UsageError(f"--out {out} holds files already; name a new folder.")
     with progress("recording", "objects") as advance:
         made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
     path = save_recordings(made, out)
@@ -119,7 +128,10 @@ def ask(
         data = simulated.with_learned_success(data, happened)
     seed = options["seed"]
     learner = _fitted(options["agent"], seed, data)
-    log = options["logs"] / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}.mcap"
+    # Other settings, other logs; equal ones make equal trials.
+    config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
+    settings = digest({**config, "question": question, "learn_success": learn_success})
+    log = options["logs"] / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
     watch = _watch(frames) if view or recording is not None else None
     try:
@@ -140,30 +152,16 @@ def ask(
         click.get_current_context().exit(_FAULT)
 
 
-@sim.command(short_help="Begin with one object, and learn while answering.")
+@sim.command(short_help="Begin with nothing, and learn while answering.")
 @click.option("--trials", type=click.IntRange(min=1), default=200, show_default=True)
-@click.option("--explore", type=click.IntRange(min=0), default=40, show_default=True,
-              help="Trials in which random legal behaviors are tried.")  # fmt: skip
-@click.option("--refit-every", type=click.IntRange(min=1), default=20, show_default=True,
-              help="Trials until all classifiers are fitted anew.")  # fmt: skip
 @agent_option
-@success_option
 @seed_option()
 @logs_option
 @json_option
-def live(
-    trials: int,
-    explore: int,
-    refit_every: int,
-    agent: str,
-    learn_success: bool,
-    seed: int,
-    logs: Path,
-    as_json: bool,
-) -> None:
+def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     """Learn from nothing: a random attribute of each new object is asked, then all labels given.
 
-    The robot knows a single object before. At first it explores; then the agent decides.
+    The agent explores for the questions to come; how often behaviors succeed is learned too.
     """
     from meal_bayes.agents import as_agent
     from meal_bayes.domain import Query, load_domain
@@ -171,16 +169,14 @@ def live(
     from meal_bayes.planners import warm_up
 
     chosen = as_agent(agent_value(agent))
-    folder = logs / f"sim-live-{chosen.name}-seed{seed}"
+    settings = digest({"agent": agent, "trials": trials, "seed": seed})
+    folder = logs / f"sim-live-{chosen.name}-seed{seed}-{settings}"
     with showing_compilation():
         warm_up(chosen.solver(load_domain("simulated_arm"), Query(("heavy",))))
     done: list[LiveTrial] = []
     happened: Counter[tuple[str, str, str]] = Counter()
     with progress("learning", "trials") as advance:
-        for one in learn_live(
-            trials, seed, agent=chosen, explore=explore, refit_every=refit_every,
-            learn_success=learn_success, logs=folder,
-        ):  # fmt: skip
+        for one in learn_live(trials, seed, agent=chosen, logs=folder):
             done.append(one)
             if one.trial is not None:
                 happened += outcomes_in(one.trial)
@@ -189,8 +185,7 @@ def live(
         print_json({"trials": [_live_row(one) for one in done], "log": str(folder)})
         return
     _print_curve(done)
-    if learn_success:
-        _print_success(load_domain("simulated_arm").diagram, happened)
+    _print_success(load_domain("simulated_arm").diagram, happened)
     note(f"every trial: meal-bayes log show {folder}")
 
 

@@ -1,5 +1,6 @@
 """Types of option values, whose ranges are checked before any work."""
 
+import math
 import re
 from typing import Any
 
@@ -7,7 +8,7 @@ import click
 
 from meal_bayes.untrusted import LARGEST
 
-__all__ = ["LARGEST", "Address", "Chance", "Finite", "Shares", "Whole"]
+__all__ = ["LARGEST", "Address", "Chance", "Finite", "Shares"]
 MOST_TRIALS = 10_000_000
 MOST_JOBS = 1024
 LARGEST_SEED = 2**63 - 1
@@ -18,44 +19,14 @@ _ADDRESS = re.compile(
 )
 
 
-class Whole(click.ParamType[int]):
-    """A whole number in a range, in plain digits."""
-
-    name = "integer"
-
-    def __init__(self, low: int, high: int) -> None:
-        self._low, self._high = low, high
-        self._expected = f"expected a whole number from {low} to {high}"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> int:
-        """Read the digits, but not 1_0 or digits of other scripts, as Python does."""
-        if isinstance(value, str) and not _WHOLE.fullmatch(value):
-            self.fail(f"{value!r} is not a valid integer; {self._expected}.", param, ctx)
-        if not self._low <= int(value) <= self._high:
-            self.fail(f"{value} is not in the range; {self._expected}.", param, ctx)
-        return int(value)
-
-
-class Finite(click.ParamType[float]):
-    """A finite number in a range; its bounds belong to it unless they are open."""
-
-    name = "number"
-
-    def __init__(
-        self, low: float, high: float, *, min_open: bool = False, max_open: bool = False
-    ) -> None:
-        self._low, self._high, self._open = low, high, (min_open, max_open)
-        words = "above" if min_open else "not below", "below" if max_open else "not above"
-        self._expected = f"expected a finite number {words[0]} {low:g} and {words[1]} {high:g}"
+class Finite(click.FloatRange):
+    """A finite number in a range: click's, which takes NaN, without it."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Read the number; neither NaN nor infinity is one."""
-        if isinstance(value, str) and not _NUMBER.fullmatch(value):
-            self.fail(f"{value!r} is not a valid number; {self._expected}.", param, ctx)
-        number = float(value)
-        at_end = (number == self._low and self._open[0]) or (number == self._high and self._open[1])
-        if at_end or not self._low <= number <= self._high:
-            self.fail(f"{value} is not in the range; {self._expected}.", param, ctx)
+        """Read the number."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not in the range {self._describe_range()}.", param, ctx)
         return number
 
 

@@ -9,22 +9,22 @@ import click
 
 from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
-from meal_bayes.cli.values import MOST_TRIALS, Whole
+from meal_bayes.cli.values import MOST_TRIALS
 from meal_bayes.files import check_output, draft_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-    from meal_bayes.agents import Trial
-    from meal_bayes.cli.console import Advance
     from meal_bayes.trial_log import Logs
+    from meal_bayes.trials import Trial, TrialOutcomes
+    from meal_bayes.viewer import Viewer
     from meal_bayes.viewer.replay import Target
 
 
 @click.command(short_help="Show trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
-    "--trial", "number", type=Whole(0, MOST_TRIALS), metavar="N",
+    "--trial", "number", type=click.IntRange(0, MOST_TRIALS), metavar="N",
     help="Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
 @click.option(
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     help="Write a picture of the viewer and open no window.",
 )  # fmt: skip
 @click.option(
-    "--step", type=Whole(0, MOST_TRIALS), metavar="S",
+    "--step", type=click.IntRange(0, MOST_TRIALS), metavar="S",
     help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
@@ -52,8 +52,9 @@ def view(
 ) -> None:
     """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
 
-    The window has a tab for the trial under the cursor and one for the whole run. The viewer runs
-    on this machine, is reachable from nowhere else, and is started with its telemetry off.
+    The window has a tab for the trial under the cursor and one for the whole run; a compact log,
+    which holds no steps, shows the run. The viewer runs on this machine, is reachable from nowhere
+    else, and is started with its telemetry off; in the page of --web, rerun's own, it is on.
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
@@ -61,21 +62,14 @@ def view(
         raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
     if step is not None and screenshot is None:
         raise click.UsageError("--step says which step a --screenshot shows.")
-    if live:
-        _live(log, web=web)
-    elif save is not None:
+    if screenshot is not None and screenshot.suffix.lower() != ".png":
+        raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
+    if save is not None:
         _save(log, save, number)
     elif screenshot is not None:
-        check_output(screenshot)
-        with temporary_folder() as folder:
-            # rerun shows the file's name
-            recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
-            _record(log, _open(log, number), recording, number)
-            _picture(log, recording, screenshot, number, step)
-    elif web:
-        _serve(log, number)
+        _picture(log, screenshot, number, step)
     else:
-        _show(log, number)
+        _show(log, number, web=web, live=live)
 
 
 @contextlib.contextmanager
@@ -101,8 +95,36 @@ def _save(log: Path, path: Path, number: int | None) -> None:
         check_recording_name(path)
         logs = _open(log, number)
         with draft_of(path, inputs=logs.files) as draft:
-            trials = _record(log, logs, draft, number)
+            trials, _ = _record(log, logs, draft, number)
     say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
+
+
+def _picture(log: Path, path: Path, number: int | None, step: int | None) -> None:
+    from meal_bayes.viewer import take_picture
+
+    check_output(path)
+    with temporary_folder() as folder:
+        # rerun shows the file's name
+        recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
+        _, last = _record(log, _open(log, number), recording, number)
+        take_picture(recording, path, row=last if step is None else step)
+    say(f"{path}: {path.stat().st_size:,} bytes")
+
+
+def _show(log: Path, number: int | None, *, web: bool, live: bool) -> None:
+    """Send trials to a window or a page, so that no file remains."""
+    from meal_bayes.viewer import Viewer
+
+    logs = None if live else _open(log, number)
+    with Viewer(web=web) as viewer:
+        viewer.wait_until_ready()
+        if web:
+            say(f"open {viewer.address}\nthe page is rerun's own; Ctrl-C ends it")
+        if logs is None:
+            _follow(log, viewer)
+        else:
+            _record(log, logs, viewer.url, number)
+        viewer.wait()
 
 
 def _open(log: Path, number: int | None) -> "Logs":
@@ -117,96 +139,67 @@ def _open(log: Path, number: int | None) -> "Logs":
     return logs
 
 
-def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
-    """Send the recording, print what could not be read, and return the number of trials."""
-    from meal_bayes.errors import SettingsError
-    from meal_bayes.viewer import send_recording
-
-    with progress("reading", "trials") as advance:
-        given = _counted(logs, advance, _count(logs))
-        trials = send_recording(given, to, logs.header, name=log.resolve().name, only=number)
-    for problem in logs.problems:
-        note(f"warning: {problem}; {trials} whole trials are shown")
-    if number is not None and number >= trials:
-        raise SettingsError(f"{log} holds {trials} whole trials; give --trial 0 to {trials - 1}.")
-    return trials
-
-
-def _counted(logs: "Logs", advance: "Advance", total: int | None) -> "Iterator[Trial]":
-    for done, trial in enumerate(logs.trials()):
-        advance(done, total or done + 1)
-        yield trial
-
-
 def _count(logs: "Logs") -> int | None:
-    """Return the number of trials with steps of whole logs; None where one is damaged."""
+    """Return the number of trials of whole logs; None where one is damaged."""
     from meal_bayes.errors import LogError
     from meal_bayes.trial_log import log_info
-    from meal_bayes.trial_log.schema import FULL
 
     try:
-        infos = [log_info(file) for file in logs.files]
-        return sum(info.trials for info in infos if info.form == FULL) or None
+        return sum(log_info(file).trials for file in logs.files) or None
     except LogError:
         return None
 
 
-def _picture(log: Path, recording: Path, path: Path, number: int | None, step: int | None) -> None:
-    from meal_bayes.trial_log import Logs
-    from meal_bayes.viewer import take_picture
+def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[int, int]:
+    """Send the recording, and print what could not be read.
 
-    if step is None:
-        for count, trial in enumerate(Logs(log).trials()):
-            step = max(len(trial.steps) - 1, 0)
-            if number is None or count == number:
-                break
-    take_picture(recording, path, row=step or 0)
-    say(f"{path}: {path.stat().st_size:,} bytes")
+    Returns
+    -------
+    trials : int
+        How many were sent.
+    last : int
+        Row of the last behavior of the trial that is shown first.
+    """
+    from meal_bayes.errors import SettingsError
+    from meal_bayes.viewer import send_recording
 
+    total, sent, last = _count(logs), 0, 0
 
-def _show(log: Path, number: int | None) -> None:
-    """Show a recording in a window; it is sent there, so that no file remains."""
-    from meal_bayes.viewer import Viewer
+    def entries() -> "Iterator[Trial | TrialOutcomes]":
+        nonlocal sent, last
+        for group in logs.groups():
+            for entry in group.trials:
+                last = max(len(entry.steps) - 1, 0) if sent == (number or 0) else last
+                yield entry
+                sent += 1
+                advance(sent, total or sent + 1)
+            if not group.trials:  # of a compact log
+                yield group.outcomes
+                sent += len(group.outcomes)
+        if not sent:
+            logs.complain_of_nothing()
 
-    logs = _open(log, number)
-    with Viewer() as viewer:
-        viewer.wait_until_ready()
-        _record(log, logs, viewer.url, number)
-        viewer.wait()
-
-
-def _serve(log: Path, number: int | None) -> None:
-    from meal_bayes.viewer import WebViewer
-
-    logs = _open(log, number)
-    with WebViewer() as viewer:
-        _record(log, logs, viewer.recording, number)
-        click.echo(f"open {viewer.address}\nCtrl-C ends it")
-        viewer.wait()
-
-
-def _live(log: Path, *, web: bool) -> None:
-    from meal_bayes.viewer import Viewer, WebViewer
-
-    if web:
-        with WebViewer() as page:
-            click.echo(f"open {page.address}\nCtrl-C ends it")
-            _follow(log, page.recording, lambda: True)
-            page.wait()
-        return
-    with Viewer() as viewer:
-        viewer.wait_until_ready()
-        _follow(log, viewer.url, lambda: viewer.running)
-        viewer.wait()
+    with progress("reading", "trials") as advance:
+        trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)
+    for problem in logs.problems:
+        note(f"warning: {problem}; {trials} whole trials are shown")
+    if number is not None and number >= trials:
+        raise SettingsError(f"{log} holds {trials} whole trials; give --trial 0 to {trials - 1}.")
+    return trials, last
 
 
-def _follow(log: Path, to: "Target", watching: "Callable[[], bool]") -> None:
+def _follow(log: Path, viewer: "Viewer") -> None:
     from meal_bayes.viewer import follow
 
     if not log.exists():
         note(f"waiting for {log} ...")
-    follower = follow(log, to, watching=watching, on_trials=lambda trials: note(f"{trials} trials"))
+    follower = follow(
+        log,
+        viewer.url,
+        watching=lambda: viewer.running,
+        on_trials=lambda trials: note(f"{trials} trials"),
+    )
     for problem in follower.problems:
         note(f"warning: {problem}; the whole trials before it are shown")
-    if watching():
+    if viewer.running:
         note("the run has ended; close the viewer, or press Ctrl-C")

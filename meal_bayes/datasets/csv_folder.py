@@ -7,12 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.feature_file import (
-    bad_line,
-    join_features,
-    read_contexts,
-    read_rows,
-)
+from meal_bayes.datasets.feature_file import fault, join_features, read_contexts, read_rows
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.files import write_whole
 
@@ -32,19 +27,16 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 
     Raises
     ------
-    DataError : the first line that is wrong, with its file, number, and how to repair it.
+    DataError
+        The first line that is wrong, with its file, number, and how to repair it.
     """
     objects, labels = _read_labels(folder / "labels.csv", domain)
-    features: dict[tuple[str, str], NDArray[np.float32]] = {}
-    recordings: dict[str, dict[str, tuple[str, ...]]] = {}
-    for context, rows in read_contexts(domain, folder, "{}_{}.csv", _KEYS, header=True):
-        keys = [(name, recording) for name, recording in rows.keys]
-        own = recordings.setdefault(context[0], _by_object(objects, keys))
-        features[context] = join_features(rows, keys, own)
-    most = max(values.shape[1] for values in features.values())
-    log.info("%s: read %d objects, up to %d recordings each", folder, len(objects), most)
-    padded = {context: _padded(values, most) for context, values in features.items()}
-    return Dataset(domain, objects, padded, labels)
+    contexts = read_contexts(domain, folder, "{}_{}.csv", _KEYS, header=True)
+    dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
+    log.info(
+        "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
+    )
+    return dataset
 
 
 def save_csv_folder(dataset: Dataset, folder: Path) -> None:
@@ -70,53 +62,32 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
     write_whole(folder / "labels.csv", text)
 
 
-def _by_object(objects: tuple[str, ...], keys: list[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
-    """Return each object's recordings in order, 2 before 10."""
-    found: dict[str, set[str]] = {name: set() for name in objects}
-    for name, recording in keys:
-        if name in found:  # others are refused with their line
-            found[name].add(recording)
-    return {
-        name: tuple(sorted(own, key=lambda text: (len(text), text))) for name, own in found.items()
-    }
-
-
-def _padded(values: NDArray[np.float32], most: int) -> NDArray[np.float32]:
-    missing = ((0, 0), (0, most - values.shape[1]), (0, 0))
-    return np.pad(values, missing, constant_values=np.nan)
-
-
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
-    header, rows = list[str](), dict[str, list[int]]()
-    for number, cells in read_rows(path):
-        if not header:
-            header = cells
-            _check_header(path, number, header, domain)
-            continue
-        if len(cells) != len(header):
-            found, expected = f"{len(cells)} columns", f"{len(header)} as in the header"
-            raise bad_line(path, number, found, expected, "leave unknown values empty: a,1,,0")
-        if cells[0] in rows:
-            found = f"object {cells[0]!r} again"
-            raise bad_line(path, number, found, "each object once", "remove one of the rows")
-        for column, cell in enumerate(cells[1:], start=2):
-            if cell not in _VALUES:
-                found = f"{cell!r} in column {column} ({header[column - 1]})"
-                raise bad_line(path, number, found, "1, 0 or nothing", "write one of them")
-        rows[cells[0]] = [_VALUES[cell] for cell in cells[1:]]
-    if not rows:
-        raise bad_line(path, 1, "no rows under the header", "a row an object", "add the rows")
-    columns = [header.index(attribute) - 1 for attribute in domain.attributes]
-    return tuple(rows), np.array(list(rows.values()), dtype=np.int8)[:, columns]
-
-
-def _check_header(path: Path, line: int, header: list[str], domain: Domain) -> None:
-    expected = f"object,{','.join(domain.attributes[:3])},..."
+    (place, header), *rows = read_rows(path)
+    where = f"{path}, {place}"
     if header[0] != "object":
+        expected = f"object,{','.join(domain.attributes[:3])},..."
         repair = "write it so (commas, not semicolons)"
-        raise bad_line(path, line, f"the header {header[0][:40]!r}", expected, repair)
+        raise fault(where, f"the header {header[0][:40]!r}", expected, repair)
     for attribute in domain.attributes:
         if header.count(attribute) != 1:
             found = f"{header.count(attribute)} columns {attribute!r}"
             hint = unknown("column", attribute, header[1:]).removesuffix(".")
-            raise bad_line(path, line, found, "one", f"add or rename one ({hint})")
+            raise fault(where, found, "one", f"add or rename one ({hint})")
+    labels: dict[str, list[int]] = {}
+    for place, cells in rows:
+        where = f"{path}, {place}"
+        if len(cells) != len(header):
+            found, expected = f"{len(cells)} columns", f"{len(header)} as in the header"
+            raise fault(where, found, expected, "leave unknown values empty: a,1,,0")
+        if cells[0] in labels:
+            found = f"object {cells[0]!r} again"
+            raise fault(where, found, "each object once", "remove one of the rows")
+        for column, cell in enumerate(cells[1:], start=1):
+            if cell not in _VALUES:
+                found = f"{cell!r} in column {column + 1} ({header[column]})"
+                raise fault(where, found, "1, 0 or nothing", "write one of them")
+        labels[cells[0]] = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
+    if not labels:
+        raise fault(where, "no rows under the header", "a row an object", "add the rows")
+    return tuple(labels), np.array(list(labels.values()), dtype=np.int8)

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +9,20 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.feature_file import (
+    Context,
     FeatureRows,
-    bad_line,
-    check_labeled,
+    fault,
     join_features,
+    labels_by_words,
     read_contexts,
     read_rows,
-    read_text,
 )
 from meal_bayes.domain import Domain
 from meal_bayes.errors import DataError
 
 log = logging.getLogger("meal_bayes.datasets")
 
-RECORDINGS = ("1", "2", "3", "4", "5")
-NO_OBJECT = "no_object"
-OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
+_OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
 
 
 def load_cy101(domain: Domain, folder: Path) -> Dataset:
@@ -42,43 +39,34 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
       another object (crush_vibro: `cannedfood_tomato_paste_t1` equals `ball_base_t1`).
     * An absent word counts as false; repeated words count once; spaces around a word are removed.
     """
-    objects = tuple(name for name in _read_objects(folder / "objects.txt") if name != NO_OBJECT)
+    listed = (cells[0] for _, cells in read_rows(folder / "objects.txt"))
+    objects = tuple(name for name in listed if name != "no_object")
     labels = _read_labels(folder / "cy101_labels.csv", objects, domain)
-    features = {}
+    data = folder / "normalized_data_without_noobject"
+    contexts = read_contexts(domain, data, "{}_{}.txt", ("object_t<k>",))
+    features = join_features(
+        objects, (_corrected(*file) for file in contexts), [str(k) for k in range(1, 6)]
+    )
     copies: dict[tuple[str, str], list[str]] = {}  # (copy, original) -> contexts
-    recordings, data = dict.fromkeys(objects, RECORDINGS), "normalized_data_without_noobject"
-    for context, rows in read_contexts(domain, folder / data, "{}_{}.txt", ("object_t<k>",)):
-        correct = _correct_overflow(rows) if context[1] == "color" else rows
-        values = join_features(correct, _split_keys(rows), recordings)
+    for context, values in features.items():
         for pair in _find_copies(values, objects):
             copies.setdefault(pair, []).append("_".join(context))
-        features[context] = values
-    for (copy, original), contexts in copies.items():
-        log.info("cy101: kept %s, a copy of %s, in %s", copy, original, ", ".join(contexts))
+    for (copy, original), names in copies.items():
+        log.info("cy101: kept %s, a copy of %s, in %s", copy, original, ", ".join(names))
     return Dataset(domain, objects, features, labels)
 
 
-def _read_objects(path: Path) -> list[str]:
-    return [line.strip() for line in read_text(path).split("\n") if line.strip()]
-
-
-def _split_keys(rows: FeatureRows) -> list[tuple[str, str]]:
-    keys = []
-    for line, (key,) in zip(rows.lines, rows.keys, strict=True):
-        name, mark, recording = key.rpartition("_t")
-        if not mark:
-            raise bad_line(rows.path, line, f"key {key!r}", "<object>_t<1..5>", "restore the key")
-        keys.append((name, recording))
-    return keys
-
-
-def _correct_overflow(rows: FeatureRows) -> FeatureRows:
-    """Add 2^31 where a count has its sign bit set (in double precision: single would round it)."""
-    low = rows.values < -OVERFLOW / 2
+def _corrected(context: Context, rows: FeatureRows) -> tuple[Context, FeatureRows]:
+    """Split the keys `<object>_t<k>`, and mend counts (in double precision: single rounds)."""
+    keys = [key.rpartition("_t")[::2] if "_t" in key else (key, "") for (key,) in rows.keys]
+    if context[1] != "color":
+        return context, rows._replace(keys=keys)
+    low = rows.values < -_OVERFLOW / 2
     for row, column in np.argwhere(low):
-        where = f"{rows.path.name}, line {rows.lines[row]}, feature {column + 1}"
+        where = f"{Path(rows.source).name}, {rows.places[row]}, feature {column + 1}"
         log.info("cy101: added 2^31 to the count of %s in %s", rows.keys[row][0], where)
-    return replace(rows, values=np.where(low, rows.values + OVERFLOW, rows.values))
+    values = np.where(low, rows.values + _OVERFLOW, rows.values)
+    return context, rows._replace(keys=keys, values=values)
 
 
 def _find_copies(
@@ -97,15 +85,15 @@ def _find_copies(
 def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArray[np.int8]:
     words: dict[str, set[str]] = {}
     repeated, padded = [], []
-    for number, cells in read_rows(path):
+    for place, cells in read_rows(path):
         if cells == ["object", "words"]:
             continue
         if len(cells) != 2:  # object, words
             expected = 'object,"word, word, ..."'
-            raise bad_line(path, number, f"{len(cells)} columns", expected, "quote the words")
+            raise fault(f"{path}, {place}", f"{len(cells)} columns", expected, "quote the words")
         name, listed = cells[0], cells[1].split(", ")
         if name in words:
-            raise bad_line(path, number, f"{name!r} again", "each object once", "remove one")
+            raise fault(f"{path}, {place}", f"{name!r} again", "each object once", "remove one")
         words[name] = {word.strip() for word in listed} - {""}
         repeated += [name] * (len(words[name]) < len([word for word in listed if word]))
         padded += [name] * (listed != [word.strip() for word in listed])
@@ -114,7 +102,4 @@ def _read_labels(path: Path, objects: tuple[str, ...], domain: Domain) -> NDArra
             raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
     log.info("cy101: counted once the words that these objects repeat: %s", ", ".join(repeated))
     log.info("cy101: removed a leading space of a label of %s", ", ".join(padded))
-    known = set().union(*words.values())
-    check_labeled(domain, known, "CY101")
-    rows = [[word in words[name] for word in domain.attributes] for name in objects]
-    return np.array(rows, dtype=np.int8)
+    return labels_by_words(domain, {name: words[name] for name in objects}, "CY101")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze, label_values, real_values, set_frozen
 from meal_bayes.display import card, card_html, listed, short_repr
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import DataError, SettingsError
@@ -20,10 +20,14 @@ class Instance:
 
     Attributes
     ----------
-    object_index : position of the object in its data set.
-    behavior : name of the behavior.
-    recording : which of the object's recordings, from 0.
-    features : modality -> (D,) float32.
+    object_index : int
+        Position of the object in its data set.
+    behavior : str
+        Name of the behavior.
+    recording : int
+        Which of the object's recordings, from 0.
+    features : Mapping[str, NDArray[np.float32]] | None
+        Modality -> (D,) float32.
     """
 
     object_index: int
@@ -43,16 +47,22 @@ class Dataset:
 
     Attributes
     ----------
-    domain : behaviors and attributes.
-    objects : (O,) names.
-    features : (behavior, modality) -> (O,R,D) float32.
-    labels : (O,P) int8, 1 true, 0 false, -1 unknown.
-    recording_counts : (O,E) int64, how many recordings each object has of each behavior; computed
-        from the features.
+    domain : Domain
+        Behaviors and attributes.
+    objects : tuple[str, ...]
+        (O,) names.
+    features : Mapping[tuple[str, str], NDArray[np.float32]]
+        (behavior, modality) -> (O,R,D) float32.
+    labels : NDArray[np.int8]
+        (O,P) int8, 1 true, 0 false, -1 unknown.
+    recording_counts : NDArray[np.int64]
+        (O,E) int64, how many recordings each object has of each behavior; computed from the
+        features.
 
     Raises
     ------
-    DataError : shapes that do not agree, a context without features, features that are not finite,
+    DataError
+        Shapes that do not agree, a context without features, features that are not finite,
         modalities of a behavior that differ in their recordings, labels other than 1, 0 and -1, an
         object that is listed twice.
     """
@@ -62,16 +72,15 @@ class Dataset:
     features: Mapping[tuple[str, str], NDArray[np.float32]]
     labels: NDArray[np.int8]
     recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    partial: bool = field(default=False, kw_only=True, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        set_frozen(self, labels=freeze(self.labels, np.int8))
+        set_frozen(self, labels=freeze(label_values(self.labels), np.int8))
         if self.labels.shape != (len(self.objects), len(self.domain.attributes)):
             raise DataError(
                 f"labels have shape {self.labels.shape}; expected (objects, attributes) = "
                 f"({len(self.objects)}, {len(self.domain.attributes)})."
             )
-        if not np.isin(self.labels, (-1, 0, 1)).all():
-            raise DataError("Labels must be 1 (true), 0 (false) or -1 (unknown).")
         for name, count in Counter(self.objects).items():
             if count > 1:
                 raise DataError(f"Object {name!r} is listed twice; names must be unique.")
@@ -90,7 +99,10 @@ class Dataset:
                 context = (behavior.name, modality)
                 if context not in self.features:
                     raise DataError(f"No features of {context}; the domain promises them.")
-                values = freeze(self.features[context], np.float32)
+                try:
+                    values = freeze(real_values(self.features[context]), np.float32)
+                except ValueError as fault:
+                    raise DataError(f"Features of {context}: {fault}.") from None
                 if values.ndim != 3 or values.shape[0] != len(self.objects):
                     raise DataError(
                         f"Features of {context} have shape {values.shape}; "
@@ -112,7 +124,7 @@ class Dataset:
                         f"{(behavior.name, behavior.modalities[0])}; each needs all modalities."
                     )
                 counts[:, e] = own
-            if behavior.modalities and not counts[:, e].any():
+            if behavior.modalities and not (counts[:, e].any() or self.partial):
                 raise DataError(
                     f"Features of {behavior.name!r} are NaN or infinity for every object; give "
                     "recordings of it, or leave the behavior out of the domain."
@@ -132,18 +144,23 @@ class Dataset:
 
         Parameters
         ----------
-        domain : behaviors and attributes.
-        features : (behavior, modality) -> one of: a frame with a column ``object``, perhaps
-            ``recording``, and one column a feature; a dictionary from the object to its (R,D)
-            recordings; an array (O,R,D) in the order of `objects`.
-        labels : a frame with a row an object (its name in a column ``object`` or in the index) and
-            a column an attribute; a dictionary from the object to its {attribute: value}; an array
+        domain : Domain
+            Behaviors and attributes.
+        features : Mapping[tuple[str, str], Any]
+            (behavior, modality) -> one of: a frame with a column ``object``, perhaps ``recording``,
+            and one column a feature; a dictionary from the object to its (R,D) recordings; an array
+            (O,R,D) in the order of `objects`.
+        labels : Any
+            A frame with a row an object (its name in a column ``object`` or in the index) and a
+            column an attribute; a dictionary from the object to its {attribute: value}; an array
             (O,P). Values are 1 or True, 0 or False; -1, None, NaN or nothing are unknown.
-        objects : (O,) names, needed for arrays; those of the labels by default.
+        objects : Sequence[str] | None
+            (O,) names, needed for arrays; those of the labels by default.
 
         Raises
         ------
-        DataError : what is missing, of the wrong size, or not a number.
+        DataError
+            What is missing, of the wrong size, or not a number.
         """
         from meal_bayes.datasets.frames import dataset_parts  # noqa: PLC0415  they need Dataset
 
@@ -192,7 +209,8 @@ class Dataset:
 
         Raises
         ------
-        DataError : the object has no such recording.
+        DataError
+            The object has no such recording.
         """
         index = self.domain.behavior_index(behavior)
         count = self.recording_counts[object_index, index]
@@ -212,7 +230,8 @@ class Dataset:
 
         Raises
         ------
-        DataError : a queried attribute whose value for this object is unknown.
+        DataError
+            A queried attribute whose value for this object is unknown.
         """
         columns = self.domain.columns(query.attributes)
         values = self.labels[object_index, columns]

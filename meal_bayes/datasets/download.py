@@ -3,9 +3,10 @@
 Environment: ``MEAL_BAYES_DATA_DIR`` names the cache folder, ``MEAL_BAYES_DATA_URL`` a mirror (an
 http address or a folder) to read from, ``MEAL_BAYES_OFFLINE=1`` forbids the network.
 
-``SHA256SUMS`` beside this file lists every file that the shipped domains need, below the mirror
-base. It was made in a folder mirror of the two repositories at their pinned commits, by
-``sha256sum <files> | sort -k 2 > SHA256SUMS``; ``sha256sum --check SHA256SUMS`` there repeats it.
+``SHA256SUMS`` beside this file lists every file that the shipped domains and the paper's items
+need, below the mirror base. It was made in a folder mirror of the two repositories at their pinned
+commits, by ``sha256sum <files> | sort -k 2 > SHA256SUMS``; ``sha256sum --check SHA256SUMS`` there
+repeats it.
 """
 
 import contextlib
@@ -67,7 +68,8 @@ def fetch(data: str) -> Path:
 
     Raises
     ------
-    DownloadError : a file that cannot be downloaded, or whose bytes differ from the pinned ones.
+    DownloadError
+        A file that cannot be downloaded, or whose bytes differ from the pinned ones.
     """
     import pooch  # noqa: PLC0415  as above
 

@@ -1,12 +1,16 @@
-"""Feature files: keys and numbers separated by commas, read strictly."""
+"""Rows of features with their keys: read strictly from files, and joined to the arrays of a domain.
+
+Cells are split by the standard library's `csv` and read by NumPy. (pandas' reader of text took six
+times as long for ISPY32's 4,096 columns, and fills rows that are too short without a word.)
+"""
 
 import contextlib
 import csv
 import logging
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,29 +24,38 @@ log = logging.getLogger("meal_bayes.datasets")
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
 )
-LARGEST = float(np.finfo(np.float32).max)
+_LARGEST = float(np.finfo(np.float32).max)
+Context = tuple[str, str]  # behavior, modality
 
 
-@dataclass(frozen=True, slots=True)
-class FeatureRows:
-    """The rows of one file, in file order.
+class FeatureRows(NamedTuple):
+    """Rows of one context.
 
     Attributes
     ----------
-    lines : (n,) line numbers, from 1.
-    keys : (n,) the leading columns.
-    values : (n,D) finite, also in single precision.
+    source : str
+        The file, or what else the rows stand in.
+    places : Sequence[str]
+        (n,) where each row stands in it, such as "line 3".
+    keys : Sequence[tuple[str, ...]]
+        (n,) object and recording.
+    values : NDArray[np.floating]
+        (n,D).
     """
 
-    path: Path
-    lines: tuple[int, ...]
-    keys: tuple[tuple[str, ...], ...]
-    values: NDArray[np.float64]
+    source: str
+    places: Sequence[str]
+    keys: Sequence[tuple[str, ...]]
+    values: NDArray[np.floating]
+
+    def fault(self, row: int, found: str, expected: str, repair: str) -> DataError:
+        """Return the error of one row."""
+        return fault(f"{self.source}, {self.places[row]}", found, expected, repair)
 
 
-def bad_line(path: Path, line: int, found: str, expected: str, repair: str) -> DataError:
-    """Return the error of one line: what was found, what was expected, and how to repair it."""
-    return DataError(f"{path}, line {line}: found {found}; expected {expected}; {repair}.")
+def fault(where: str, found: str, expected: str, repair: str) -> DataError:
+    """Return an error: what was found, what was expected, and how to repair it."""
+    return DataError(f"{where}: found {found}; expected {expected}; {repair}.")
 
 
 def read_text(path: Path) -> str:
@@ -50,15 +63,14 @@ def read_text(path: Path) -> str:
 
     Raises
     ------
-    DataError : it is absent, empty, too large, or no text.
+    DataError
+        It is absent, empty, too large, or no text.
     """
     try:
         data = read_bytes(path)
     except FileNotFoundError:
-        raise DataError(
-            f"{path}: found no such file; expected it beside the others of its data set; "
-            "put it there, or check the folder's name and the domain's modalities."
-        ) from None
+        beside, repair = "it beside the others of its data set", "put it there, or check the names"
+        raise fault(str(path), "no such file", beside, repair) from None
     except OSError as error:
         raise DataError(
             f"{path}: cannot be read ({error.strerror}); check its permissions."
@@ -70,35 +82,32 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         found = f"the byte 0x{data[error.start]:02x}, which is not UTF-8"
-        raise bad_line(path, line, found, "UTF-8 text", "save the file as UTF-8") from None
+        raise fault(f"{path}, line {line}", found, "UTF-8 text", "save the file as UTF-8") from None
     if not text.strip():
-        raise bad_line(path, 1, "an empty file", "rows of comma-separated values", "restore it")
+        expected = "rows of comma-separated values"
+        raise fault(f"{path}, line 1", "an empty file", expected, "restore it")
     return text
 
 
-def split_line(line: str) -> list[str]:
-    """Split one line at its commas; quoted cells may hold commas."""
-    if '"' not in line:
-        return line.split(",")
-    try:
-        return next(csv.reader([line], strict=True))
-    except csv.Error:  # an open quote, or 200,000 signs: one cell, which the caller refuses
-        return [line]
-
-
-def read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number, from 1, and the stripped cells of every line of a file that is not empty.
+def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield the place, such as "line 1", and the stripped cells of every row that is not empty.
 
     Raises
     ------
-    DataError : as of `read_text`.
+    DataError
+        As of `read_text`.
     """
     text = read_text(path)
     if not text.endswith("\n"):
         log.info("read the last row of %s, which no newline ends", path.name)
-    for number, raw in enumerate(text.split("\n"), start=1):
-        if line := raw.strip():
-            yield number, [cell.strip() for cell in split_line(line)]
+    for number, line in enumerate(text.split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            cells = next(csv.reader([line.strip()], strict=True))
+        except csv.Error:  # an open quote, or 200,000 signs: one cell, which the caller refuses
+            cells = [line]
+        yield f"line {number}", [cell.strip() for cell in cells]
 
 
 def read_features(path: Path, key_columns: Sequence[str], *, header: bool = False) -> FeatureRows:
@@ -106,46 +115,71 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
 
     Raises
     ------
-    DataError : a row too short or too long, a cell that is no finite number, a header that does
-        not begin with the key columns, no rows, bytes that are not UTF-8.
+    DataError
+        A row too short or too long, a cell that is no finite number, a header that does not begin
+        with the key columns, no rows, bytes that are not UTF-8.
     """
-    count, width = len(key_columns), 0
-    lines, keys, values = list[int](), list[tuple[str, ...]](), list[list[float]]()
-    for number, cells in read_rows(path):
+    count = width = 0
+    places, keys, values = list[str](), list[tuple[str, ...]](), list[list[float]]()
+    for place, cells in read_rows(path):
+        where = f"{path}, {place}"
         if header and not width:
-            _check_header(path, number, cells, key_columns)
-            width = len(cells)
+            count, width = len(key_columns), len(cells)
+            if cells[:count] != list(key_columns) or width <= count:
+                expected = f"{','.join(key_columns)},<feature>,..."
+                repair = "write it so (commas, not semicolons)"
+                raise fault(where, f"the header {','.join(cells)[:60]!r}", expected, repair)
             continue
+        count = len(key_columns)
         width = width or max(len(cells), count + 1)
         if len(cells) != width:
             side = "short" if len(cells) < width else "long"
             found = f"a row of {len(cells)} columns (too {side})"
             expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
-            raise bad_line(path, number, found, expected, "restore or remove the row")
-        values.append(_numbers(path, number, cells, count))
-        lines.append(number)
+            raise fault(where, found, expected, "restore or remove the row")
+        places.append(place)
         keys.append(tuple(cells[:count]))
+        values.append(_numbers(where, cells, count))
     if not values:
-        raise bad_line(path, 1, "no rows under the header", "a row a recording", "add the rows")
-    array = np.array(values)
-    finite = np.abs(array) <= LARGEST  # NaN compares as false
-    if not finite.all():
-        row, column = (int(at) for at in np.argwhere(~finite)[0])
-        found = f"{array[row, column]} in column {column + count + 1}"
-        repair = "measure again, or remove the recording of all objects"
-        raise bad_line(path, lines[row], found, "a finite number (single precision)", repair)
-    return FeatureRows(path, tuple(lines), tuple(keys), array)
+        expected = "a row a recording"
+        raise fault(f"{path}, line 1", "no rows under the header", expected, "add the rows")
+    return FeatureRows(str(path), places, keys, np.array(values))
+
+
+def _numbers(where: str, cells: list[str], first: int) -> list[float]:
+    """Read finite numbers from a column on; unlike `float`, refuse 3_4 and digits of others."""
+    text = "".join(cells[first:])
+    if "_" not in text and text.isascii():
+        with contextlib.suppress(ValueError):
+            values = list(map(float, cells[first:]))
+            if all(-_LARGEST <= value <= _LARGEST for value in values):
+                return values
+    for column, cell in enumerate(cells[first:], start=first + 1):
+        if not _NUMBER.fullmatch(cell):
+            repair = "write one, with a point for decimals"
+            raise fault(where, f"{cell[:40]!r} in column {column}", "a number", repair)
+        if not abs(float(cell)) <= _LARGEST:  # NaN compares as false
+            found, expected = f"{float(cell)} in column {column}", "a finite number"
+            repair = "measure again, or remove the recording of all objects"
+            raise fault(where, found, f"{expected} (single precision)", repair)
+    return []  # not reached: one of them is none
 
 
 def read_contexts(
     domain: Domain, folder: Path, name: str, key_columns: Sequence[str], *, header: bool = False
-) -> Iterator[tuple[tuple[str, str], FeatureRows]]:
+) -> Iterator[tuple[Context, FeatureRows]]:
     """Yield (behavior, modality) and rows of the feature file of each context of a domain.
 
     Parameters
     ----------
-    name : of a file, such as "{}_{}.csv", for behavior and modality.
-    key_columns, header : as of `read_features`.
+    domain : Domain
+        Behaviors and modalities.
+    folder : Path
+        Of the files.
+    name : str
+        Of a file, such as "{}_{}.csv", for behavior and modality.
+    key_columns, header
+        As of `read_features`.
     """
     for behavior in domain.behaviors:
         for modality in behavior.modalities:
@@ -153,83 +187,92 @@ def read_contexts(
             yield (behavior.name, modality), read_features(path, key_columns, header=header)
 
 
-def check_labeled(domain: Domain, words: Collection[str], name: str) -> None:
-    """Raise a `DataError` where a data set has no labels of an attribute of the domain."""
-    for attribute in domain.attributes:
-        if attribute not in words:
-            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, words)}")
-
-
 def join_features(
-    rows: FeatureRows,
-    keys: Sequence[tuple[str, str]],
-    recordings: Mapping[str, Sequence[str]],
-) -> NDArray[np.float32]:
+    objects: Sequence[str],
+    contexts: Iterable[tuple[Context, FeatureRows]],
+    recordings: Sequence[str] | None = None,
+) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
     Parameters
     ----------
-    rows : of one file.
-    keys : (n,) object and recording of each row.
-    recordings : object -> the recordings that it must have, in order.
+    objects : Sequence[str]
+        (O,) names.
+    contexts : Iterable[tuple[Context, FeatureRows]]
+        Rows of each context; those of one behavior must be of the same recordings.
+    recordings : Sequence[str] | None
+        What every object must have; by default what the first context of a behavior has, 2 before
+        10.
 
     Raises
     ------
-    DataError : an unknown object or recording, one that comes twice, one that is missing.
+    DataError
+        An unknown object or recording, one that comes twice, one that is missing.
     """
-    found = _row_of(rows, keys, recordings)
-    most = max(map(len, recordings.values()))
-    joined = np.full((len(recordings), most, rows.values.shape[1]), np.nan, np.float32)
-    for index, (name, own) in enumerate(recordings.items()):
-        for place, recording in enumerate(own):
-            if (name, recording) not in found:
-                raise DataError(
-                    f"{rows.path}, line {rows.lines[-1]} (its last): found no row of recording "
-                    f"{recording} of {name}; expected {len(own)} of it, as in the other files of "
-                    "this behavior; add the row, or remove the recording from all of them."
-                )
-            joined[index, place] = rows.values[found[name, recording]]
-    return joined
+    fixed = None if recordings is None else {name: list(recordings) for name in objects}
+    by_behavior: dict[str, dict[str, list[str]]] = {}
+    joined: dict[Context, NDArray[np.float32]] = {}
+    for context, rows in contexts:
+        if context[0] not in by_behavior:
+            by_behavior[context[0]] = fixed or _recordings_of(objects, rows)
+        expected = by_behavior[context[0]]
+        row_of = _row_of(rows, expected)
+        most = max(map(len, expected.values()))
+        last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
+        joined[context] = np.full((len(objects), most, rows.values.shape[1]), np.nan, np.float32)
+        for o, name in enumerate(objects):
+            for r, recording in enumerate(expected[name]):
+                if (name, recording) not in row_of:
+                    raise DataError(
+                        f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
+                        f"expected {len(expected[name])} of it, as in the "
+                        "other features of this behavior; add the row, or remove the recording "
+                        "from all of them."
+                    )
+                joined[context][o, r] = rows.values[row_of[name, recording]]
+    most = max(values.shape[1] for values in joined.values())
+    return {
+        context: np.pad(
+            values, ((0, 0), (0, most - values.shape[1]), (0, 0)), constant_values=np.nan
+        )
+        for context, values in joined.items()
+    }
 
 
-def _row_of(
-    rows: FeatureRows, keys: Sequence[tuple[str, str]], recordings: Mapping[str, Sequence[str]]
-) -> dict[tuple[str, str], int]:
+def _recordings_of(objects: Sequence[str], rows: FeatureRows) -> dict[str, list[str]]:
+    """Return the recordings of each object in order; unknown objects are refused with their row."""
+    recordings: dict[str, set[str]] = {name: set() for name in objects}
+    for name, recording in rows.keys:
+        recordings.get(name, set()).add(recording)
+    return {n: sorted(own, key=lambda text: (len(text), text)) for n, own in recordings.items()}
+
+
+def _row_of(rows: FeatureRows, recordings: Mapping[str, Sequence[str]]) -> dict[Context, int]:
     """Return the row of each (object, recording)."""
-    found: dict[tuple[str, str], int] = {}
-    for row, (line, key) in enumerate(zip(rows.lines, keys, strict=True)):
-        name, recording = key
+    row_of: dict[tuple[str, str], int] = {}
+    for row, (name, recording) in enumerate(rows.keys):
         if name not in recordings:
-            text = f"object {name!r}"
             hint = unknown("object", name, recordings).removesuffix(".")
-            raise bad_line(rows.path, line, text, "an object of the list", f"correct it ({hint})")
+            expected = "an object of the list"
+            raise rows.fault(row, f"object {name!r}", expected, f"correct it ({hint})")
         if recording not in recordings[name]:
             expected = f"one of {', '.join(recordings[name]) or 'none'}"
-            text = f"recording {recording!r} of {name}"
-            raise bad_line(rows.path, line, text, expected, "correct the number or remove the row")
-        if key in found:
-            before = rows.lines[found[key]]
-            text = f"recording {recording} of {name} again, after line {before}"
-            raise bad_line(rows.path, line, text, "each recording once", "remove one of the rows")
-        found[key] = row
-    return found
+            repair = "correct the number or remove the row"
+            raise rows.fault(row, f"recording {recording!r} of {name}", expected, repair)
+        if (name, recording) in row_of:
+            before = rows.places[row_of[name, recording]]
+            found = f"recording {recording} of {name} again, after {before}"
+            raise rows.fault(row, found, "each recording once", "remove one of the rows")
+        row_of[name, recording] = row
+    return row_of
 
 
-def _numbers(path: Path, line: int, cells: list[str], first: int) -> list[float]:
-    """Read ASCII numbers from a column on; unlike `float`, refuse 3_4."""
-    text = "".join(cells[first:])
-    if "_" not in text and text.isascii():
-        with contextlib.suppress(ValueError):
-            return list(map(float, cells[first:]))
-    column = next(i for i in range(first, len(cells)) if not _NUMBER.fullmatch(cells[i]))
-    found = f"{cells[column][:40]!r} in column {column + 1}"
-    raise bad_line(path, line, found, "a number", "write one, with a point for decimals")
-
-
-def _check_header(path: Path, line: int, cells: list[str], key_columns: Sequence[str]) -> None:
-    names = [cell.strip() for cell in cells]
-    if names[: len(key_columns)] != list(key_columns) or len(names) <= len(key_columns):
-        shape = ",".join(key_columns)
-        found = f"the header {','.join(names)[:60]!r}"
-        repair = "write it so (commas, not semicolons)"
-        raise bad_line(path, line, found, f"{shape},<feature>,...", repair)
+def labels_by_words(
+    domain: Domain, words: Mapping[str, Collection[str]], name: str
+) -> NDArray[np.int8]:
+    """Return the labels (O,P) of objects that are named by words; `DataError` where none fits."""
+    known = set().union(*words.values())
+    for attribute in domain.attributes:
+        if attribute not in known:
+            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, known)}")
+    return np.array([[a in own for a in domain.attributes] for own in words.values()], np.int8)

@@ -4,78 +4,64 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.feature_file import (
+    Context,
     FeatureRows,
-    bad_line,
-    check_labeled,
+    fault,
     join_features,
     read_contexts,
     read_rows,
-    read_text,
-    split_line,
 )
-from meal_bayes.datasets.label_pickle import read_label_pickle
-from meal_bayes.domain import Domain
+from meal_bayes.datasets.percept_file import load_percepts
+from meal_bayes.domain import Domain, unknown
+from meal_bayes.errors import DataError
 
 log = logging.getLogger("meal_bayes.datasets")
 
-RECORDINGS = ("1", "2", "3", "4", "5")
-
 
 def load_ispy32(domain: Domain, folder: Path) -> Dataset:
-    """Read `object_list.csv`, the annotations, and `corl_features/<behavior>_<modality>.txt`.
+    """Read `object_list.csv` and `corl_features/<behavior>_<modality>.txt`.
 
     What is done to the files, each logged:
 
     * Column two, the trial number, is a key and not a feature.
-    * Labels come from `full_annotations_ijcai2016.pickle`, read by a loader that can make numbers
-      and nothing else, in the order of the words of `test_full.csv`; its keys 0..31 are the object
-      numbers 1..32. The crowd's `labels.csv` was not used by the experiments and is not read.
+    * Labels are those of the percept table that ships, which come from
+      `full_annotations_ijcai2016.pickle`; no pickle is read. The crowd's `labels.csv` was not used
+      by the experiments and is not read.
     * Kept as they are: objects 22 and 24 are both heavy and light.
     """
-    numbers = _read_objects(folder / "object_list.csv")
-    objects = tuple(numbers.values())
-    recordings = dict.fromkeys(objects, RECORDINGS)
+    names: dict[str, str] = {}  # by number
+    for place, cells in read_rows(folder / "object_list.csv"):
+        expected = f"name,{len(names) + 1}"
+        if len(cells) != 2 or cells[1] != str(len(names) + 1):  # name, number
+            where = f"{folder / 'object_list.csv'}, {place}"
+            raise fault(where, f"{','.join(cells)[:60]!r}", expected, "restore the row")
+        names[cells[1]] = cells[0]
+    objects = tuple(names.values())
+
+    def named(context: Context, rows: FeatureRows) -> tuple[Context, FeatureRows]:
+        keys = [(names.get(number, number), trial) for number, trial in rows.keys]
+        return context, rows._replace(keys=keys)
+
     files = read_contexts(domain, folder / "corl_features", "{}_{}.txt", ("object", "trial"))
-    features = {
-        context: join_features(rows, _name_objects(rows, numbers), recordings)
-        for context, rows in files
-    }
+    features = join_features(
+        objects, (named(*file) for file in files), [str(k) for k in range(1, 6)]
+    )
     log.info("ispy32: used column two, the trial number, as key and not as feature")
-    return Dataset(domain, objects, features, _labels(folder, domain, objects))
-
-
-def _read_objects(path: Path) -> dict[str, str]:
-    numbers: dict[str, str] = {}
-    for line, cells in read_rows(path):
-        expected = f"name,{len(numbers) + 1}"
-        if len(cells) != 2 or cells[1] != str(len(numbers) + 1):  # name, number
-            raise bad_line(path, line, f"{','.join(cells)[:60]!r}", expected, "restore the row")
-        numbers[cells[1]] = cells[0]
-    return numbers
-
-
-def _name_objects(rows: FeatureRows, numbers: dict[str, str]) -> list[tuple[str, str]]:
-    for line, (number, _) in zip(rows.lines, rows.keys, strict=True):
-        if number not in numbers:
-            expected = f"1 to {len(numbers)}"
-            raise bad_line(rows.path, line, f"object {number!r}", expected, "restore the number")
-    return [(numbers[number], trial) for number, trial in rows.keys]
-
-
-def _labels(folder: Path, domain: Domain, objects: tuple[str, ...]) -> NDArray[np.int8]:
-    words = [word.strip() for word in split_line(read_text(folder / "test_full.csv").strip())]
-    path = folder / "full_annotations_ijcai2016.pickle"
-    table = read_label_pickle(path, len(objects), len(words))
-    log.info("ispy32: read labels with a loader that makes numbers only, keys 0.. = objects 1..")
-    check_labeled(domain, words, "ISPY32")
-    labels = table[:, [words.index(attribute) for attribute in domain.attributes]]
+    table = load_percepts("ispy32")
+    for kind, wanted, known in (
+        ("object", objects, table.objects),
+        ("word", domain.attributes, table.domain.attributes),
+    ):
+        for name in wanted:
+            if name not in known:
+                raise DataError(f"ISPY32 has no labels of it. {unknown(kind, name, known)}")
+    rows = [table.objects.index(name) for name in objects]
+    labels = table.labels[rows][:, table.domain.columns(domain.attributes)]
     if {"heavy", "light"} <= set(domain.attributes):
-        heavy, light = domain.columns(("heavy", "light"))
-        both = np.flatnonzero(labels[:, heavy] & labels[:, light])
-        names = ", ".join(objects[o] for o in both)
-        log.info("ispy32: kept objects that are both heavy and light: %s", names)
-    return labels
+        heavy, light = (labels[:, domain.attribute_index(name)] for name in ("heavy", "light"))
+        both = ", ".join(objects[o] for o in np.flatnonzero(heavy & light))
+        log.info("ispy32: kept objects that are both heavy and light: %s", both)
+    return Dataset(domain, objects, features, labels)

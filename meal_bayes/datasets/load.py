@@ -15,15 +15,20 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
 
     Parameters
     ----------
-    name : a shipped domain, or the path of your own domain table (TOML).
-    root : folder of the files. Public data: a folder mirror or a clone of the repository; without
-        it they are downloaded once and checked. Own data: the folder of CSV files.
+    name : str | Path
+        A shipped domain, or the path of your own domain table (TOML).
+    root : str | Path | None
+        Folder of the files. Public data: a folder mirror or a clone of the repository; without it
+        they are downloaded once and checked. Own data: the folder of CSV files.
 
     Raises
     ------
-    SettingsError : no such domain, or own data without `root`.
-    DataError : files that do not hold what their layout promises.
-    DownloadError : files that cannot be downloaded.
+    SettingsError
+        No such domain, or own data without `root`.
+    DataError
+        Files that do not hold what their layout promises.
+    DownloadError
+        Files that cannot be downloaded.
     """
     if str(name).endswith(".npz"):
         raise SettingsError(

@@ -57,7 +57,8 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
 
     Raises
     ------
-    OutputError : the file cannot be written; one that was there stays.
+    OutputError
+        The file cannot be written; one that was there stays.
     """
     sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
     meta = {
@@ -97,14 +98,18 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
 
     Parameters
     ----------
-    name : a shipped domain (variants share their data set's table), or a path ending in .npz.
-    domain : whose behaviors and attributes the table gets, in their order; by default that of the
-        name or the file.
+    name : str | Path
+        A shipped domain (variants share their data set's table), or a path ending in .npz.
+    domain : Domain | None
+        Whose behaviors and attributes the table gets, in their order; by default that of the name
+        or the file.
 
     Raises
     ------
-    SettingsError : no shipped table and no file of that name.
-    DataError : a file that is not a percept table, or not one of this domain.
+    SettingsError
+        No shipped table and no file of that name.
+    DataError
+        A file that is not a percept table, or not one of this domain.
     """
     if str(name).endswith(".npz"):
         path = Path(name)
@@ -204,7 +209,8 @@ def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]
 
     Raises
     ------
-    ValueError : bytes of another format, dtype or number of axes.
+    ValueError
+        Bytes of another format, dtype or number of axes.
     """
     buffer: BinaryIO = io.BytesIO(content[:_HEADER])
     if np.lib.format.read_magic(buffer) != (1, 0):

@@ -21,7 +21,8 @@ def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
 
     Raises
     ------
-    SettingsError : K is odd, or does not divide L.
+    SettingsError
+        K is odd, or does not divide L.
     """
     bins = len(edges) + 1
     if levels < 2 or levels % 2 or bins % levels:
@@ -55,23 +56,32 @@ class PerceptTable:
 
     Attributes
     ----------
-    domain : behaviors and attributes.
-    objects : (O,) names.
-    labels : (O,P) int8, 1 true, 0 false, -1 unknown.
-    log_odds : (O,R,E,P) float16, of o's recordings, by classifiers that never saw o.
-    edges : (L-1,) float64, of the fine bins; the middle one is the yes/no threshold.
-    training_bins : (G,O,P,E,L) uint8, [g, o']: how often o' fell in each bin, by classifiers that
-        saw neither o' nor group g; zero where o' is of g.
-    provenance : versions, settings, checksums and the command that made it.
-    recording_counts : (O,E) int64, how many recordings each object has of each behavior; R of all
-        that sense by default.
-
-    groups : (O,) int64, which g each object is left out with: one of its own by default, or a fold
-        of objects where there are many.
+    domain : Domain
+        Behaviors and attributes.
+    objects : tuple[str, ...]
+        (O,) names.
+    labels : NDArray[np.int8]
+        (O,P) int8, 1 true, 0 false, -1 unknown.
+    log_odds : NDArray[np.float16]
+        (O,R,E,P) float16, of o's recordings, by classifiers that never saw o.
+    edges : NDArray[np.float64]
+        (L-1,) float64, of the fine bins; the middle one is the yes/no threshold.
+    training_bins : NDArray[np.uint8]
+        (G,O,P,E,L) uint8, [g, o']: how often o' fell in each bin, by classifiers that saw neither
+        o' nor group g; zero where o' is of g.
+    provenance : Mapping[str, str]
+        Versions, settings, checksums and the command that made it.
+    recording_counts : NDArray[np.int64]
+        (O,E) int64, how many recordings each object has of each behavior; R of all that sense by
+        default.
+    groups : NDArray[np.int64]
+        (O,) int64, which g each object is left out with: one of its own by default, or a fold of
+        objects where there are many.
 
     Raises
     ------
-    DataError : shapes that do not agree, edges that do not rise.
+    DataError
+        Shapes that do not agree, edges that do not rise.
     """
 
     domain: Domain

@@ -18,9 +18,12 @@ class Source:
 
     Attributes
     ----------
-    repository : owner/name.
-    recordings : name of the folder in `folder` that holds the feature files.
-    load : reads a domain's data set from a folder.
+    repository : str
+        Such as owner/name.
+    recordings : str
+        Name of the folder in `folder` that holds the feature files.
+    load : Callable[[Domain, Path], Dataset]
+        Reads a domain's data set from a folder.
     """
 
     repository: str

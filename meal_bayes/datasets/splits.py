@@ -46,12 +46,15 @@ class ObjectSplit:
 
         Parameters
         ----------
-        sizes : objects in pre, train, test; by default three parts as equal as can be.
-        attributes : those that must have positives; by default all of the domain.
+        sizes : Sequence[int] | None
+            Objects in pre, train, test; by default three parts as equal as can be.
+        attributes : Sequence[str] | None
+            Those that must have positives; by default all of the domain.
 
         Raises
         ------
-        SettingsError : sizes that do not fit, or a minimum that no draw met.
+        SettingsError
+            Sizes that do not fit, or a minimum that no draw met.
         """
         count = len(dataset.objects)
         if sizes is None:

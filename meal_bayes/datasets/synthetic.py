@@ -29,12 +29,15 @@ def make_synthetic(
 
     Parameters
     ----------
-    objects, recordings : O, and R of each object and behavior.
-    dimensions : D, features of each modality.
+    objects, recordings : int
+        O, and R of each object and behavior.
+    dimensions : int
+        D, features of each modality.
 
     Raises
     ------
-    SettingsError : a setting out of its range, or groups that share an attribute.
+    SettingsError
+        A setting out of its range, or groups that share an attribute.
     """
     for name, value in (
         ("objects", objects), ("recordings", recordings), ("dimensions", dimensions)

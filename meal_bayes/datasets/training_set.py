@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze, label_values, set_frozen
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
@@ -20,13 +20,16 @@ class TrainingSet:
 
     Attributes
     ----------
-    object, behavior, recording : (n,) int32, positions from 0.
-    labels : (n,P) int8, 1 true, 0 false, -1 not labeled.
+    object, behavior, recording : NDArray[np.int32]
+        (n,) int32, positions from 0.
+    labels : NDArray[np.int8]
+        (n,P) int8, 1 true, 0 false, -1 not labeled.
 
     Raises
     ------
-    DataError : lengths that do not agree, labels other than 1, 0 and -1, or two rows of one
-        instance that contradict each other.
+    DataError
+        Lengths that do not agree, labels other than 1, 0 and -1, or two rows of one instance that
+        contradict each other.
     """
 
     object: NDArray[np.int32]
@@ -39,14 +42,12 @@ class TrainingSet:
     def __post_init__(self) -> None:
         columns = [self.object, self.behavior, self.recording]
         keys = np.array(columns, dtype=np.int32).reshape(3, -1).T  # (n,3)
-        labels = np.asarray(self.labels, dtype=np.int8)
+        labels = label_values(self.labels)
         if labels.ndim != 2 or len(labels) != len(keys):  # (n,P)
             raise DataError(
                 f"Labels have shape {labels.shape}; expected ({len(keys)}, attributes), "
                 "a row for each instance."
             )
-        if not np.isin(labels, (-1, 0, 1)).all():
-            raise DataError("Labels must be 1 (true), 0 (false) or -1 (not labeled).")
         unique, place = np.unique(keys, axis=0, return_inverse=True)
         merged = _merge(labels, place.reshape(-1), len(unique))
         set_frozen(
@@ -97,7 +98,7 @@ class TrainingSet:
             np.append(self.object, object),
             np.append(self.behavior, behavior),
             np.append(self.recording, recording),
-            np.concatenate([self.labels, np.atleast_2d(np.asarray(labels, dtype=np.int8))]),
+            np.concatenate([self.labels, np.atleast_2d(label_values(labels))]),
         )
 
 

@@ -1,6 +1,6 @@
 """The transition diagram of the fully observable states x (the paper's Fig. 5)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,11 +21,16 @@ class Effect:
 
     Attributes
     ----------
-    source : a state, or "*" for every state but `term`.
-    behavior : name of the behavior.
-    target : a state, or "*" for the source itself.
-    probability : Pr(target | source, behavior).
-    senses : whether the arrow gives a percept, if the behavior has modalities.
+    source : str
+        A state, or "*" for every state but `term`.
+    behavior : str
+        Name of the behavior.
+    target : str
+        A state, or "*" for the source itself.
+    probability : float
+        Pr(target | source, behavior).
+    senses : bool
+        Whether the arrow gives a percept, if the behavior has modalities.
     """
 
     source: str
@@ -40,10 +45,13 @@ class TransitionArrays(NamedTuple):
 
     Attributes
     ----------
-    transition : (E,X,X) Pr(x' | x, behavior); illegal rows follow `TransitionDiagram.illegal`.
-    observation_probability : (E,X,X) Pr(a percept comes | behavior, x, x'). It is below 1 on the
-        diagonal where a behavior that keeps x may fail.
-    legal : (X,E) whether a behavior can be executed.
+    transition : NDArray[np.float64]
+        (E,X,X) Pr(x' | x, behavior); illegal rows follow `TransitionDiagram.illegal`.
+    observation_probability : NDArray[np.float64]
+        (E,X,X) Pr(a percept comes | behavior, x, x'). It is below 1 on the diagonal where a
+        behavior that keeps x may fail.
+    legal : NDArray[np.bool_]
+        (X,E) whether a behavior can be executed.
     """
 
     transition: NDArray[np.float64]
@@ -57,15 +65,21 @@ class TransitionDiagram:
 
     Attributes
     ----------
-    states : (X,) names, the last is "term".
-    start : state at the start of a trial.
-    effects : the arrows.
-    illegal : what an illegal behavior does, "terminate" or "stay".
+    states : tuple[str, ...]
+        (X,) names, the last is "term".
+    start : str
+        State at the start of a trial.
+    effects : tuple[Effect, ...]
+        The arrows.
+    illegal : str
+        What an illegal behavior would do, "terminate" or "stay". None is ever commanded; but where
+        they stay, as in the published ROC36, no agent abstains.
 
     Raises
     ------
-    DomainError : an arrow between unknown states, probabilities outside (0, 1] or adding to more
-        than one, the same arrow twice, or a state that no behavior ever reaches.
+    DomainError
+        An arrow between unknown states, probabilities outside (0, 1] or adding to more than one,
+        the same arrow twice, or a state that no behavior ever reaches.
     """
 
     states: tuple[str, ...]
@@ -109,13 +123,10 @@ class TransitionDiagram:
             )
 
     def _check_reachable(self, arrows: set[tuple[str, str, str]]) -> None:
-        reached, frontier = {self.start}, [self.start]
-        while frontier:
-            here = frontier.pop()
-            for source, _, target in arrows:
-                if source == here and target not in reached:
-                    reached.add(target)
-                    frontier.append(target)
+        targets: dict[str, list[str]] = {}
+        for source, _, target in arrows:
+            targets.setdefault(source, []).append(target)
+        reached = closure(self.start, lambda state: targets.get(state, ()))
         lost = [state for state in self.states[:-1] if state not in reached]
         if lost:
             raise DomainError(
@@ -149,7 +160,8 @@ class TransitionDiagram:
 
         Parameters
         ----------
-        chance : probability of success, of a behavior and what the probability is now.
+        chance : Callable[[str, float], float]
+            Probability of success, of a behavior and what the probability is now.
         """
         effects = []
         for effect in self.effects:
@@ -159,6 +171,11 @@ class TransitionDiagram:
                 effect = replace(effect, probability=effect.probability * then / now)  # noqa: PLW2901
             effects.append(effect)
         return replace(self, effects=tuple(effects))
+
+    @property
+    def abstain(self) -> bool:
+        """Whether a trial may end without a report."""
+        return self.illegal == "terminate"
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
         """Compile to arrays over the named behaviors, in their order."""
@@ -187,6 +204,16 @@ class TransitionDiagram:
         return TransitionArrays(
             freeze(transition), freeze(observation_probability), freeze(legal, np.bool_)
         )
+
+
+def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
+    """Return a state and all that follow from it, step by step."""
+    reached, frontier = {start}, [start]
+    while frontier:
+        new = set(follow(frontier.pop())) - reached
+        reached |= new
+        frontier += new
+    return reached
 
 
 def _check_effect(effect: Effect, states: tuple[str, ...]) -> None:

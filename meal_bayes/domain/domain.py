@@ -3,11 +3,12 @@
 import difflib
 import heapq
 import math
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from meal_bayes.display import card, card_html, listed
-from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
+from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram, closure
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
@@ -20,10 +21,14 @@ class Behavior:
 
     Attributes
     ----------
-    name : as in the diagram.
-    cost : s.
-    modalities : Gamma(a), Eq. 1.
-    answer_accuracy : Pr(a person's whole answer is right), of behaviors that ask; else None.
+    name : str
+        As in the diagram.
+    cost : float
+        Of one execution, s.
+    modalities : tuple[str, ...]
+        Gamma(a), Eq. 1.
+    answer_accuracy : float | None
+        Pr(a person is right), of each attribute, in behaviors that ask; else None.
     """
 
     name: str
@@ -43,23 +48,34 @@ class Domain:
 
     Attributes
     ----------
-    name : of the domain.
-    attributes : (P,) what can be asked.
-    behaviors : (E,) what the robot can do.
-    diagram : where behaviors lead.
-    data : the data set whose recordings fit this domain; by default the one of its name.
-    groups : attributes that exclude each other, by the group's name.
-    synonyms : other word -> attribute.
-    predefined : the behavior sequence of the Predefined baselines.
-    report_reward : r+ = -r- in Eq. 4.
-    legal_budget : s, Random Legal's, by len(query).
-    asked_minimum : experiments ask attributes with more than this many objects of each value.
+    name : str
+        Of the domain.
+    attributes : tuple[str, ...]
+        (P,) what can be asked.
+    behaviors : tuple[Behavior, ...]
+        (E,) what the robot can do.
+    diagram : TransitionDiagram
+        Where behaviors lead.
+    data : str
+        The data set whose recordings fit this domain; by default the one of its name.
+    groups : Mapping[str, tuple[str, ...]]
+        Attributes that exclude each other, by the group's name.
+    synonyms : Mapping[str, str]
+        Other word -> attribute.
+    predefined : tuple[str, ...]
+        The behavior sequence of the Predefined baselines.
+    report_reward : float
+        r+ = -r- in Eq. 4.
+    legal_budget : tuple[float, ...]
+        Of Random Legal, s, by len(query).
+    asked_minimum : int
+        Experiments ask attributes with more than this many objects of each value.
 
     Raises
     ------
-    DomainError : repeated names, costs that are no time, a reward that is not finite, effects of
-        behaviors that do not exist, behaviors that are nowhere legal, words for attributes that do
-        not exist.
+    DomainError
+        Repeated names, costs that are no time, a reward that is not finite, effects of behaviors
+        that do not exist, behaviors that are nowhere legal, words for attributes that do not exist.
     """
 
     name: str
@@ -102,7 +118,7 @@ class Domain:
                 f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
                 "seconds, 0 or more, or leave it out."
             )
-        _check_unique("attribute", tuple(name.lower() for name in self.attributes))
+        _check_unique("attribute", self.attributes)
         _check_unique("behavior", self.behavior_names)
         for behavior in self.behaviors:
             _check_behavior(behavior)
@@ -127,8 +143,23 @@ class Domain:
         for name in sorted({*self.synonyms.values(), *sum(self.groups.values(), ())}):
             if name not in self.attributes:
                 raise DomainError(f"Groups or synonyms name {name!r}, which is no attribute.")
-        for word in sorted(set(self.synonyms) & set(self.attributes)):
-            raise DomainError(f"The synonym {word!r} is an attribute of its own; remove one.")
+        for name in self.attributes:
+            if "," in name:
+                raise DomainError(f"The attribute {name!r} holds a comma, which parts attributes.")
+        _ = self.words
+
+    @property
+    def words(self) -> dict[str, str]:
+        """Attribute by each word for it, names and synonyms, as `fold` writes them."""
+        words: dict[str, str] = {}
+        for word, name in (*((a, a) for a in self.attributes), *self.synonyms.items()):
+            if fold(word) in words:
+                raise DomainError(
+                    f"The word {word!r} stands for {words[fold(word)]!r} and for {name!r} (case "
+                    "plays no part); a word is one attribute or one synonym."
+                )
+            words[fold(word)] = name
+        return words
 
     @property
     def behavior_names(self) -> tuple[str, ...]:
@@ -177,9 +208,14 @@ def cheapest_first(domain: Domain) -> tuple[str, ...]:
     """
     cost = {behavior.name: behavior.cost for behavior in domain.behaviors}
     left = {behavior.name for behavior in domain.behaviors if behavior.senses}
+    after = {x: domain.diagram.successes(x) for x in domain.diagram.states}
+    reachable = {  # behaviors that can still be executed from a state on
+        x: {name for to in closure(x, lambda y: after[y].values()) for name in after[to]}
+        for x in domain.diagram.states
+    }
     state, sequence = domain.diagram.start, list[str]()
     while ways := list(_ways(domain.diagram, state, left, cost)):
-        lost = [len(left - {names[-1]} - _reachable(domain.diagram, x)) for names, x in ways]
+        lost = [len(left - {names[-1]} - reachable[x]) for names, x in ways]
         names, state = ways[lost.index(min(lost))]
         sequence += names
         left.discard(names[-1])
@@ -204,16 +240,9 @@ def _ways(
                 heapq.heappush(waiting, (spent + cost[name], (*names, name), target))
 
 
-def _reachable(diagram: TransitionDiagram, start: str) -> set[str]:
-    """Return the behaviors that can still be executed from a state on."""
-    seen, frontier, found = {start}, [start], set[str]()
-    while frontier:
-        for name, target in diagram.successes(frontier.pop()).items():
-            found.add(name)
-            if target not in seen:
-                seen.add(target)
-                frontier.append(target)
-    return found
+def fold(word: str) -> str:
+    """Write a word so that case and the way its accents are coded play no part."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", word).casefold()).strip()
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:

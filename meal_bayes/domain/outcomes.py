@@ -63,7 +63,8 @@ def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
 
     Parameters
     ----------
-    attempts : (E,2) legal executions that failed, and that succeeded.
+    attempts : NDArray[np.int64]
+        (E,2) legal executions that failed, and that succeeded.
     """
 
     def mean(behavior: str, prior: float) -> float:

@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
-from meal_bayes.domain.domain import Domain, unknown
+from meal_bayes.domain.domain import Domain, fold, unknown
 from meal_bayes.errors import QueryError
 
 _TABLE_LIMIT = 20  # attributes; a table of all values beyond that would not fit in memory
 _NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
+_ALTERNATIVES = {"or", "either", "xor"}
 _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
 _FUNCTION_TEXT = (
     "a about an and any are as at be been being both but by can check color colored colour "
     "coloured contain containing contains content contents could describe described do does "
-    "either feel find for from full-of has have having hold holding holds how i if in inside is "
-    "it it's item its itself kind know like look made made-of me object of on one or out please "
+    "feel find for from full-of has have having hold holding holds how i if in inside is "
+    "it it's item its itself kind know like look made made-of me object of on one out please "
     "possible robot say see seem so some something sort tell that that's the then there these "
     "thing think this those to too us was we weight well were what what's whether which with "
     "would you your also"
@@ -83,18 +84,20 @@ class Query:
 def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     """Read a query from a sentence, a comma list, or a list of attribute names.
 
-    Case is ignored, and the domain's synonyms are understood (ROC36: RED is its "brown"). Word
-    order gives the attributes' order. Where "object" or "thing" is an attribute, a sentence with
-    other attributes means the object itself by it; a list means the attribute.
+    Case and the coding of accents play no part, and the domain's synonyms are understood (ROC36:
+    RED is its "brown"). Word order gives the attributes' order. Where "object" or "thing" is an
+    attribute, a sentence with other attributes means the object itself by it; a list means the
+    attribute.
 
     Raises
     ------
-    QueryError : no attribute, an unknown one (the nearest are suggested), one named twice, or a
-        negation (the robot reports each attribute as it is; ask the plain attribute).
+    QueryError
+        No attribute, an unknown one (the nearest are suggested), one named twice, a negation, or
+        an alternative: the robot reports each attribute as it is.
     """
-    known = _vocabulary(domain)
+    known = domain.words
     listed = question.split(",") if isinstance(question, str) else question
-    items = [item.strip().lower() for item in listed]
+    items = [fold(item) for item in listed]
     if not isinstance(question, str) or all(item in known for item in items):
         return Query(tuple(_resolve(item, known, domain) for item in items))
     found: list[str] = []
@@ -103,6 +106,11 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
             raise QueryError(
                 f"The question says {word!r}; ask the plain attribute, "
                 "and the report will say whether it holds."
+            )
+        if word in _ALTERNATIVES - known.keys():
+            raise QueryError(
+                f'The question says {word!r}; name each attribute (with "and" or commas), and '
+                "the report will say which of them hold."
             )
         if word in known or word not in _FUNCTION_WORDS:
             _resolve(word, known, domain)
@@ -115,12 +123,6 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     return Query(tuple(known[word] for word in found))
 
 
-def _vocabulary(domain: Domain) -> dict[str, str]:
-    """Map every word understood, in lower case, to its attribute."""
-    words = {name: name for name in domain.attributes}
-    return {word.lower(): name for word, name in (words | dict(domain.synonyms)).items()}
-
-
 def _resolve(word: str, known: Mapping[str, str], domain: Domain) -> str:
     if word not in known:
         raise QueryError(unknown("attribute", word, (*domain.attributes, *domain.synonyms)))
@@ -129,7 +131,7 @@ def _resolve(word: str, known: Mapping[str, str], domain: Domain) -> str:
 
 def _words(question: str, known: Mapping[str, str]) -> list[str]:
     """Split a sentence into words; names of the domain with spaces or hyphens stay whole."""
-    text = question.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
+    text = fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     compound = sorted((name for name in known if not name.isalnum()), key=len, reverse=True)
     pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])
     words = (match.strip("'-") for match in re.findall(pattern, text))

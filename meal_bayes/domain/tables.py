@@ -1,4 +1,4 @@
-"""Domains from TOML: the shipped tables by name, or a file of one's own.
+"""Domains from tables: shipped ones by name, or one's own from TOML or a dictionary.
 
 Keys, with their defaults in brackets:
 
@@ -18,6 +18,8 @@ note
 """
 
 import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,10 @@ _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _
 _BEHAVIOR_KEYS = {
     "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
 }  # fmt: skip
+_EFFECT_FIELDS = {
+    "from": "source", "do": "behavior", "to": "target", "probability": "probability",
+    "senses": "senses",
+}  # fmt: skip
 _EFFECT_KEYS = {
     "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": "true or false",
 }  # fmt: skip
@@ -58,17 +64,33 @@ def domain_names() -> tuple[str, ...]:
     return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
 
 
-def load_domain(name: str | Path) -> Domain:
-    """Load a shipped domain by name, or one's own from the path of a TOML file.
+def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
+    """Load a shipped domain by name, or one's own from a TOML file or a dictionary of its form.
 
     A table may extend another (``extends = "roc36"``): its keys replace the other's.
 
+    Parameters
+    ----------
+    name : str | Path | Mapping[str, Any]
+        Of a shipped domain, the path of a TOML file, or the table itself.
+
     Raises
     ------
-    SettingsError : no shipped table and no file of that name.
-    DomainError : a table that is not well formed.
+    SettingsError
+        No shipped table and no file of that name.
+    DomainError
+        A table that is not well formed.
+
+    Examples
+    --------
+    >>> load_domain({"extends": "toy", "name": "toy_of_two", "report_reward": 7}).report_reward
+    7.0
     """
-    table, source, seen = _read(name), str(name), {str(name)}
+    if isinstance(name, Mapping):
+        table, name = dict(name), str(name.get("name", "of a dictionary"))
+    else:
+        table = _read(name)
+    source, seen = str(name), {str(name)}
     while "extends" in table:
         _check_keys("the domain", table, _DOMAIN_KEYS, ())
         parent = table.pop("extends")
@@ -89,7 +111,8 @@ def domain_from_table(table: object) -> Domain:
 
     Raises
     ------
-    DomainError : a table that is not well formed.
+    DomainError
+        A table that is not well formed.
     """
     if not isinstance(table, dict):
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
@@ -118,12 +141,18 @@ def domain_table(domain: Domain) -> dict[str, Any]:
         "report_reward": domain.report_reward,
         "legal_budget": list(domain.legal_budget),
         "asked_minimum": domain.asked_minimum,
-        "behaviors": [_behavior_row(behavior) for behavior in domain.behaviors],
+        "behaviors": [
+            {key: value for key, value in asdict(behavior).items() if value is not None}
+            for behavior in domain.behaviors
+        ],
         "diagram": {
             "states": list(diagram.states[:-1]),
             "start": diagram.start,
             "illegal": diagram.illegal,
-            "effects": [_effect_row(effect) for effect in diagram.effects],
+            "effects": [
+                {key: getattr(effect, field) for key, field in _EFFECT_FIELDS.items()}
+                for effect in diagram.effects
+            ],
         },
     }
 
@@ -161,6 +190,7 @@ def _build(table: dict[str, Any]) -> Domain:
     _check_keys("the domain", table, _DOMAIN_KEYS, ("name", "attributes", "behaviors", "diagram"))
     _check_keys("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
     _check_sizes(table)
+    diagram = table["diagram"]
     for part, kind in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
         _check_keys(f"[{part}]", entries, dict.fromkeys(entries, kind), ())
@@ -175,7 +205,12 @@ def _build(table: dict[str, Any]) -> Domain:
         name=table["name"],
         attributes=tuple(table["attributes"]),
         behaviors=tuple(_behavior(row) for row in table["behaviors"]),
-        diagram=_diagram(table["diagram"]),
+        diagram=TransitionDiagram(
+            states=(*diagram["states"], TERMINAL),
+            start=diagram["start"],
+            effects=tuple(_effect(row) for row in diagram["effects"]),
+            illegal=diagram.get("illegal", "terminate"),
+        ),
         groups={key: tuple(names) for key, names in table.get("groups", {}).items()},
         synonyms=table.get("synonyms", {}),
         predefined=tuple(table.get("predefined", ())),
@@ -206,15 +241,6 @@ def _check_sizes(table: dict[str, Any]) -> None:
         )
 
 
-def _diagram(table: dict[str, Any]) -> TransitionDiagram:
-    return TransitionDiagram(
-        states=(*table["states"], TERMINAL),
-        start=table["start"],
-        effects=tuple(_effect(row) for row in table["effects"]),
-        illegal=table.get("illegal", "terminate"),
-    )
-
-
 def _behavior(row: dict[str, Any]) -> Behavior:
     where = f"behavior {row.get('name', row)!r}"
     _check_keys(where, row, _BEHAVIOR_KEYS, ("name", "cost"))
@@ -222,26 +248,10 @@ def _behavior(row: dict[str, Any]) -> Behavior:
     return Behavior(row["name"], float(row["cost"]), tuple(row.get("modalities", ())), accuracy)
 
 
-def _behavior_row(behavior: Behavior) -> dict[str, Any]:
-    row = {"name": behavior.name, "cost": behavior.cost, "modalities": list(behavior.modalities)}
-    answers = behavior.answer_accuracy is not None
-    return {**row, "answer_accuracy": behavior.answer_accuracy} if answers else row
-
-
-def _effect_row(effect: Effect) -> dict[str, Any]:
-    return {
-        "from": effect.source,
-        "do": effect.behavior,
-        "to": effect.target,
-        "probability": effect.probability,
-        "senses": effect.senses,
-    }
-
-
 def _effect(row: dict[str, Any]) -> Effect:
     _check_keys(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
-    probability = float(row.get("probability", 1.0))
-    return Effect(row["from"], row["do"], row["to"], probability, row.get("senses", True))
+    fields = {_EFFECT_FIELDS[key]: value for key, value in row.items()}
+    return Effect(**{**fields, "probability": float(row.get("probability", 1.0))})
 
 
 def _check_keys(
@@ -265,5 +275,5 @@ def _is(kind: str, value: object) -> bool:
         return type(value) is int and value >= 0
     if kind in (_LIST, "a list of numbers", _ROWS):
         inner = {_LIST: _TEXT, _ROWS: _TABLE}.get(kind, _NUMBER)
-        return isinstance(value, list) and all(_is(inner, entry) for entry in value)
+        return isinstance(value, list | tuple) and all(_is(inner, entry) for entry in value)
     return isinstance(value, {_TEXT: str, _TABLE: dict}.get(kind, bool))

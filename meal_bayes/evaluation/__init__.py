@@ -24,11 +24,17 @@ from meal_bayes.evaluation.learning import (
     successes_within,
     summarize_learning,
 )
+from meal_bayes.evaluation.outcome_model import AgentEffect, compare_outcomes, plot_effects
 from meal_bayes.evaluation.statistics import (
+    Effect,
     Interval,
     bootstrap_interval,
+    clustered,
     clustered_se,
+    holm,
     paired_difference,
+    resampled,
+    spent,
     wilson_interval,
 )
 from meal_bayes.evaluation.summary import (
@@ -37,10 +43,13 @@ from meal_bayes.evaluation.summary import (
     compare,
     difference,
     mean,
+    mean_effect,
     summarize,
 )
 
 __all__ = [
+    "AgentEffect",
+    "Effect",
     "Interval",
     "LearningRow",
     "LearningSummary",
@@ -50,19 +59,26 @@ __all__ = [
     "bootstrap_interval",
     "brier",
     "calibration_error",
+    "clustered",
     "clustered_se",
     "compare",
+    "compare_outcomes",
     "curves_of",
     "decided",
     "difference",
     "difference_at",
     "expected_calibration_error",
+    "holm",
     "learning_rows",
     "mean",
+    "mean_effect",
     "mean_until",
     "negative_log_likelihood",
     "paired_difference",
+    "plot_effects",
     "pooled_ece",
+    "resampled",
+    "spent",
     "success_difference",
     "successes_within",
     "summarize",

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.trial import Trial
-from meal_bayes.trial_log import Group, TrialOutcomes
+from meal_bayes.trial_log import Group
+from meal_bayes.trials import Trial, TrialOutcomes
 
 WORST = 10  # trials that are kept whole
 
@@ -26,9 +26,12 @@ class Worst(NamedTuple):
 
     Attributes
     ----------
-    number : of the trial in its file.
-    outcome : one row.
-    trial : None of a compact log.
+    number : int
+        Of the trial in its file.
+    outcome : TrialOutcomes
+        One row.
+    trial : Trial | None
+        None of a compact log.
     """
 
     file: Path

@@ -6,6 +6,7 @@ budgets of hours, after the last batch, and by the successes within a budget (Eq
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
@@ -19,15 +20,16 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
+from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
 from meal_bayes.evaluation.summary import mean
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
+from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 Array = NDArray[np.float64]
 
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
-MASS = 0.9  # of intervals
+RATIO = 0.5  # test objects over training objects: the paper's thirds
+_FIRST = 10  # repeats after which a run that goes on looks for the first time
 _LAST = 3  # batches whose beliefs are pooled
 
 
@@ -67,7 +69,7 @@ class LearningSummary(Measures):
     ----------
     area_hours : hours H that the reference explores, mean over repeats.
     area_reward_difference : of the mean test reward over the first H hours, agent - reference.
-    area_low, area_high : its 90 % interval over repeats.
+    area_low, area_high : its 95 % interval, corrected as repeats split the same objects.
     reward_after : after the last batch.
     reward_after_difference : agent - reference.
     accuracy_after : after the last batch.
@@ -129,21 +131,40 @@ def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
 
 
 def summarize_learning(
-    results: Sequence[BatchOutcomes], *, reference: str | None = None
+    results: Sequence[BatchOutcomes],
+    *,
+    reference: str | None = None,
+    ratio: float = RATIO,
+    mass: float = MASS,
 ) -> list[LearningSummary]:
-    """Compare every agent with the reference, by default the first one."""
+    """Compare every agent with the reference.
+
+    Parameters
+    ----------
+    results : of all agents.
+    reference : the agent compared with; by default the first one.
+    ratio : test objects over training objects, of `resampled`.
+    mass : of the intervals.
+    """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
     base = curves[agents[0] if reference is None else reference]
-    return [_summary(results, agent, curves[agent], base) for agent in agents]
+    return [_summary(results, agent, curves[agent], base, ratio, mass) for agent in agents]
 
 
 def decided(results: Sequence[BatchOutcomes]) -> bool:
-    """Return whether the interval of every agent's area excludes 0, but the first one's."""
-    return all(row.decided for row in summarize_learning(results)[1:])
+    """Return whether the interval of every agent's area excludes 0, but the first one's.
+
+    Looks after 10, 20, 40, ... repeats pay for each other (see `spent`).
+    """
+    repeats = len({result.repeat for result in results})
+    look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / _FIRST)))
+    return all(row.decided for row in summarize_learning(results, mass=1 - spent(look))[1:])
 
 
-def area_difference(own: Curves, base: Curves) -> tuple[float, Interval]:
+def area_difference(
+    own: Curves, base: Curves, *, ratio: float = RATIO, mass: float = MASS
+) -> tuple[float, Interval]:
     """Compare mean rewards over the hours that the reference explores.
 
     A curve is linear between batches, and stays at its end where an agent has explored less.
@@ -154,12 +175,13 @@ def area_difference(own: Curves, base: Curves) -> tuple[float, Interval]:
     """
     own, base = _shared(own, base)
     hours = float(base.hours[:, -1].mean())
-    return hours, _difference(own, base, lambda x, y: mean_until(x, y, hours))
+    return hours, _difference(own, base, lambda x, y: mean_until(x, y, hours), ratio, mass)
 
 
-def difference_at(own: Curves, base: Curves, budget: float) -> Interval:
+def difference_at(own: Curves, base: Curves, budget: float, *, ratio: float = RATIO) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches."""
-    return _difference(*_shared(own, base), lambda x, y: float(np.interp(budget, x, y)))
+    own, base = _shared(own, base)
+    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)), ratio)
 
 
 def mean_until(hours: Array, values: Array, end: float) -> float:
@@ -187,7 +209,11 @@ def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
 
 
 def success_difference(
-    own: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
+    own: Sequence[TrialOutcomes],
+    base: Sequence[TrialOutcomes],
+    budget: float,
+    *,
+    ratio: float = RATIO,
 ) -> Interval:
     """Compare the successes of training trials within a budget (Eq. 7), paired by repeat.
 
@@ -197,7 +223,7 @@ def success_difference(
     budget : s of each repeat.
     """
     first, second = ([successes_within(one, budget) for one in trials] for trials in (own, base))
-    return paired_difference(first, second, np.arange(len(first)), mass=MASS)
+    return resampled(np.subtract(first, second), ratio).interval()
 
 
 def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
@@ -239,9 +265,10 @@ def _accuracy(outcomes: TrialOutcomes) -> float:
 
 
 def _summary(
-    results: Sequence[BatchOutcomes], agent: str, own: Curves, base: Curves
-) -> LearningSummary:
-    hours, area = area_difference(own, base)
+    results: Sequence[BatchOutcomes], agent: str, own: Curves, base: Curves, ratio: float,
+    mass: float,
+) -> LearningSummary:  # fmt: skip
+    hours, area = area_difference(own, base, ratio=ratio, mass=mass)
     paired, against = _shared(own, base)
     after = paired.reward[:, -1] - against.reward[:, -1]
     return LearningSummary(
@@ -257,13 +284,16 @@ def _summary(
     )
 
 
-def _difference(own: Curves, base: Curves, of: Callable[[Array, Array], float]) -> Interval:
+def _difference(
+    own: Curves, base: Curves, of: Callable[[Array, Array], float], ratio: float,
+    mass: float = MASS,
+) -> Interval:  # fmt: skip
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
     found, against = (
         [of(hours, reward) for hours, reward in zip(one.hours, one.reward, strict=True)]
         for one in (own, base)
     )
-    return paired_difference(found, against, own.repeats, mass=MASS)
+    return resampled(np.subtract(found, against), ratio).interval(mass)
 
 
 def _shared(own: Curves, base: Curves) -> tuple[Curves, Curves]:

@@ -24,10 +24,14 @@ class Table:
 
     Attributes
     ----------
-    head : names of the columns.
-    rows : their cells.
-    texts : indices of columns that hold text; the others are aligned as numbers.
-    note : stands above the table.
+    head : Sequence[str]
+        Names of the columns.
+    rows : Sequence[Sequence[str | Cell]]
+        Their cells.
+    texts : Sequence[int]
+        Indices of columns that hold text; the others are aligned as numbers.
+    note : str
+        Stands above the table.
     """
 
     head: Sequence[str]
@@ -50,9 +54,12 @@ class Block:
 
     Attributes
     ----------
-    kind : "warning", or "small" where the figures are.
-    parts : shown folded, unless `opened`.
-    verdict : "right", "wrong" or "abstained", before the title of a part.
+    kind : str
+        "warning", or "small" where the figures are.
+    parts : Sequence[Block]
+        Shown folded, unless `opened`.
+    verdict : str
+        "right", "wrong" or "abstained", before the title of a part.
     """
 
     title: str
@@ -73,8 +80,10 @@ def render_page(title: str, source: str, facts: Mapping[str, str], blocks: Seque
 
     Parameters
     ----------
-    source : stands under the title.
-    facts : a few large numbers by name.
+    source : str
+        Stands under the title.
+    facts : Mapping[str, str]
+        A few large numbers by name.
     """
     environment = Environment(
         loader=PackageLoader("meal_bayes.evaluation"), autoescape=True, undefined=StrictUndefined

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
@@ -22,6 +21,7 @@ from meal_bayes.evaluation.canvas import (
     name_axes,
 )
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
+from meal_bayes.trials import Trial
 
 _MANY = 25  # points on a line, beyond which they get no markers
 _FEW = 3  # lines that leave room for a legend between them
@@ -68,8 +68,10 @@ def lines(
 
     Parameters
     ----------
-    x_label, y_label : with their units, as "cost, s".
-    fraction : whether y is drawn on 0 to 1.
+    x_label, y_label : str
+        With their units, as "cost, s".
+    fraction : bool
+        Whether y is drawn on 0 to 1.
     """
     with axes_to_draw(ax) as to:
         for number, one in enumerate(series):
@@ -104,9 +106,12 @@ def bars(
 
     Parameters
     ----------
-    groups : for each color an interval for each name; one group stands without a legend.
-    names : under the bars.
-    fraction : whether y is drawn on 0 to 1.
+    groups : Mapping[str, Sequence[Interval]]
+        For each color an interval for each name; one group stands without a legend.
+    names : Sequence[str]
+        Under the bars.
+    fraction : bool
+        Whether y is drawn on 0 to 1.
     """
     with axes_to_draw(ax) as to:
         width, single = 0.8 / max(len(groups), 1), len(groups) == 1
@@ -148,9 +153,12 @@ def reliability_diagram(
 
     Parameters
     ----------
-    positive : (n,) Pr(attribute is true).
-    truth : (n,) bool.
-    small : one of several side by side, without a legend.
+    positive : ArrayLike
+        (n,) Pr(attribute is true).
+    truth : ArrayLike
+        (n,) bool.
+    small : bool
+        One of several side by side, without a legend.
     """
     b, true = checked_cases(positive, truth)
     index = bins_of(b, bins)
@@ -263,7 +271,8 @@ def accuracy_and_cost(
 
     Parameters
     ----------
-    points : accuracy and cost, s, by agent.
+    points : Mapping[str, tuple[Interval, Interval]]
+        Accuracy and cost, s, by agent.
     """
     with axes_to_draw(ax) as to:
         for number, (agent, (accuracy, cost)) in enumerate(points.items()):

@@ -30,9 +30,12 @@ def forest(
 
     Parameters
     ----------
-    middle, low, high : (P,E,2) Pr(yes | false), Pr(yes | true), and the ends of their intervals.
-    attributes, behaviors : names (P,) and (E,).
-    most : rows.
+    middle, low, high : ArrayLike
+        (P,E,2) Pr(yes | false), Pr(yes | true), and the ends of their intervals.
+    attributes, behaviors : Sequence[str]
+        Names (P,) and (E,).
+    most : int
+        Rows.
     """
     center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
     if center.shape != (len(attributes), len(behaviors), 2) or ends.shape[:-1] != center.shape:
@@ -79,8 +82,10 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
 
     Parameters
     ----------
-    observed : (2,n+1) cases by truth (false, true) and number of "yes" of n.
-    predicted : (S,2,n+1) replicates.
+    observed : ArrayLike
+        (2,n+1) cases by truth (false, true) and number of "yes" of n.
+    predicted : ArrayLike
+        (S,2,n+1) replicates.
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
     if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:

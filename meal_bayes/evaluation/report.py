@@ -19,8 +19,9 @@ from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
 from meal_bayes.evaluation.worst import worst_trials
 from meal_bayes.files import check_output, write_whole
-from meal_bayes.trial_log import Logs, TrialOutcomes
-from meal_bayes.trial_log.formatting import UNKNOWN
+from meal_bayes.trial_log import Logs
+from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.text import UNKNOWN
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
@@ -43,13 +44,17 @@ def write_report(
 
     Parameters
     ----------
-    logs : of one data set, as object indices name the clusters of standard errors.
-    on_progress : called with (files done, files in all).
+    logs : Logs
+        Of one data set, as object indices name the clusters of standard errors.
+    on_progress : Callable[[int, int], None] | None
+        Called with (files done, files in all).
 
     Raises
     ------
-    LogError : there is not one trial that can be read.
-    OutputError : the page cannot be written, or would replace a log.
+    LogError
+        There is not one trial that can be read.
+    OutputError
+        The page cannot be written, or would replace a log.
     """
     path, data, read = Path(path), Collected(), set[Path]()
     check_output(path, inputs=logs.files)
@@ -173,7 +178,7 @@ def _agents(
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {name: (mean(own, "success"), mean(own, "cost")) for name, own in agents.items()}
-        costs = {name: own.cost for name, own in agents.items()}
+        costs = {name: own.cost[own.ended == ""] for name, own in agents.items()}
         known = {name: both for name, both in points.items() if not math.isnan(both[0].estimate)}
         if known:
             caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."

@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtr, stdtrit
 
 from meal_bayes.errors import SettingsError
 
 Array = NDArray[np.float64]
+
+MASS = 0.95  # of intervals, on all pages
+_POWER = 0.8  # with which further units are to decide
 
 
 class Interval(NamedTuple):
@@ -60,14 +63,153 @@ def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:
     return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(x))
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Effect:
+    """An estimate that can be tested against any bound, at any level.
+
+    Attributes
+    ----------
+    estimate, se : the mean and its standard error; NaN where the data do not determine it.
+    units : independent units behind it, such as objects or splits.
+    fixed : part of the variance that further units do not reduce.
+    fraction : whether it is a probability: then its interval is Wilson's, on as many independent
+        cases as have its standard error (on the units alone where all cases agree).
+    unit, method : in words.
+    """
+
+    estimate: float
+    se: float
+    units: int
+    fixed: float = 0.0
+    fraction: bool = False
+    unit: str = "objects"
+    method: str = "Student's t over clusters"
+
+    def interval(self, mass: float = MASS) -> Interval:
+        """Return the two-sided interval of a mass."""
+        t = float(stdtrit(max(self.units - 1, 1), 0.5 + mass / 2))
+        if not self.fraction:
+            reach = self.se * t
+            return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
+        p, n = self.estimate, self._cases
+        middle, width = p + t * t / (2 * n), t * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
+        ends = ((middle + sign * width) / (1 + t * t / n) for sign in (-1, 1))
+        low, high = (min(max(end, 0.0), 1.0) for end in ends)
+        return Interval(p, self.se, low, high)
+
+    def level_above(self, bound: float) -> float:
+        """Return the smallest level at which the two-sided interval lies above a bound.
+
+        >>> round(Effect(2.0, 1.0, 10).level_above(0.0), 4)
+        0.0766
+        """
+        distance, se = self.estimate - bound, self.se
+        if self.fraction and 0 < bound < 1:
+            se = math.sqrt(bound * (1 - bound) / self._cases)
+        if math.isinf(bound):
+            return 0.0 if bound < 0 else 2.0
+        if not se > 0:
+            return 2.0 if math.isnan(se) or distance <= 0 else 0.0
+        return 2 * float(stdtr(max(self.units - 1, 1), -distance / se))
+
+    def level_below(self, bound: float) -> float:
+        """Return the smallest level at which the two-sided interval lies below a bound."""
+        if self.fraction:
+            return dataclasses.replace(self, estimate=1 - self.estimate).level_above(1 - bound)
+        return dataclasses.replace(self, estimate=-self.estimate).level_above(-bound)
+
+    def needed(self, bound: float, level: float) -> int | None:
+        """Return the units that decide on which side of a bound it is, at 80 % power.
+
+        None where no number would, as the difference is nothing or the fixed part is too much.
+        """
+        distance = abs(self.estimate - bound)
+        if not (self.se > 0 and distance > 0):
+            return None
+        units = 1000.0
+        for _ in range(20):  # Student's t is that of the units it calls for
+            reach = float(stdtrit(max(units - 1, self.units, 1), 1 - level / 2)) + float(
+                ndtri(_POWER)
+            )
+            wanted = (distance / reach) ** 2 - self.fixed
+            if wanted <= 0:
+                return None
+            units = self.units * (self.se**2 - self.fixed) / wanted
+        return max(math.ceil(units), self.units + 1)
+
+    @property
+    def _cases(self) -> float:
+        p = self.estimate
+        return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else float(self.units)
+
+
+def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
+    """Estimate the mean of values; clusters, such as objects, are independent of each other."""
+    x = np.asarray(values, float)
+    method = "Wilson's on clusters" if fraction else "Student's t over clusters"
+    return Effect(
+        float(x.mean()), clustered_se(x, clusters), len(np.unique(np.asarray(clusters))),
+        fraction=fraction, method=method,
+    )  # fmt: skip
+
+
+def resampled(values: ArrayLike, ratio: float) -> Effect:
+    """Estimate a mean over splits of the same objects, with the corrected resampled variance.
+
+    Splits share objects, so their spread alone is too small: J of them have the variance
+    (1/J + test objects / training objects) s^2 [Nadeau2003], of which more splits reduce the first
+    part alone.
+
+    Parameters
+    ----------
+    values : (J,) a value a split; of agents compared, their paired difference.
+    ratio : test objects / training objects.
+
+    >>> resampled([0.0, 2.0], 0.5).se
+    1.4142135623730951
+    """
+    x = np.asarray(values, float)
+    if len(x) == 0:
+        return Effect(math.nan, math.nan, 0, unit="splits", method="corrected resampled t")
+    variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan
+    return Effect(
+        float(x.mean()), math.sqrt(variance * (1 / len(x) + ratio)), len(x),
+        fixed=variance * ratio, unit="splits", method="corrected resampled t",
+    )  # fmt: skip
+
+
+def holm(levels: ArrayLike, level: float = 1 - MASS) -> Array:
+    """Return the level of each test of a family, so that it has a false one at `level` [Holm1979].
+
+    The tests are those whose smallest levels are given, (m,).
+
+    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()
+    [0.05, 0.0167, 0.025]
+    """
+    p = np.asarray(levels, float)
+    own, going = np.empty(len(p)), True
+    for rank, test in enumerate(np.argsort(p, kind="stable")):
+        if going:
+            adjusted = level / (len(p) - rank)
+            going = bool(p[test] <= adjusted)
+        own[test] = adjusted
+    return own
+
+
+def spent(look: int, level: float = 1 - MASS) -> float:
+    """Return the level of a look at growing data: looks 1, 2, ... spend 1/2, 1/4, ... of it.
+
+    However many follow, all of them have a false decision at `level` at most.
+    """
+    return level * 0.5**look
+
+
 def paired_difference(
-    first: ArrayLike, second: ArrayLike, clusters: ArrayLike, *, mass: float = 0.95
+    first: ArrayLike, second: ArrayLike, clusters: ArrayLike, *, mass: float = MASS
 ) -> Interval:
     """Estimate the mean of first - second over pairs, with Student's interval over clusters."""
     difference = np.asarray(first, float) - np.asarray(second, float)
-    mean, se = float(difference.mean()), clustered_se(difference, clusters)
-    reach = se * stdtrit(max(len(np.unique(clusters)) - 1, 1), 0.5 + mass / 2)
-    return Interval(mean, se, mean - float(reach), mean + float(reach))
+    return clustered(difference, clusters).interval(mass)
 
 
 def bootstrap_interval(

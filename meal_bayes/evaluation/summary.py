@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.display import card, table_html
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
@@ -18,9 +17,9 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Interval, Measures, paired_difference
+from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import TrialOutcomes
+from meal_bayes.trials import Trial, TrialOutcomes
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class SummaryRow(Measures):
     judged: int  # of these, how many ended with a truth that is known
     accuracy: float  # fraction of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
-    cost_s: float  # mean of Eq. 6
+    cost_s: float  # mean of Eq. 6, of trials that came to their end; so are all measures below
     cost_sd: float  # standard deviation over trials
     reward: float  # mean, unshaped, undiscounted
     reward_se: float
@@ -109,12 +108,16 @@ def mean(trials: Iterable[Trial] | TrialOutcomes, measure: str) -> Interval:
     >>> mean([], "cost").estimate
     nan
     """
-    outcomes = TrialOutcomes.of(trials)
-    values = _measured(outcomes, measure)
+    return mean_effect(TrialOutcomes.of(trials), measure).interval()
+
+
+def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
+    """Estimate the mean of a measure, as `mean`; intervals of proportions stay inside [0, 1]."""
+    values, fraction = measured(outcomes, measure), measure in ("success", "abstained")
     known = ~np.isnan(values)
     if not known.any():
-        return Interval(*[math.nan] * 4)
-    return paired_difference(values[known], 0.0, outcomes.object_name[known])
+        return Effect(math.nan, math.nan, 0)
+    return clustered(values[known], outcomes.object_name[known], fraction=fraction)
 
 
 def compare(
@@ -130,11 +133,11 @@ def compare(
     """
     outcomes = TrialOutcomes.of(trials)
     fault = f"Agents {first!r} and {second!r} share no task; run both under the same seed."
-    return _paired(outcomes.of_agent(first), outcomes.of_agent(second), measure, fault)
+    return _paired(outcomes.of_agent(first), outcomes.of_agent(second), measure, fault).interval()
 
 
-def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Interval:
-    """Compute the mean of first - second over the tasks that both have, clustered by object.
+def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
+    """Estimate the mean of first - second over the tasks that both have, clustered by object.
 
     Parameters
     ----------
@@ -145,21 +148,21 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     return _paired(first, second, measure, fault)
 
 
-def _paired(first: TrialOutcomes, second: TrialOutcomes, measure: str, fault: str) -> Interval:
+def _paired(first: TrialOutcomes, second: TrialOutcomes, measure: str, fault: str) -> Effect:
     """Compute the mean of first - second over shared tasks; raise `fault` where there are none."""
     rows = dict(zip(first.key.tolist(), range(len(first)), strict=True))
     others = dict(zip(second.key.tolist(), range(len(second)), strict=True))
     pairs = [(row, others[key]) for key, row in rows.items() if key in others]
     left, right = np.array(pairs, int).reshape(-1, 2).T
-    found = _measured(first, measure)[left] - _measured(second, measure)[right]
+    found = measured(first, measure)[left] - measured(second, measure)[right]
     known = ~np.isnan(found)
     if not known.any():
         raise SettingsError(fault)
-    return paired_difference(found[known], 0.0, first.object_name[left][known])
+    return clustered(found[known], first.object_name[left][known])
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
-    both = own.judged & own.answered
+    both, cost = own.judged & own.answered, own.cost[own.ended == ""]
     reward, accuracy = mean(own, "reward"), mean(own, "success")
     positive, truth = own.beliefs()
     nll = squared = ece = calibrated = math.nan
@@ -174,8 +177,8 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         judged=int(own.judged.sum()),
         accuracy=accuracy.estimate,
         accuracy_se=accuracy.se,
-        cost_s=float(own.cost.mean()),
-        cost_sd=float(own.cost.std(ddof=1)) if len(own) > 1 else math.nan,
+        cost_s=float(cost.mean()) if len(cost) else math.nan,
+        cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate,
         reward_se=reward.se,
         nll=nll,
@@ -188,11 +191,11 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
     )
 
 
-def _measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
+def measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
     """Return a measure of each trial, (n,); NaN where it has none."""
     whole = outcomes.ended == ""
     if measure == "cost":
-        return outcomes.cost
+        return np.where(whole, outcomes.cost, np.nan)
     if measure == "reward":
         return np.where(whole, outcomes.reward, np.nan)
     if measure == "success":

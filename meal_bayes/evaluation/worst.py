@@ -1,12 +1,11 @@
 """The section of a report that shows single trials: those with the lowest reward."""
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.display import percent
 from meal_bayes.domain import Query
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.collect import Collected, Worst
 from meal_bayes.evaluation.page import Block, Figure, Table
-from meal_bayes.trial_log.formatting import percept_labels, truth_text
+from meal_bayes.trials import Trial, percept_labels, truth_text
 
 _OPENED = 3  # trials that are not folded
 
@@ -56,7 +55,9 @@ def _steps(trial: Trial) -> Table:
             percept = ""
         elif step.observation is not None:
             percept = ", ".join(percept_labels(momdp, action, step.observation))
-        name = momdp.behavior_names[action] if action < momdp.n_behaviors else "report"
+        elif step.warning:
+            percept = step.warning
+        name = momdp.action_label(action)
         belief = ", ".join(map(percent, step.belief.positive.tolist()))
         rows.append([str(number), name, f"{step.cost:g}", percept, belief])
     return Table(["", "behavior", "s", "percept", "belief"], rows, texts=(1, 3, 4))

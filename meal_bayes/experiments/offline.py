@@ -4,30 +4,29 @@ import dataclasses
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.agents import Task, Trial, as_agent, distinct, trials_frame
+from meal_bayes.agents import as_agent, distinct
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.carried import Carried
-from meal_bayes.experiments.claims import run_claimed
 from meal_bayes.experiments.percepts import percepts_for
+from meal_bayes.experiments.sources import agent_digest
 from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.experiments.units import run_units
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
-    TrialOutcomes,
     TrialWriter,
     read_outcomes,
     read_seconds,
     read_trials,
-    remove_drafts,
 )
+from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
@@ -125,17 +124,49 @@ class OfflineRun:
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
-    agent: Carried  # unpickled first, as the config holds the agent too
+    """Up to 100 trials of one agent.
+
+    Attributes
+    ----------
+    config : of the run, with this agent alone.
+    path : of its log.
+    first : number of its first trial.
+    fresh : run again what is there.
+    """
+
     config: OfflineConfig
-    first: int  # trial
     path: Path
-    fresh: bool = False  # run again what is there
+    first: int
+    fresh: bool = False
 
     @property
-    def done(self) -> bool:
-        """Whether its file is there and sound."""
-        trials = min(UNIT, self.config.trials - self.first)
-        return not self.fresh and is_whole(self.path, trials=trials)
+    def size(self) -> int:
+        return min(UNIT, self.config.trials - self.first)
+
+    @property
+    def done(self) -> int:
+        whole = not self.fresh and is_whole(self.path, trials=self.size)
+        return self.size if whole else 0
+
+    def run(self) -> None:
+        if self.done:  # by another process, meanwhile
+            return
+        config = self.config
+        learner = Learner(
+            _table(config).domain,
+            agent=config.agents[0],
+            seed=config.seed,
+            reward=config.reward,
+            percepts=config.percepts,
+            logs=None,
+        ).fit(_table(config))
+        runner = learner.runner  # checks the settings, before there is a file
+        header = {"config": config.as_dict(), "seed": config.seed}
+        with TrialWriter(self.path, header) as log:
+            for task in _tasks(config)[self.first : self.first + UNIT]:
+                start = time.perf_counter()
+                trial = runner.run(task)
+                log.write(trial, seconds=time.perf_counter() - start)
 
 
 def run_offline(
@@ -167,33 +198,27 @@ def run_offline(
     SettingsError : settings that cannot be run.
     OutputError, LogError : logs that cannot be written.
     """
-    if jobs < 1:
-        raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
-    tasks = _tasks(config)
-    carried = {agent.name: Carried.of(agent) for agent in config.agents}
-    store = _store(config, logs, carried)
+    store = _store(config, logs)
     units = [
-        _Unit(one, dataclasses.replace(config, agents=(one.agent,)), first, path, fresh)
-        for first in range(0, len(tasks), UNIT)
-        for name, one in carried.items()
-        for path in (store.unit(name, first // UNIT).absolute(),)
+        _Unit(dataclasses.replace(config, agents=(agent,)), path, first, fresh)
+        for first in range(0, len(_tasks(config)), UNIT)
+        for agent in config.agents
+        for path in (store.unit(agent.name, first // UNIT).absolute(),)
     ]
-    todo = [unit for unit in units if not unit.done]
-    total = len(tasks) * len(carried)
-    done = total - sum(len(_slice(tasks, unit)) for unit in todo)
-    if on_progress is not None:
-        on_progress(done, total)
-    if todo:
-        own = tuple({unit.agent.agent.name: unit.agent.agent for unit in todo}.values())
-        warm_up_offline(dataclasses.replace(config, agents=own))
-    work = [(unit, unit.path) for unit in todo]
-    for finished in run_claimed(_run_unit, work, jobs=jobs, cluster=cluster, on_note=on_note):
-        done += finished
-        if on_progress is not None:
-            on_progress(done, total)
-    numbers = range((len(tasks) + UNIT - 1) // UNIT)
-    paths = {name: [store.unit(name, number) for number in numbers] for name in carried}
-    seconds = {name: _seconds(iter(own)) for name, own in paths.items()}
+    run_units(
+        units,
+        _warm_up,
+        jobs=jobs,
+        cluster=cluster,
+        on_progress=on_progress,
+        on_note=on_note,
+    )
+    numbers = range(math.ceil(config.trials / UNIT))
+    paths = {
+        agent.name: [store.unit(agent.name, number) for number in numbers]
+        for agent in config.agents
+    }
+    seconds = {name: _seconds(iter(files)) for name, files in paths.items()}
     return OfflineRun(config, store.folder, tuple(itertools.chain(*paths.values())), seconds)
 
 
@@ -203,42 +228,21 @@ def warm_up_offline(config: OfflineConfig) -> None:
         agent.warm_up(_table(config).domain, _tasks(config)[0].query)
 
 
-def _store(config: OfflineConfig, logs: str | Path, carried: Mapping[str, Carried]) -> Store:
+def _warm_up(units: list[_Unit]) -> None:
+    agents = {unit.config.agents[0].name: unit.config.agents[0] for unit in units}
+    warm_up_offline(dataclasses.replace(units[0].config, agents=tuple(agents.values())))
+
+
+def _store(config: OfflineConfig, logs: str | Path) -> Store:
     """Name the folder by what every unit depends on, the source of agents of one's own included."""
     shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
     shared["table"] = fingerprint(config.dataset)
     if config.trials % UNIT == 0:  # its units are those of longer runs
         shared["trials"] = "whole units"
-    shared["sources"] = {name: one.digest for name, one in carried.items() if one.digest}
+    digests = {agent.name: agent_digest(agent) for agent in config.agents}
+    shared["sources"] = {name: digest for name, digest in digests.items() if digest}
     name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
     return Store.of(logs, name, shared)
-
-
-def _run_unit(unit: _Unit) -> int:
-    tasks = _slice(_tasks(unit.config), unit)
-    config = unit.config
-    if unit.done:  # by another process, meanwhile
-        return len(tasks)
-    learner = Learner(
-        _table(config).domain,
-        agent=unit.agent.agent,
-        seed=config.seed,
-        reward=config.reward,
-        percepts=config.percepts,
-        logs=None,
-    ).fit(_table(config))
-    header = {"config": config.as_dict(), "seed": config.seed}
-    with TrialWriter(unit.path, header) as log:
-        for task in tasks:
-            start = time.perf_counter()
-            trial = learner.replay(task)
-            log.write(trial, seconds=time.perf_counter() - start)
-    remove_drafts(unit.path)  # of processes that were killed
-    return len(tasks)
-
-
-def _slice(tasks: list[Task], unit: _Unit) -> list[Task]:
-    return tasks[unit.first : unit.first + UNIT]
 
 
 def _tasks(config: OfflineConfig) -> list[Task]:

@@ -2,46 +2,33 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from meal_bayes.agents import (
-    Agent,
-    Experience,
-    Feedback,
-    ITRSBonus,
-    OnlineLearner,
-    RunContext,
-    Task,
-    Trial,
-    origin_of,
-)
+from meal_bayes.agents import Agent, ITRSBonus
+from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
-from meal_bayes.domain import Domain, Query
-from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.carried import Carried
-from meal_bayes.experiments.claims import run_claimed
+from meal_bayes.domain import Query
+from meal_bayes.experiments.environment import Environment, true_dynamics
 from meal_bayes.experiments.online_config import OnlineConfig
 from meal_bayes.experiments.protocol import ASKED, Protocol, learnable, restricted
-from meal_bayes.experiments.store import Store, file_name, fingerprint, is_whole
-from meal_bayes.perception import Kernels
-from meal_bayes.seeds import stream
+from meal_bayes.experiments.sources import agent_digest
+from meal_bayes.experiments.store import Store, fingerprint, is_whole
+from meal_bayes.experiments.units import run_units
+from meal_bayes.files import file_name
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
-    BatchOutcomes,
     OutcomeWriter,
-    TrialOutcomes,
     TrialWriter,
     log_info,
     read_outcomes,
     read_trials,
-    remove_drafts,
 )
+from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 _STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
@@ -81,7 +68,6 @@ class OnlineRun:
 class _Unit:
     """One agent in one repeat."""
 
-    carried: Carried  # unpickled first, as the config holds the agent too
     config: OnlineConfig
     repeat: int
     folder: Path
@@ -98,13 +84,16 @@ class _Unit:
         return dataclasses.replace(agent, exploration=dataclasses.replace(bonus, **weights))
 
     @property
-    def name(self) -> tuple[str, int]:
-        """The agent's name and the repeat."""
-        return self.agent.name, self.repeat
+    def path(self) -> Path:
+        """Folder of its logs."""
+        return self.folder / file_name(self.agent.name, 200) / f"repeat-{self.repeat:03d}"
+
+    @property
+    def size(self) -> int:
+        return self.config.batches + 1
 
     def log(self, batch: int, part: str) -> Path:
-        folder = self.folder / file_name(self.agent.name) / f"repeat-{self.repeat:03d}"
-        return folder / f"{batch:02d}-{part}.mcap"
+        return self.path / f"{batch:02d}-{part}.mcap"
 
     def has(self, batch: int, part: str) -> bool:
         """Return whether the log of a part of a batch is there and sound."""
@@ -116,12 +105,16 @@ class _Unit:
         parts = [("test",), *[("train", "test")] * self.config.batches]
         return sum(all(self.has(b, p) for p in ps) for b, ps in enumerate(parts))
 
+    def run(self) -> None:
+        """Run what is not finished."""
+        _run_unit(self)
+
 
 def _unit(
     config: OnlineConfig, agent: Agent, repeat: int, folder: Path, fresh: bool = False
 ) -> _Unit:
     own = dataclasses.replace(config, agents=(agent,))
-    return _Unit(Carried.of(agent), own, repeat, folder, fresh)
+    return _Unit(own, repeat, folder, fresh)
 
 
 def run_online(
@@ -148,10 +141,8 @@ def run_online(
     on_progress : called with (batches done, batches in all).
     on_note : called with a line that says which other process is waited for; logged by default.
     """
-    if jobs < 1:
-        raise SettingsError(f"jobs is {jobs}; give at least 1.")
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
-    _true_dynamics(domain, dict(config.success))  # the same
+    true_dynamics(domain, dict(config.success))  # the same
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
@@ -162,19 +153,14 @@ def run_online(
         for repeat in _repeats(config)
         for agent in config.agents
     ]
-    batches = config.batches + 1
-    finished = {unit.name: unit.done for unit in units}
-    total, done = batches * len(units), sum(finished.values())
-    todo = [unit for unit in units if finished[unit.name] < batches]
-    if on_progress is not None:
-        on_progress(done, total)
-    if todo:
-        warm_up_online(config)
-    work = [(unit, unit.log(0, "test").parent) for unit in todo]
-    for name in run_claimed(_run_unit, work, jobs=jobs, cluster=cluster, on_note=on_note):
-        done += batches - finished[name]
-        if on_progress is not None:
-            on_progress(done, total)
+    run_units(
+        units,
+        lambda _: warm_up_online(config),
+        jobs=jobs,
+        cluster=cluster,
+        on_progress=on_progress,
+        on_note=on_note,
+    )
     return OnlineRun(config, store.folder)
 
 
@@ -212,7 +198,7 @@ def _repeats(config: OnlineConfig) -> range:
 def _shared(config: OnlineConfig) -> dict[str, object]:
     """Return what every unit depends on; repeats and agents name its folders."""
     shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
-    digests = {agent.name: origin_of(agent).digest for agent in config.agents}
+    digests = {agent.name: agent_digest(agent) for agent in config.agents}
     sources = {name: digest for name, digest in digests.items() if digest}
     return {**shared, "data": fingerprint(config.dataset, config.root), "sources": sources}
 
@@ -241,70 +227,50 @@ def _drawn(
     )
 
 
-def _run_unit(unit: _Unit) -> tuple[str, int]:
-    """Run what a unit has not finished; return its name."""
-    config, agent = unit.config, unit.agent
-    protocol = _protocol(config, unit.repeat)
-    dataset = protocol.dataset
-    rng = stream(config.seed, "world", dataset.domain.data, unit.repeat)
-    experience = Experience.none(dataset, rng, memory=agent.memory)
-    experience = experience.pretrain(dataset, protocol.split.pre)
-    context = _context(config, protocol, Kernels.of(dataset, experience.training_set()))
+def _run_unit(unit: _Unit) -> None:
+    config, protocol = unit.config, _protocol(unit.config, unit.repeat)
+    learner, environment = _learner(unit, protocol), Environment(config, protocol)
     tests = protocol.tests()
     for batch in range(config.batches + 1):
         train = config.batches > batch and not unit.has(batch + 1, "train")
         test = not unit.has(batch, "test")
-        learner = None
+        if test or train:
+            learner.refit()
         if test:
-            learner = OnlineLearner.fit(agent, context, experience, config.seed)
-            known = [dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
-            _write(unit, batch, "test", learner.test, tests, pretrained=known)
+            known = [protocol.dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
+            _write(unit, batch, "test", partial(environment.test, learner), tests, pretrained=known)
         if train:
-            if learner is None or agent.trained_by is not None:
-                trainer = dataclasses.replace(agent.trained_by or agent, name=agent.name)
-                learner = OnlineLearner.fit(trainer, context, experience, config.seed)
             tasks = protocol.training(batch + 1, config.trials)
-            _write(unit, batch + 1, "train", _Training(learner), tasks)
-            experience = learner.experience
-        if not train and batch < config.batches:
-            experience = _replay(unit, batch + 1, context, experience)
-    return unit.name
+            _write(unit, batch + 1, "train", partial(environment.train, learner), tasks)
+        elif batch < config.batches:
+            for trial in read_trials(unit.log(batch + 1, "train")):
+                environment.repeat(learner, trial)
 
 
-def _context(config: OnlineConfig, protocol: Protocol, kernels: Kernels) -> RunContext:
-    dataset, split = protocol.dataset, protocol.split
-    pretrained = [] if config.normalizer == "paper" else [split.pre]
-    return RunContext(
-        dataset=dataset,
-        kernels=kernels,
-        scored=np.concatenate([split.train, split.test]),
-        counted=np.concatenate([*pretrained, split.train]),
-        queries=config.horizon * config.attributes / len(dataset.domain.attributes),
-        reward=_REWARD if config.reward is None else config.reward,
-        feedback=Feedback(config.answers, config.error),
-        true_dynamics=_true_dynamics(dataset.domain, dict(config.success)),
+def _learner(unit: _Unit, protocol: Protocol) -> Learner:
+    """Return the learner of a unit, pretrained: every behavior once, and all labels, of a part."""
+    config, dataset, split = unit.config, protocol.dataset, protocol.split
+    learner = Learner(
+        dataset.domain,
+        agent=unit.agent,
+        seed=config.seed,
+        reward=config.reward,
+        refit_every=None,
         learn_success=config.learn_success,
-        published=config.published,
+        horizon=config.horizon,
+        trust=min(TRUST, 1.0 - config.error),
+        logs=None,
     )
-
-
-def _true_dynamics(domain: Domain, success: Mapping[str, float]) -> Domain:
-    """Return the domain with other success probabilities."""
-    for name in success:
-        domain.behavior_index(name)  # or say what is wrong
-    return dataclasses.replace(domain, diagram=domain.diagram.succeeding(success.get))
-
-
-class _Training:
-    """Runs a training trial, and learns from its feedback before the next."""
-
-    def __init__(self, learner: OnlineLearner) -> None:
-        self.learner = learner
-
-    def __call__(self, task: Task) -> Trial:
-        trial = self.learner.train(task)
-        self.learner.tell(trial)
-        return trial
+    counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
+    learner.fits.settings = dataclasses.replace(
+        learner.fits.settings,
+        by_object=not config.published.sample_wise,
+        unit=float(dataset.recordings * counted),
+        count_given=config.normalizer == "all",
+        shaped_answers=config.published.shaped_test,
+        drawn=dataset.labels if config.published.model_percepts else None,
+    )
+    return learner.fit(protocol.pretraining())
 
 
 def _write(
@@ -331,17 +297,8 @@ def _write(
         with TrialWriter(path, header) as whole:
             for trial, took in (_timed(run, task) for task in tasks):
                 whole.write(trial, seconds=took)
-    remove_drafts(path)  # of processes that were killed
 
 
 def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
     start = time.perf_counter()
     return run(task), time.perf_counter() - start
-
-
-def _replay(unit: _Unit, batch: int, context: RunContext, experience: Experience) -> Experience:
-    """Return the experience after a finished batch, from its log alone."""
-    for trial in read_trials(unit.log(batch, "train")):
-        feedback = context.labels_of(trial, unit.config.seed)
-        experience = experience.absorb(context.dataset.domain, trial, feedback)
-    return experience

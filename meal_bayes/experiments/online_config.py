@@ -1,17 +1,50 @@
 """What an online run is: its settings, checked."""
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
-from meal_bayes.agents import Feedback, PublishedVariants, as_agent, distinct
+from meal_bayes.agents import as_agent, distinct
 from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.learner import Feedback
 from meal_bayes.untrusted import LARGEST
 
 _LOGS = ("compact", "full")
 _NORMALIZERS = ("paper", "all")
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedVariants:
+    """What the authors' code does otherwise than the paper.
+
+    Attributes
+    ----------
+    shaped_test : rewards are shaped in tests as well.
+    sample_wise : tables are cross-validated over samples, so that classifiers saw the object.
+    joint_label : every attribute gets the label of the whole query.
+    model_percepts : percepts are drawn from the learned tables, without end.
+    """
+
+    shaped_test: bool = False
+    sample_wise: bool = False
+    joint_label: bool = False
+    model_percepts: bool = False
+
+    @classmethod
+    def named(cls, *names: str) -> "PublishedVariants":
+        """Return the variants of these names; "all" stands for every one.
+
+        Raises
+        ------
+        SettingsError : an unknown name.
+        """
+        known = [own.name for own in fields(cls)]
+        for name in names:
+            if name not in (*known, "all"):
+                raise SettingsError(unknown("published variant", name, known))
+        return cls(**{name: name in names or "all" in names for name in known})
 
 
 @dataclass(frozen=True, slots=True)

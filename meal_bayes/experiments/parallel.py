@@ -1,19 +1,29 @@
 """Many tasks at once: processes of our own here (loky's), or the workers of a Dask cluster."""
 
+import asyncio
+import contextlib
+import logging
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import platform
+import queue
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
+import cloudpickle
 from joblib.externals.loky import ProcessPoolExecutor
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.sources import is_own
+from meal_bayes.experiments.store import environment
 from meal_bayes.processes import end_with_parent
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
-_PATIENCE = "10s"  # for a scheduler to answer
+_PATIENCE = 10.0  # s for a scheduler to answer
+_SILENCE = 3.0  # s without a result after which the scheduler is asked whether it is there
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -27,30 +37,60 @@ def in_parallel(
     """Call a function on every piece of work; results come as they are ready, in any order.
 
     Work derives its random streams from its own coordinates, so neither the order nor the number
-    of processes changes a result. The processes end with this one, however it ends.
+    of processes changes a result. Code that is neither installed nor this package's goes with the
+    work, by value. The processes end with this one, however it ends.
 
     Parameters
     ----------
-    jobs : processes on this machine; no more are started than there are pieces of work.
-    cluster : address of a Dask scheduler; then its workers do the work, and what a worker that dies
-        had in hand goes to another.
+    function : Callable[[Work], Result]
+        What is called.
+    work : Iterable[Work]
+        Pieces of work.
+    jobs : int
+        Processes on this machine; no more are started than there are pieces of work.
+    cluster : str, optional
+        Address of a Dask scheduler; then its workers do the work, and what a worker that dies had
+        in hand goes to another.
+
+    Yields
+    ------
+    Result
+        Of a piece of work.
 
     Raises
     ------
-    SettingsError : a cluster without the extra that brings Dask, or one that does not answer.
+    SettingsError
+        If Dask is not installed, if the cluster does not answer, or if a worker has other code.
     """
     pieces = list(work)
     if cluster is not None:
-        yield from _on_cluster(function, pieces, cluster)
+        yield from _on_cluster([_pickled(function, piece) for piece in pieces], cluster)
     elif min(jobs, len(pieces)) <= 1:
         yield from map(function, pieces)
     else:
-        yield from _here(function, pieces, min(jobs, len(pieces)))
+        jobs = min(jobs, len(pieces))
+        yield from _here([_pickled(function, piece) for piece in pieces], jobs)
 
 
-def _here(
-    function: Callable[[Work], Result], pieces: Sequence[Work], jobs: int
-) -> Iterator[Result]:
+def _pickled(function: Callable[[Work], Result], piece: Work) -> bytes:
+    """Return a call as bytes that a process can make which has none of the user's modules."""
+    loaded = {m.__name__: m for m in [*sys.modules.values()] if is_own(m)}
+    own = [loaded[name] for name in loaded.keys() - cloudpickle.list_registry_pickle_by_value()]
+    for module in own:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        return bytes(cloudpickle.dumps((function, piece)))
+    finally:
+        for module in own:
+            cloudpickle.unregister_pickle_by_value(module)
+
+
+def _call(pickled: bytes) -> Any:
+    function, piece = cloudpickle.loads(pickled)
+    return function(piece)
+
+
+def _here(calls: list[bytes], jobs: int) -> Iterator[Any]:
     threads = str(max(1, (os.cpu_count() or 1) // jobs))  # of libraries, in each process
     pool = ProcessPoolExecutor(
         jobs,
@@ -60,17 +100,14 @@ def _here(
     )
     whole = False
     try:
-        futures = [pool.submit(function, piece) for piece in pieces]
-        for future in as_completed(futures):
+        for future in as_completed([pool.submit(_call, call) for call in calls]):
             yield future.result()
         whole = True
     finally:
         pool.shutdown(kill_workers=not whole)
 
 
-def _on_cluster(
-    function: Callable[[Work], Result], pieces: Sequence[Work], address: str
-) -> Iterator[Result]:
+def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
     try:
         import dask.distributed  # noqa: PLC0415  an extra
     except ImportError as fault:
@@ -78,21 +115,74 @@ def _on_cluster(
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
     distributed: Any = dask.distributed  # without types
-    client = distributed.Client.__new__(distributed.Client)
+
+    async def answer() -> None:
+        async with distributed.rpc(address) as scheduler:
+            await asyncio.wait_for(scheduler.identity(), _PATIENCE)
+
     try:
-        # As the default it would be Dask's scheduler for this whole process, and stay so when no
-        # scheduler answers: saving a NetCDF file would then fail for want of a client.
-        client.__init__(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as fault:
-        # Left to the garbage collector, it would be closed at any time, also while the next client
-        # starts, and then wait for ever for a lock that the same thread holds.
-        client.close()
+        asyncio.run(answer())  # a client would wait for ever for one that is silent
+    except (OSError, ValueError, TimeoutError) as fault:
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
             "127.0.0.1`, and its workers with `dask worker ADDRESS`."
         ) from fault
-    with client:
-        futures = [client.submit(function, piece, pure=False, retries=3) for piece in pieces]
-        for future in distributed.as_completed(futures, loop=client.loop):
-            yield future.result()
-            future.release()
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are raised here
+    # As the default it would be Dask's scheduler for this whole process.
+    client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+
+    def checked(call: bytes) -> tuple[str, dict[str, str], Any]:
+        """Make a call where the code is that of `expected`; it goes by value, as it is nested."""
+        try:
+            from meal_bayes.experiments.store import environment as of_worker  # noqa: PLC0415
+
+            found = of_worker()
+        except ImportError as fault:
+            return platform.node(), {"meal_bayes": str(fault)}, None
+        function, piece = cloudpickle.loads(call) if found == expected else (id, None)
+        return platform.node(), found, function(piece)
+
+    expected = environment()
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    try:
+        futures = [client.submit(checked, call, pure=False, retries=3) for call in calls]
+        for future in futures:
+            future.add_done_callback(ended.put)
+        for _ in calls:
+            machine, found, result = _next(ended, client, address)
+            if found != expected:
+                raise SettingsError(
+                    f"A worker on {machine} has other code: {_difference(found, expected)}; "
+                    "install the same versions on all machines of the cluster."
+                )
+            yield result
+    finally:
+        with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone
+            client.close(timeout=1)
+
+
+def _next(ended: "queue.SimpleQueue[Any]", client: Any, address: str) -> tuple[Any, ...]:
+    """Wait for a result for as long as the scheduler answers."""
+    while True:
+        try:
+            future = ended.get(timeout=_SILENCE)
+        except queue.Empty:
+            with contextlib.suppress(TimeoutError, OSError):
+                client.sync(client.scheduler.identity, callback_timeout=_PATIENCE)
+                continue
+        else:
+            if not future.cancelled():
+                result: tuple[Any, ...] = future.result()
+                return result
+        raise SettingsError(
+            f"The Dask scheduler at {address} has ended or does not answer; start it again, and "
+            "then the same command: what is finished is not run again."
+        )
+
+
+def _difference(found: dict[str, str], expected: dict[str, str]) -> str:
+    names = [name for name in expected | found if found.get(name) != expected.get(name)]
+    return ", ".join(
+        f"{name} {found.get(name, 'missing')} (here {expected.get(name, 'missing')})"
+        for name in names
+    )

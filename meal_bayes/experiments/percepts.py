@@ -1,6 +1,5 @@
 """Which percept table a run works on: the embedded one, or the paper's method, computed once."""
 
-import hashlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,8 @@ from meal_bayes.datasets.percept_file import domain_of
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.experiments.store import fingerprint
+from meal_bayes.experiments.store import digest_of, fingerprint
+from meal_bayes.files import file_name
 from meal_bayes.perception import build_percept_table
 from meal_bayes.version import package_version
 
@@ -37,18 +37,26 @@ def percepts_for(
 
     Parameters
     ----------
-    dataset : a shipped domain, the path of a domain of one's own (TOML), or of a table (.npz).
-    perception : "default", or "paper" for the method of Sect. 4.2 on the recordings.
-    root : the folder of the recordings of a domain of one's own.
-    on_progress : called with (behaviors done, behaviors in all) while a table is computed.
-    on_note : called with a line of text before a table is computed; logged otherwise.
+    dataset : str
+        A shipped domain, the path of a domain of one's own (TOML), or of a table (.npz).
+    perception : str
+        "default", or "paper" for the method of Sect. 4.2 on the recordings.
+    root : str | Path | None
+        The folder of the recordings of a domain of one's own.
+    on_progress : Callable[[int, int], None] | None
+        Called with (behaviors done, behaviors in all) while a table is computed.
+    on_note : Callable[[str], None] | None
+        Called with a line of text before a table is computed; logged otherwise.
 
     Raises
     ------
-    SettingsError : an unknown data set or perception; recordings where none are needed, or none
-        where they are; a table of another method.
-    DataError : recordings that do not hold what their layout promises.
-    DownloadError : recordings that cannot be had.
+    SettingsError
+        An unknown data set or perception; recordings where none are needed, or none where they are;
+        a table of another method.
+    DataError
+        Recordings that do not hold what their layout promises.
+    DownloadError
+        Recordings that cannot be had.
     """
     if perception not in _PERCEPTIONS:
         raise SettingsError(unknown("perception", perception, _PERCEPTIONS))
@@ -92,7 +100,8 @@ def table_path(
             f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
             "folder of its CSV files, or a percept table (.npz)."
         )
-    name = f"{domain.data}-{perception}-{package_version()}-{_code_digest()}"
+    code = digest_of(Path(__file__).resolve().parents[1] / "perception")[:8]
+    name = f"{file_name(domain.data)}-{perception}-{package_version()}-{code}"
     print_of = fingerprint(dataset, None if root is None else str(root))[:12]
     return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
 
@@ -119,12 +128,3 @@ def _readable(path: Path, domain: Domain) -> bool:
         log.warning("%s; it is computed again", fault)
         return False
     return True
-
-
-def _code_digest() -> str:
-    """Compute a digest of the perception package, so that other code never reads an old table."""
-    package = Path(__file__).resolve().parents[1] / "perception"
-    digest = hashlib.sha256()
-    for path in sorted(package.glob("*.py")):
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:8]

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Task
 from meal_bayes.datasets import Dataset, ObjectSplit, PerceptTable
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.robots import replayable
+from meal_bayes.robots.recorded import Order
 from meal_bayes.seeds import stream
+from meal_bayes.trials import Task, Trial
 
 ASKED = 10  # attributes of an online run
 _TESTS = 340  # test trials a batch, at most
@@ -61,6 +63,38 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     synonyms = {a: b for a, b in dataset.domain.synonyms.items() if b in attributes}
     domain = replace(dataset.domain, attributes=attributes, groups=groups, synonyms=synonyms)
     return Dataset(domain, dataset.objects, dataset.features, dataset.labels[:, columns])
+
+
+class Recordings:
+    """What is left to record of each object in training.
+
+    Recordings of an object are replayed in one random order, each once; after the last they repeat.
+
+    Attributes
+    ----------
+    counts : (O,E) int array
+        Recordings of the data set.
+    """
+
+    def __init__(self, dataset: Dataset, rng: np.random.Generator) -> None:
+        self.counts = replayable(dataset)
+        o, e, r = *self.counts.shape, dataset.recordings
+        absent = np.arange(r) >= self.counts[..., None]
+        self._order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)
+        self._used = np.zeros((o, e), np.int64)
+        self._senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
+
+    def supply(self, o: int) -> Order:
+        """Return the recordings of an object yet to come, (E,) lists, the next one last."""
+        rows = zip(self._order[o], self.counts[o], self._used[o], strict=True)
+        return [np.roll(order[:count], -used)[::-1].tolist() for order, count, used in rows]
+
+    def use(self, trial: Trial) -> None:
+        """Count the recordings that a trial was shown."""
+        for step in trial.steps:
+            e = step.decision.action
+            if step.observation is not None and self._senses[e]:
+                self._used[trial.task.object_index, e] += 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +158,16 @@ class Protocol:
                     "add labels, or ask fewer at a time."
                 )
         return self
+
+    def pretraining(self) -> Dataset:
+        """Return recording 1 of each behavior, and all labels, of the objects known before."""
+        known = np.zeros(len(self.dataset.objects), np.bool_)
+        known[self.split.pre] = True
+        features = {}
+        for context, values in self.dataset.features.items():
+            features[context] = np.where(known[:, None, None], values[:, :1], np.float32(np.nan))
+        labels = np.where(known[:, None], self.dataset.labels, -1)
+        return Dataset(self.dataset.domain, self.dataset.objects, features, labels, partial=True)
 
     def tests(self) -> list[Task]:
         """Test tasks, the same after every batch: each (object, query) once, 340 at most."""

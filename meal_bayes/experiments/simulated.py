@@ -1,7 +1,7 @@
 """The arm in physics, from recordings to answers: through the public `Learner` alone.
 
 `training_recordings` gives what a learner is fitted on; `ask_new` lets it meet a new object;
-`learn_live` begins with a single object and learns while it answers.
+`learn_live` begins with nothing and learns while it answers.
 """
 
 import hashlib
@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
-from meal_bayes.agents import Trial
 from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
-from meal_bayes.domain import Outcomes, Query, learn_diagram, load_domain, read_query
+from meal_bayes.domain import Outcomes, Query, learn_diagram, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
@@ -31,6 +31,7 @@ from meal_bayes.robots.simulated_arm import (
     to_dataset,
 )
 from meal_bayes.seeds import stream
+from meal_bayes.trials import Trial
 
 DOMAIN = "simulated_arm"
 OUTCOMES = "outcomes.json"
@@ -135,8 +136,9 @@ def ask_new(
     population: str = "new",
     on_frame: OnFrame | None = None,
     log: Path | None = None,
+    learn: bool = False,
 ) -> Trial:
-    """Ask a learner about an object of which nothing is recorded.
+    """Ask a learner about an object of which nothing is recorded; by default in a test.
 
     Raises
     ------
@@ -144,11 +146,9 @@ def ask_new(
     """
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
-    asked = question if isinstance(question, Query) else read_query(question, learner.domain)
-    truth = attributes_of(parameters)
-    known = {name: truth[name] for name in asked.attributes}
+    name = f"{population} {seed}-{number}"
     return learner.ask(
-        asked, arm, truth=known, object_name=f"{population} {seed}-{number}", log=log
+        question, arm, truth=attributes_of(parameters), object_name=name, log=log, learn=learn
     )
 
 
@@ -158,7 +158,7 @@ class LiveTrial:
 
     Attributes
     ----------
-    number : of the object, from 1; object 0 is the one that it began with.
+    number : of the object, from 1.
     agent : who decided.
     attribute : what was asked.
     trial : None where the robot failed.
@@ -177,51 +177,41 @@ def learn_live(
     seed: int,
     *,
     agent: object = "bayes",
-    explore: int = 40,
-    refit_every: int = 20,
-    learn_success: bool = False,
     logs: Path | None = None,
+    **options: Any,
 ) -> Iterator[LiveTrial]:
     """Answer questions about one new object after another, and learn from each.
 
-    The robot begins with a single object, on which it tries every behavior. Then it is asked one
-    random attribute of each new object; after its answer a person says all that is true of it, and
-    the posterior is updated at once. During the first trials `random_legal` explores.
+    The robot begins with nothing. It is asked one random attribute of each new object; after its
+    answer a person says all that is true of it.
 
     Parameters
     ----------
-    explore : trials that `random_legal` decides, as an agent that knows nothing tries nothing.
-    refit_every : trials until all classifiers are fitted anew.
-    learn_success : learn the diagram's probabilities too, at every refit.
-    logs : folder of the logs; None logs nothing.
+    trials, seed : int
+        How many, of which objects.
+    agent : str, Agent, or planner
+        Who decides.
+    logs : path, optional
+        Folder of the logs; None logs nothing.
+    options :
+        Of `Learner`.
     """
-    first = record_object(0, recordings=1, seed=seed, population="live")
-    data, happened = to_dataset(load_domain(DOMAIN), [first]), first.happened.copy()
-    learner = Learner(DOMAIN, agent="random_legal", seed=seed, logs=None).fit(data)
+    learner = Learner(DOMAIN, agent=agent, seed=seed, logs=None, **options)
     for number in range(1, trials + 1):
-        known = with_learned_success(data, happened) if learn_success else data
-        if number == explore + 1:
-            grown = Learner(DOMAIN, agent=agent, seed=seed, logs=None)
-            learner = grown.resume(
-                known, learner.labeled_trials, [True] * len(learner.labeled_trials)
-            )
-        elif number > 1 and (number - 1) % refit_every == 0:
-            learner.fit(known)
-        yield _live_trial(learner, seed, number, logs, happened)
+        yield _live_trial(learner, seed, number, logs)
 
 
-def _live_trial(
-    learner: Learner, seed: int, number: int, logs: Path | None, happened: Happened
-) -> LiveTrial:
-    """Ask, give feedback, and count outcomes."""
+def _live_trial(learner: Learner, seed: int, number: int, logs: Path | None) -> LiveTrial:
+    """Ask, and give feedback."""
     rng = stream(seed, "simulated questions", number)
     attribute = str(rng.choice(learner.domain.attributes))
     log = None if logs is None else logs / f"{number:05d}.mcap"
     try:
-        trial = ask_new(learner, Query((attribute,)), seed, number, population="live", log=log)
+        trial = ask_new(
+            learner, Query((attribute,)), seed, number, population="live", log=log, learn=True
+        )
     except RobotError as fault:
         return LiveTrial(number, learner.agent.name, attribute, None, str(fault))
-    happened.update(outcomes_in(trial))
     learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
     return LiveTrial(number, learner.agent.name, attribute, trial)
 

@@ -4,7 +4,6 @@ import hashlib
 import json
 import logging
 import platform
-import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import LogError
+from meal_bayes.files import file_name
 from meal_bayes.trial_log import count_whole
 
 log = logging.getLogger("meal_bayes.experiments")
@@ -37,12 +37,12 @@ class Store:
     @classmethod
     def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
         """Name the folder of a configuration under `root`; `name` may be any text."""
-        digest = digest_of(dict(config), code_digest(), _versions())
-        return cls(Path(root) / f"{file_name(name)}-{digest[:8]}")
+        digest = digest_of(dict(config), environment())
+        return cls(Path(root) / f"{file_name(name, 200)}-{digest[:8]}")
 
     def unit(self, agent: str, index: int) -> Path:
         """Return the path of one unit's file."""
-        return self.folder / file_name(agent) / f"unit-{index:04d}.mcap"
+        return self.folder / file_name(agent, 200) / f"unit-{index:04d}.mcap"
 
 
 def is_whole(path: Path, *, trials: int | None = None) -> bool:
@@ -50,7 +50,8 @@ def is_whole(path: Path, *, trials: int | None = None) -> bool:
 
     Parameters
     ----------
-    trials : how many it must hold; any number by default.
+    trials : int | None
+        How many it must hold; any number by default.
     """
     if not path.is_file():
         return False
@@ -70,18 +71,14 @@ def digest_of(*parts: object) -> str:
 
     Parameters
     ----------
-    parts : JSON values; paths, by the contents of the file or of all files of the folder.
+    parts : object
+        JSON values; paths, by the contents of the file or of all files of the folder.
     """
     digest = hashlib.sha256()
     for part in parts:
         for piece in _pieces(part):
             digest.update(hashlib.sha256(piece).digest())
     return digest.hexdigest()
-
-
-def file_name(text: str) -> str:
-    """Return any text as a name of a file."""
-    return re.sub(r"[^\w.-]+", "_", text)
 
 
 def fingerprint(dataset: str, root: str | None = None) -> str:
@@ -110,6 +107,13 @@ def code_digest() -> str:
     return digest_of(names, *files)[:16]
 
 
+def environment() -> dict[str, str]:
+    """Return what may change a number beside settings: the package's code, and versions."""
+    versions = {name: metadata.version(name) for name in _LIBRARIES}
+    python = {"python": platform.python_version(), "system": sys.platform}
+    return {"meal_bayes": code_digest(), **python, **versions}
+
+
 def _pieces(part: object) -> Iterator[bytes]:
     if isinstance(part, Path):
         files = [part] if part.is_file() else sorted(p for p in part.rglob("*") if p.is_file())
@@ -118,10 +122,3 @@ def _pieces(part: object) -> Iterator[bytes]:
             yield file.read_bytes()
     else:
         yield json.dumps(part, sort_keys=True).encode()
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "system": sys.platform}
-    for name in _LIBRARIES:
-        found[name] = metadata.version(name)
-    return found

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Task
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.seeds import stream
+from meal_bayes.trials import Task
 
 _LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffled
 

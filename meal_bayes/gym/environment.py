@@ -1,5 +1,6 @@
 """One environment: a query about an object that was never learned from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,17 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, OfflineRunner, Task, Trial, load_agent
-from meal_bayes.agents.inner_loop import RunningTrial
+from meal_bayes.agents import Agent, OfflineRunner, load_agent
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Decision, History, unvalued
+from meal_bayes.planners import unvalued
+from meal_bayes.robots import RecordedRobot
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Session, Task, Trial
 
 Observation = dict[str, Any]
 
@@ -26,11 +30,12 @@ _SEEDS = 2**31  # of failures and recordings
 class MealEnv(gymnasium.Env[Observation, np.int64]):
     """Choose behaviors, perceive, and report; an episode is a trial of ``run offline``.
 
-    Actions are the E behaviors and then the 2^N reports: E + y reports the values whose bits are y,
-    the first asked attribute the most significant. The reward is the true one: minus a behavior's
-    seconds, and plus or minus r for a report. A behavior that is illegal may end the episode
-    without a report (see ``info["action_mask"]``). Percepts are outputs of held-out classifiers
-    on real recordings, none used twice.
+    Actions are the E behaviors, the 2^N reports, and, of agents that may abstain, "I do not know":
+    E + y reports the values whose bits are y, the first asked attribute the most significant. The
+    reward is the true one: minus a behavior's seconds, plus or minus r for a report, 0 for not
+    knowing. A behavior that is not legal (see ``info["action_mask"]``) is not executed: it costs
+    its seconds, and changes nothing. Percepts are outputs of held-out classifiers on real
+    recordings, none used twice.
 
     Observations are a dictionary:
 
@@ -46,7 +51,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     attributes : N, asked at a time.
     agent : whose belief is observed, and who decides in `decide`.
     seed : of the task list, and of the trials of tasks that are chosen by number.
-    trials : tasks in the list.
+    trials : tasks in the list, of all objects.
+    objects : "all", "train" or "test" (a quarter, the same for every seed), or names: which ones
+        tasks are about. Percepts of an object never come from classifiers that learned from it.
+    scale : factor of all rewards.
     percepts : "recorded", or "model": drawn from the learned confusion matrices.
     reward : r, the domain's by default.
     max_steps : behaviors after which an episode is truncated.
@@ -63,6 +71,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         agent: str | Agent = "bayes",
         seed: int = 0,
         trials: int = 400,
+        objects: str | Sequence[str] = "all",
+        scale: float = 1.0,
         percepts: str = "recorded",
         reward: float | None = None,
         max_steps: int = 100,
@@ -72,15 +82,21 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
         table = dataset if isinstance(dataset, PerceptTable) else percepts_for(str(dataset))
         chosen = agent if isinstance(agent, Agent) else load_agent(agent)
-        self.tasks = offline_tasks(table, attributes, trials, seed)
-        self.render_mode, self._max_steps = render_mode, max_steps
+        names = _chosen(table, objects)
+        every = offline_tasks(table, attributes, trials, seed)
+        self.tasks = [task for task in every if task.object_name in names]
+        if not self.tasks:
+            raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
+        self.render_mode, self._max_steps, self._scale = render_mode, max_steps, scale
+        self._problems: dict[tuple[int, tuple[str, ...]], MOMDP] = {}
         self._runner = OfflineRunner(table, chosen, seed, percepts, reward)
-        self._begun: RunningTrial | None = None
-        self._action = 0
+        self._begun: tuple[Session, RecordedRobot] | None = None
+        self._steps = 0
         n, x = attributes, len(table.domain.diagram.states)
         e, p = len(table.domain.behaviors), len(table.domain.attributes)
         dearest = max(behavior.cost for behavior in table.domain.behaviors)
-        self.action_space = spaces.Discrete(e + 2**n)
+        answers = 2**n + (chosen.abstain and table.domain.diagram.abstain)
+        self.action_space = spaces.Discrete(e + answers)
         self.observation_space = spaces.Dict(
             {
                 "state": spaces.Discrete(x),
@@ -115,46 +131,62 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Execute a behavior or report; return observation, reward, terminated, truncated, info."""
-        running = self._running
-        if running.belief.x == running.momdp.terminal:
+        running, robot = self._running
+        if running.over:
             raise SettingsError("The episode is over; call reset() first.")
-        self._action = int(action)
-        step = running.step(self._max_steps + 1)
-        terminated = step.next_x == running.momdp.terminal
-        truncated = not terminated and len(running.steps) >= self._max_steps
-        return self._observation(), float(step.reward), terminated, truncated, self._info()
+        momdp, chosen = running.momdp, int(action)
+        self._steps += 1
+        if 0 <= chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
+            reward = -float(momdp.cost[chosen])
+        else:
+            running.command(unvalued(momdp, chosen))
+            if running.behavior is not None:
+                running.observe(robot.execute(running.behavior))
+            reward = float(running.steps[-1].reward)
+        truncated = not running.over and self._steps >= self._max_steps
+        return self._observation(), self._scale * reward, running.over, truncated, self._info()
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
-        _, policy = self._runner.prepare(self._running.task)
-        return int(
-            policy.decide(self._running.history, self._running.environment.streams.planner).action
-        )
+        running, _ = self._running
+        _, policy = self._runner.prepare(running.task)
+        return int(policy.decide(running.history, self._planner).action)
 
     def render(self) -> str | None:
         """Return the trial so far as text, in the mode "ansi"."""
         return repr(self.trial) if self.render_mode == "ansi" else None
 
     @property
-    def _running(self) -> RunningTrial:
+    def _running(self) -> tuple[Session, RecordedRobot]:
         if self._begun is None:
             raise SettingsError("No episode has begun; call reset() first.")
         return self._begun
 
     @property
+    def actions(self) -> list[str]:
+        """Names of the actions in the present task."""
+        momdp = self._running[0].momdp
+        return [momdp.action_name(action) for action in range(momdp.n_actions)]
+
+    @property
     def trial(self) -> Trial:
         """The trial so far."""
-        return self._running.trial(self._runner.agent.name)
+        return self._running[0].trial
 
     def _begin(self, task: Task, seed: int) -> None:
-        momdp, _ = self._runner.prepare(task)
+        key = task.object_index, task.query.attributes
+        if key not in self._problems:
+            self._problems[key] = self._runner.problem(task)
+        momdp = self._problems[key]
         runner = replace(self._runner, seed=seed)  # which shares what was learned
-        environment = runner.environment(task)
-        self._begun = RunningTrial(task, momdp, _Commanded(self, momdp), environment)
-        self._begun.start()
+        environment, robot = runner.environment(task), runner.robot(task)
+        self._planner = environment.streams.planner
+        session = Session(task, momdp, None, environment, agent=runner.agent.name)
+        self._begun = session.start(robot.start()), robot
+        self._steps = 0
 
     def _observation(self) -> Observation:
-        running, domain = self._running, self._runner.table.domain
+        (running, _), domain = self._running, self._runner.table.domain
         asked = domain.columns(running.task.query.attributes)
         return {
             "state": running.belief.x,
@@ -165,29 +197,34 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         }
 
     def _info(self) -> dict[str, Any]:
-        running = self._running
+        running, _ = self._running
         done = running.belief.x == running.momdp.terminal
         return {
-            "action_mask": self._mask(),
+            "action_mask": self.action_masks().astype(np.int8),
             "object": running.task.object_name,
             "query": running.task.query.attributes,
-            "actions": [running.momdp.action_name(a) for a in range(running.momdp.n_actions)],
             "success": bool(self.trial.success) if done else None,
         }
 
-    def _mask(self) -> NDArray[np.int8]:
-        """Return which actions are legal, (A,); reports always are."""
-        momdp, x = self._running.momdp, self._running.belief.x
-        mask = np.ones(momdp.n_actions, np.int8)
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions are legal, (A,), as sb3-contrib asks for; answers always are."""
+        running, _ = self._running
+        momdp, x = running.momdp, running.belief.x
+        mask = np.ones(momdp.n_actions, bool)
         mask[: momdp.n_behaviors] = momdp.legal[x]
         return mask
 
 
-class _Commanded:
-    """A policy that takes the environment's action."""
-
-    def __init__(self, env: MealEnv, momdp: MOMDP) -> None:
-        self._env, self._momdp = env, momdp
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        return unvalued(self._momdp, self._env._action)
+def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
+    """Return the names of the objects that tasks are about."""
+    if isinstance(objects, str):
+        order = stream(0, "held-out objects", table.domain.data).permutation(len(table.objects))
+        held = {table.objects[i] for i in order[: -(-len(order) // 4)]}
+        sets = {"all": set(table.objects), "train": set(table.objects) - held, "test": held}
+        if objects not in sets:
+            raise SettingsError(unknown("set of objects", objects, sets))
+        return sets[objects]
+    for name in objects:
+        if name not in table.objects:
+            raise SettingsError(unknown("object", name, table.objects))
+    return set(objects)

@@ -1,11 +1,12 @@
-"""The public API: fit, ask, tell.
+"""An agent and its experience: ask, tell, fit.
 
-In: recordings or a percept table, questions, a robot, feedback. Out: trials, each logged as it
+In: questions, a robot, feedback, recordings or a percept table. Out: trials, each logged as it
 happens, and a confusion posterior that is updated by feedback.
 """
 
 from meal_bayes.learner.api import ask
-from meal_bayes.learner.labeled_trial import LabeledTrial
+from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.feedback import Feedback, implied
 from meal_bayes.learner.learner import Learner
 
-__all__ = ["LabeledTrial", "Learner", "ask"]
+__all__ = ["Experience", "Feedback", "Learner", "ask", "implied"]

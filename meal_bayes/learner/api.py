@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from meal_bayes.agents import Step, Task, Trial
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.domain import read_query
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.tasks import replay_task
+from meal_bayes.trials import Step, Task, Trial
 
 
 def ask(

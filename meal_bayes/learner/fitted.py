@@ -1,147 +1,274 @@
-"""What is learned from recordings: classifiers, and a posterior updated with every labeled trial.
+"""What one agent makes of the record: classifiers, tables, a posterior (Alg. 2, l. 6 and 18-23).
 
 `refit` learns everything anew: classifiers, how much objects differ, how their percepts err
-together. Between refits these are constant, and a labeled trial is a conjugate update: the object's
-percepts, over all its trials, are one row of counts.
+together. Between refits these are constant, and a label is a conjugate update by the percepts of
+objects that no classifier has seen.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from meal_bayes.agents import (
-    Agent,
-    Environment,
-    Knowledge,
-    Recorder,
-    Step,
-    Streams,
-    Task,
-    Trial,
-    run_trial,
-)
+from meal_bayes.agents import Agent, Knowledge, Progress, information_value
 from meal_bayes.agents.knowledge import knowledge_of
-from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.domain import Query
-from meal_bayes.learner.labeled_trial import (
-    LabeledTrial,
-    Percept,
-    RecordingPerceiver,
-    extended,
-    labels_of,
-    level_counts,
-)
+from meal_bayes.datasets import TrainingSet
+from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.domain import Domain, learn_success
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner.experience import GIVEN, Experience
+from meal_bayes.learner.rows import Rows
+from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
+    ConfusionCounts,
+    Kernels,
     Perception,
     PerceptionSettings,
     fit_and_validate,
     with_classifier,
 )
+from meal_bayes.planners import Policy
+from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.robots import CheckedRobot, Robot
-from meal_bayes.seeds import stream
 
-Labels = NDArray[np.int8]
+Asked = tuple[tuple[str, ...], bytes]  # attributes of a query, and percepts that a trial can have
 
 
-@dataclass(slots=True)
-class Fitted:
-    """Knowledge from a data set and from labeled trials.
+@dataclass(frozen=True, slots=True)
+class LearnerSettings:
+    """How a learner learns, whoever its agent is.
 
     Attributes
     ----------
-    dataset : Dataset
-        What it was fitted on first.
-    agent : Agent
-        Who answers: its levels and its view of objects decide what is learned.
     classifier : scikit-learn classifier or None
         Of one's own, or ours.
-    seed : int
-        Of planning.
-    reward : float or None
-        r+ = -r-, the domain's by default.
-    given : ConfusionPosterior or None
-        Of one's own, in place of what the recordings imply; labeled trials are added to it.
-    _rows, _labels : dict
-        Of each object, its percept counts (P,E,2,K) and its labels (P,).
-    _fitted : dict
-        Both, as they were at the last refit.
+    posterior : ConfusionPosterior or None
+        Of one's own, in place of what given recordings imply; what trials show is added to it.
+    by_object : bool
+        Cross-validate over objects; see `PerceptionSettings`.
+    learn_success : bool
+        Learn success probabilities, or take them from the domain.
+    reward : float
+        r+ = -r- that information is valued for.
+    unit : float or None
+        Labelled instances that make one unit of experience (Eq. 10); None: as many as every
+        object met would have with as many recordings of a behavior as the one with the most.
+    count_given : bool
+        Whether recordings that were given are experience (Eq. 10), beside those of trials.
+    shaped_answers : bool
+        Whether an ITRS shapes the rewards of trials that explore nothing, too.
+    drawn : (O,P) array or None
+        Labels of objects, by which percepts are drawn from the learned tables.
     """
 
-    dataset: Dataset
+    classifier: object = None
+    posterior: ConfusionPosterior | None = None
+    by_object: bool = True
+    learn_success: bool = True
+    reward: float = 100.0
+    unit: float | None = None
+    count_given: bool = True
+    shaped_answers: bool = False
+    drawn: NDArray[np.int8] | None = None
+
+
+@dataclass(eq=False)
+class Fitted:
+    """Knowledge of one agent from the record; made anew by `refit`, updated by `update`.
+
+    Attributes
+    ----------
+    experience : Experience
+        The record.
+    agent : Agent
+        Its levels, its view of objects, and whether it recognizes them decide what is learned.
+    settings : LearnerSettings
+        Of the learner.
+    perception, knowledge : Perception, Knowledge
+        What was fitted; the knowledge is updated since.
+    seen : (O,E,P) bool array
+        Whether the classifiers have seen the object.
+    refitted : Knowledge
+        At the refit.
+    levels : Rows (n,P)
+        Percepts of all instances, by these classifiers; -1 unknown.
+    counted : Rows (n,P)
+        Labels with which instances were counted since the refit; -1 not counted.
+    answering, exploring : dict
+        Models and policies of queries, without and with a bonus, as long as they hold.
+    """
+
+    experience: Experience
     agent: Agent
-    classifier: object
-    seed: int
-    reward: float | None
-    given: ConfusionPosterior | None
+    settings: LearnerSettings
     perception: Perception = field(init=False)
     knowledge: Knowledge = field(init=False)
-    _rows: dict[str, NDArray[np.int64]] = field(init=False)
-    _labels: dict[str, Labels] = field(init=False)
-    _fitted: dict[str, tuple[NDArray[np.int64], Labels]] = field(init=False)
+    seen: NDArray[np.bool_] = field(init=False)
+    refitted: Knowledge = field(init=False)
+    levels: Rows = field(init=False)
+    counted: Rows = field(init=False)
+    _rows: dict[int, NDArray[np.int64]] = field(init=False)  # of each object, what was counted
+    answering: dict[Asked, tuple[MOMDP, Policy]] = field(init=False)
+    exploring: dict[Asked, POMCPPolicy] = field(init=False)
 
-    def __post_init__(self) -> None:
-        domain = self.dataset.domain  # here, so that the first decision does not wait for it
-        self.agent.warm_up(domain, Query(domain.attributes[:1]))
-
-    def refit(self, labeled_trials: Sequence[LabeledTrial]) -> None:
-        """Learn everything anew from the data set and from labeled trials with features."""
-        data, levels = extended(self.dataset, labeled_trials), self.agent.levels
-        settings = PerceptionSettings(levels=levels)
-        if self.classifier is not None:
-            settings = with_classifier(self.classifier, levels=levels)
-        everything = TrainingSet.everything(data)
-        self.perception, counts = fit_and_validate(data, everything, settings=settings)
-        self.knowledge = knowledge_of(
-            data.domain, counts, data.labels, object_level=self.agent.object_level
+    def refit(self) -> None:
+        """Learn everything anew from the record."""
+        agent, own, experience = self.agent, self.settings, self.experience
+        data, rows, gathered = experience.data(memory=agent.memory)
+        given = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
+        training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
+        perceives = PerceptionSettings(levels=agent.levels, by_object=own.by_object)
+        kernels = None
+        if own.classifier is not None:
+            perceives = with_classifier(own.classifier, levels=agent.levels)
+        elif agent.whiten:
+            kernels = Kernels.of(data, gathered, whiten=True)
+        else:  # the spaces of what it was given hold for good
+            first = np.isin(rows, given)
+            others = ~np.isin(gathered.behavior, gathered.behavior[first])
+            kernels = Kernels.of(data, _some(gathered, first | others))
+        self.perception, counts = fit_and_validate(
+            data, training, settings=perceives, kernels=kernels
         )
-        if self.given is not None:
-            posterior = self._with_own(self.given, labeled_trials)
+        domain = experience.domain
+        if own.learn_success:
+            domain = learn_success(domain, experience.attempts)
+        labels = data.labels
+        if not data.objects:  # nothing is known: one object of which nothing is
+            nothing = np.zeros((1, *counts.counts.shape[1:]), np.int64)
+            counts, labels = ConfusionCounts(nothing), np.full((1, nothing.shape[1]), -1, np.int8)
+        self.knowledge = knowledge_of(domain, counts, labels, object_level=agent.object_level)
+        self.seen = np.zeros(counts.counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
+        if own.posterior is None:
+            places = training.object, training.behavior
+            np.logical_or.at(self.seen, places, training.labels >= 0)
+        else:
+            self.knowledge = replace(self.knowledge, posterior=own.posterior)
+            self.seen[experience.instances.values[given, 0]] = True
+        self._begin(self.knowledge)
+        self.update(np.arange(len(experience.instances)))
+
+    def update(self, rows: NDArray[np.intp]) -> None:
+        """Count instances (k,) with the labels that they have now, conjugately."""
+        experience, domain = self.experience, self.knowledge.domain
+        self._perceive_new()
+        o, e = experience.instances.values[rows, :2].T
+        labels = experience.labels_of(rows, memory=self.agent.memory).copy()
+        met = o < len(self.seen)
+        labels[met] = np.where(self.seen[o[met], e[met]], -1, labels[met])
+        labels[self.levels.values[rows] < 0] = -1
+        moved = np.zeros(len(domain.attributes), np.bool_)
+        for one in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
+            own = rows[o == one]
+            before = self._rows.get(one, 0) + np.zeros(self.knowledge.posterior.counts.shape, int)
+            after = before - self._counts(own)
+            self.counted.values[own] = labels[o == one]
+            after = self._rows[one] = after + self._counts(own)
+            posterior = self.knowledge.posterior.replace_object(before, after)
             self.knowledge = replace(self.knowledge, posterior=posterior)
-        self._fitted = {
-            name: (counts.counts[o], data.labels[o]) for o, name in enumerate(data.objects)
-        }
-        self._rows = {name: row for name, (row, _) in self._fitted.items()}
-        self._labels = {name: labels for name, (_, labels) in self._fitted.items()}
+            moved |= (before != after).any(axis=(1, 2, 3))
+        rates = (experience.tally[1] + 1) / (experience.tally.sum(axis=0) + 2)
+        if self.agent.base_rates:
+            moved |= rates != self.knowledge.base_rates
+        self.knowledge = replace(self.knowledge, base_rates=rates)
+        names = {domain.attributes[p] for p in np.flatnonzero(moved)}
+        self.answering = {q: one for q, one in self.answering.items() if not names & {*q[0]}}
 
-    def _with_own(
-        self, posterior: ConfusionPosterior, labeled_trials: Sequence[LabeledTrial]
-    ) -> ConfusionPosterior:
-        """Add the objects of labeled trials to a posterior, as rows of their own."""
-        domain, levels = self.dataset.domain, self.agent.levels
-        for name, labels in labels_of(labeled_trials, domain).items():
-            own = [labeled for labeled in labeled_trials if labeled.object_name == name]
-            row = level_counts(own, labels, domain, levels)
-            posterior = posterior.replace_object(np.zeros_like(row), row)
-        return posterior
+    def _perceive_new(self) -> None:
+        """Perceive the instances since the last time: those without features as they were shown."""
+        experience, k = self.experience, self.agent.levels
+        first, domain = len(self.levels), experience.domain
+        instances = experience.instances.values[first:]
+        shown = experience.levels.values[first:]
+        levels = np.where(instances[:, 4:] == k, shown, -1).astype(np.int8)
+        for e, behavior in enumerate(domain.behaviors):
+            own = np.flatnonzero((instances[:, 1] == e) & (instances[:, 3] >= 0))
+            if len(own):
+                log_odds = np.zeros((len(own), len(domain.attributes)))
+                classifier = self.perception.classifiers.get(behavior.name)
+                if classifier is not None:
+                    features = {
+                        m: experience.features[behavior.name, m].values[instances[own, 3]]
+                        for m in behavior.modalities
+                    }
+                    log_odds = classifier.log_odds(features)
+                levels[own] = levels_of(round_log_odds(log_odds), BIN_EDGES, k)
+        self.levels.extend(levels)
+        self.counted.extend(np.full_like(levels, -1))
 
-    def learn(self, object_name: str, labeled_trials: Sequence[LabeledTrial]) -> None:
-        """Update the posterior by all labeled trials of an object after the last refit."""
-        domain, levels = self.knowledge.domain, self.agent.levels
-        nothing = np.zeros((len(domain.attributes), len(domain.behaviors), 2, levels), np.int64)
-        unknown = np.full(len(domain.attributes), -1, np.int8)
-        row, labels = self._fitted.get(object_name, (nothing, unknown))
-        given = labels_of(labeled_trials, domain).get(object_name, unknown)
-        labels = np.where(given < 0, labels, given)
-        row = row + level_counts(labeled_trials, labels, domain, levels)
-        before = self._rows.get(object_name, nothing)
-        self._rows[object_name], self._labels[object_name] = row, labels
-        self.knowledge = self.knowledge.with_object(before, row, list(self._labels.values()))
+    def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Count the percepts of instances (k,) as they are labelled, (P,E,2,K)."""
+        labels, levels = self.counted.values[rows], self.levels.values[rows]
+        counts = np.zeros(self.knowledge.posterior.counts.shape, np.int64)
+        k, p = np.nonzero(labels >= 0)
+        e = self.experience.instances.values[rows[k], 1]
+        np.add.at(counts, (p, e, labels[k, p], levels[k, p]), 1)
+        return counts
+
+    def _begin(self, knowledge: Knowledge) -> None:
+        """Set what depends on the last refit, which learned this."""
+        p = len(self.experience.domain.attributes)
+        self.refitted = knowledge
+        self.levels, self.counted = Rows(np.int8, p), Rows(np.int8, p)
+        self.answering, self.exploring, self._rows = {}, {}, {}
+        self.__dict__.pop("information", None)
+
+    @cached_property
+    def information(self) -> NDArray[np.float64]:
+        """Value of information (P,E) at the refit, s a query."""
+        return information_value(
+            self.refitted, reward=self.settings.reward, discount=self.agent.discount
+        )
+
+    def used(self, rows: NDArray[np.intp]) -> bool:
+        """Return whether the last refit used labels of instances (k,)."""
+        o, e = self.experience.instances.values[rows, :2].T
+        met = o < len(self.seen)
+        return bool(self.seen[o[met], e[met]].any())
+
+    def progress(self, object_name: str | None, queries: float) -> Progress:
+        """Return what has been learned so far, for a bonus.
+
+        Parameters
+        ----------
+        object_name : str or None
+            The object at hand; None: one of which nothing is recorded.
+        queries : float
+            About each attribute, to come.
+        """
+        experience, memory = self.experience, self.agent.memory
+        labelled = experience.labelled(memory=memory)
+        counted = labelled
+        if not self.settings.count_given:
+            counted = experience.labelled(memory=memory, given=False)
+        o = experience.objects.get(object_name) if object_name is not None else None
+        shape = labelled.shape[1:]
+        return Progress(
+            knowledge=self.knowledge,
+            valued=lambda: self.information,
+            queries=queries,
+            unit=self.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
+            instances=counted.sum(axis=0).T,
+            objects=(labelled > 0).sum(axis=0).T,
+            fresh=np.ones(shape[::-1], bool) if o is None else labelled[o].T == 0,
+            labeled=experience.known.values[o] >= 0
+            if o is not None and memory
+            else np.zeros(shape[1], bool),
+        )
 
     @property
     def state(self) -> dict[str, Any]:
         """All that was fitted and learned since, which `restore` reads."""
-        rows, fitted = self._rows, list(self._fitted.values())
         return {
             "perception": self.perception,
             "knowledge": self.knowledge,
-            "rows": dict(rows),
-            "labels": dict(self._labels),
-            "fitted_rows": dict(zip(self._fitted, (row for row, _ in fitted), strict=True)),
-            "fitted_labels": dict(zip(self._fitted, (own for _, own in fitted), strict=True)),
+            "refitted": self.refitted,
+            "seen": self.seen,
+            "levels": self.levels.values,
+            "counted": self.counted.values,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -149,79 +276,69 @@ class Fitted:
 
         Raises
         ------
-        ValueError : arrays that do not fit the recordings.
+        ValueError : arrays that do not fit the record.
         """
-        p, e = len(self.dataset.domain.attributes), len(self.dataset.domain.behaviors)
-        shape = (p, e, 2, self.agent.levels)
+        self._check(state)
+        self._begin(state["refitted"])
         self.perception, self.knowledge = state["perception"], state["knowledge"]
-        rows, fitted = (dict(state[name]) for name in ("rows", "fitted_rows"))
-        labels, own = (dict(state[name]) for name in ("labels", "fitted_labels"))
-        for name, classifier in self.perception.classifiers.items():
-            zeros = {m: np.zeros((1, self.sizes[name, m])) for m in classifier.spaces}
+        self.seen = state["seen"]
+        self.levels.extend(state["levels"])
+        self.counted.extend(state["counted"])
+        objects = self.experience.instances.values[: len(self.counted), 0]
+        for one in np.unique(objects[(self.counted.values >= 0).any(axis=1)]).tolist():
+            self._rows[one] = self._counts(np.flatnonzero(objects == one))
+
+    def _check(self, state: Mapping[str, Any]) -> None:
+        """Check what others wrote."""
+        experience, k = self.experience, self.agent.levels
+        (e, _), (_, p) = experience.attempts.shape, experience.tally.shape
+        for knowledge in (state["knowledge"], state["refitted"]):
+            if knowledge.posterior.counts.shape != (p, e, 2, k) or knowledge.base_rates.shape != (
+                p,
+            ):
+                raise ValueError("what was counted does not fit attributes, behaviors and levels")
+        seen, levels, counted = (state[name] for name in ("seen", "levels", "counted"))
+        most = len(experience.instances)
+        if (
+            seen.dtype != bool
+            or seen.shape[1:] != (e, p)
+            or len(seen) > len(experience.objects) + 1
+        ):
+            raise ValueError("what classifiers have seen does not fit the objects")
+        for values, end in ((levels, k), (counted, 2)):
+            fits = values.shape == (len(levels), p) and len(levels) <= most
+            if not fits or ((values < -1) | (values >= end)).any():
+                raise ValueError("percepts or their labels do not fit the instances")
+        for name, classifier in state["perception"].classifiers.items():
+            zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
             if classifier.log_odds(zeros).shape != (1, p):
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
-        counted = [self.knowledge.posterior.counts, *rows.values(), *fitted.values()]
-        labelled = [self.knowledge.base_rates, *labels.values(), *own.values()]
-        if any(each.shape != shape for each in counted) or any(
-            each.shape != (p,) for each in labelled
-        ):
-            raise ValueError("what was counted does not fit attributes, behaviors and levels")
-        self._rows, self._labels = rows, labels
-        self._fitted = {name: (row, own[name]) for name, row in fitted.items()}
 
-    def known(self, object_name: str | None) -> Knowledge:
-        """Return what is known; the same of every object."""
-        return self.knowledge
 
-    def run(
-        self,
-        task: Task,
-        robot: Robot,
-        *,
-        known: Labels,
-        truth: Mapping[str, bool] | ArrayLike | None = None,
-        on_step: Callable[[Step], None] | None = None,
-        recorder: Recorder | None = None,
-    ) -> tuple[Trial, tuple[Percept, ...]]:
-        """Answer a task with a robot; return the trial, and its percepts with their features.
+def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
+    return TrainingSet(
+        gathered.object[chosen], gathered.behavior[chosen], gathered.recording[chosen],
+        gathered.labels[chosen],
+    )  # fmt: skip
 
-        Parameters
-        ----------
-        known : (P,) labels that people gave to this object before; -1 unknown.
-        """
-        domain, agent = self.knowledge.domain, self.agent
-        columns = domain.columns(task.query.attributes)
-        momdp, policy = agent.prepare(
-            task.query,
-            self.knowledge,
-            stream(self.seed, "solver", agent.name, *task.key),
-            reward=self.reward,
-            labels=known[columns],
+
+def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
+    """Return a posterior of one's own, laid out for a domain; None where none is given.
+
+    Raises
+    ------
+    SettingsError : one of another shape than the agent plans with.
+    DataError : draws that do not fit the domain.
+    """
+    if posterior is None:
+        return None
+    if not isinstance(posterior, ConfusionPosterior):
+        posterior = ConfusionPosterior.from_idata(posterior, domain)
+    shape = posterior.counts.shape
+    expected = (len(domain.attributes), len(domain.behaviors), 2, agent.levels)
+    if shape != expected:
+        raise SettingsError(
+            f"The posterior has shape {shape}, expected {expected}: attributes and behaviors of "
+            f"the domain, truths, and the {agent.levels} levels of the agent {agent.name!r}."
         )
-        perceiver = RecordingPerceiver(domain, self.perception)
-        trial = run_trial(
-            task,
-            momdp,
-            policy,
-            Environment(
-                CheckedRobot(robot, domain, sizes=self.sizes),
-                perceiver,
-                Streams.of(self.seed, task, agent.name),
-                truth,
-                self.knowledge.posterior.counts[columns],
-            ),
-            agent=agent.name,
-            on_step=on_step,
-            recorder=recorder,
-        )
-        return trial, tuple(perceiver.percepts)
-
-    @property
-    def sizes(self) -> dict[tuple[str, str], int]:
-        """Number of features of each (behavior, modality)."""
-        return {context: values.shape[2] for context, values in self.dataset.features.items()}
-
-    @property
-    def instances(self) -> NDArray[np.int64]:
-        """Labelled percepts of each attribute and behavior, (P,E): delta x IE of Eq. 10."""
-        return np.asarray(sum(row.sum(axis=(2, 3)) for row in self._rows.values()))
+    return posterior

@@ -1,44 +1,35 @@
-"""The `Learner`: fitted on data, asked questions, updated by feedback, and saved."""
+"""The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.agents import Agent, Knowledge, Recorder, Step, Task, Trial, as_agent
+from meal_bayes.agents import Agent, Knowledge, OfflineRunner, as_agent
+from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
-from meal_bayes.domain import Domain, Query, load_domain, read_query
+from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.labeled_trial import (
-    Key,
-    LabeledTrial,
-    Percept,
-    checked_values,
-    labels_of,
-    percepts_of,
-)  # fmt: skip
-from meal_bayes.learner.live_log import logged, next_log
-from meal_bayes.learner.replayed import Replayed
-from meal_bayes.learner.sources import own_posterior, source_of
-from meal_bayes.learner.tasks import live_task, replay_task
-from meal_bayes.momdp import MOMDP
+from meal_bayes.learner.experience import Experience, check_data
+from meal_bayes.learner.feedback import checked_labels
+from meal_bayes.learner.fits import Fits
+from meal_bayes.learner.fitted import Fitted, LearnerSettings, own_posterior
+from meal_bayes.learner.percepts import record_trial
+from meal_bayes.learner.sessions import open_session, replay, resume_session
+from meal_bayes.learner.tasks import Question
 from meal_bayes.robots import Robot
-
-_NO_CLASSIFIERS = (
-    "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), "
-    "or name an object of the table."
-)
-_KEPT = 1000  # trials without feedback, whose features are kept
+from meal_bayes.trials import Session, Trial, run_trial
+from meal_bayes.trials.session import MAX_STEPS
 
 
 class Learner:
-    """Answers questions about objects, and learns from feedback.
+    """Answers questions about objects, and learns from what it does and is told.
 
-    Fitted on recordings it works with any robot; on a percept table it replays the table's objects,
-    each left out of what was learned.
+    It works with any robot, from nothing or from recordings; with a percept table it replays the
+    table's objects, each left out of what was learned.
 
     Parameters
     ----------
@@ -50,16 +41,22 @@ class Learner:
         Of planning, and of what is drawn in replays.
     classifier : scikit-learn classifier, optional
         Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
-    posterior : InferenceData, DataTree or ConfusionPosterior, optional
-        Of the confusion matrices, learned elsewhere (`meal-bayes posterior`, PyMC; see
-        `ConfusionPosterior.from_idata`), in place of the one that `fit` would learn. It needs the
-        levels of the agent, and should be learned without the objects that are asked about.
+    posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
+        Of the confusion matrices, learned elsewhere (see `ConfusionPosterior.from_idata`) without
+        the objects that are asked about, in place of the one that `fit` would learn.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     percepts : str
         In replays: "recorded", or "model", drawn from the learned confusion matrices.
-    refit_every : int, optional
-        Refit after so many labels; by default only when `refit` is called.
+    refit_every : int or float, optional
+        When everything is learned anew: after so many labels, or (a float below 1) when labeled
+        instances have grown by such a fraction; None: only when `refit` is called.
+    learn_success : bool
+        Learn how often behaviors succeed, at every refit, or take it from the domain.
+    horizon : float
+        Queries to come, for which exploring is valued.
+    trust : float
+        Pr(a label of an object that is recognized is right).
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
 
@@ -82,110 +79,99 @@ class Learner:
         seed: int = 0,
         reward: float | None = None,
         percepts: str = "recorded",
-        refit_every: int | None = None,
+        refit_every: float | None = 0.2,
+        learn_success: bool = True,
+        horizon: float = 1000.0,
+        trust: float = TRUST,
         logs: str | Path | None = "logs",
     ) -> None:
         if seed < 0:
             raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
-        if refit_every is not None and refit_every < 1:
-            raise SettingsError(f"refit_every is {refit_every}; give 1 or more, or None.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
-        self.agent: Agent = as_agent(agent)
-        self.classifier = classifier
-        self.posterior = own_posterior(posterior, self.domain, self.agent)
+        self._agent = as_agent(agent)
+        settings = LearnerSettings(
+            classifier=classifier,
+            posterior=own_posterior(posterior, self.domain, self._agent),
+            learn_success=learn_success,
+            reward=self.domain.report_reward if reward is None else reward,
+        )
         self.seed, self.reward, self.percepts = seed, reward, percepts
-        self.refit_every = refit_every
+        self.horizon, self.trust = horizon, trust
         self.logs = None if logs is None else Path(logs)
-        self._source: Replayed | Fitted | None = None
-        self._labeled_trials: dict[Key, LabeledTrial] = {}
-        self._refitted: set[Key] = set()  # that the last refit used
-        self._met: dict[Key, tuple[Percept, ...]] = {}  # of trials without feedback
+        self.experience = Experience(self.domain)
+        self.fits = Fits(self.experience, settings, refit_every)
+        self.table: PerceptTable | None = None
         self.asked = 0  # questions, with robots
+        self._runner: OfflineRunner | None = None
+        self.lock = threading.RLock()
 
     def __repr__(self) -> str:
         """Return a line that says what it has learned from."""
-        fitted = type(self._source).__name__.lower() if self._source else "not fitted"
-        name, labeled = self.domain.name, len(self._labeled_trials)
-        return f"Learner({name}, agent {self.agent.name}, {fitted}, {labeled} labeled trials)"
+        data = f"{self.experience!r}" if self.table is None else "a percept table"
+        return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     @property
-    def labeled_trials(self) -> tuple[LabeledTrial, ...]:
-        """Trials whose object was labeled, in order."""
-        return tuple(self._labeled_trials.values())
+    def agent(self) -> Agent:
+        """Who decides; another agent learns from the same experience."""
+        return self._agent
 
-    @property
-    def source(self) -> Replayed | Fitted:
-        """What was learned, by the kind of data.
+    @agent.setter
+    def agent(self, agent: object) -> None:
+        chosen = as_agent(agent)
+        own_posterior(self.fits.settings.posterior, self.domain, chosen)
+        with self.lock:
+            self._agent, self._runner = chosen, None
+
+    def fit(self, data: Dataset | PerceptTable) -> Self:
+        """Learn from recordings, which join the experience, or replay a percept table.
 
         Raises
         ------
-        SettingsError : the learner is not fitted.
+        SettingsError : data of another domain.
         """
-        if self._source is None:
-            raise SettingsError("This learner is not fitted yet; call fit(recordings) first.")
-        return self._source
-
-    def refitted(self, labeled: LabeledTrial) -> bool:
-        """Return whether the last refit has used a labeled trial."""
-        return labeled.key in self._refitted
-
-    def fit(self, data: Dataset | PerceptTable) -> Self:
-        """Learn from recordings, or from a percept table.
-
-        Feedback given before is kept. Raises `SettingsError` for data of another domain.
-        """
-        self._source = source_of(self, data)
-        return self.refit()
-
-    def resume(
-        self,
-        data: Dataset | PerceptTable,
-        labeled_trials: Sequence[LabeledTrial],
-        refitted: Sequence[bool],
-        state: Mapping[str, Any] | None = None,
-    ) -> Self:
-        """Restore the state of a learner with this data and these labeled trials, in order.
-
-        `refitted` is whether the last refit had used each; without the `state` of a `Fitted` all is
-        fitted again, with equal results.
-        """
-        pairs = list(zip(labeled_trials, refitted, strict=True))
-        self._labeled_trials = {labeled.key: labeled for labeled, done in pairs if done}
-        self._source = source_of(self, data)
-        if state is not None and isinstance(self._source, Fitted):
-            self._source.restore(state)
-            self._refitted = set(self._labeled_trials)
-            self._labeled_trials = {labeled.key: labeled for labeled in labeled_trials}
-            return self
-        self.refit()
-        self._labeled_trials = {labeled.key: labeled for labeled in labeled_trials}
-        return self._update()
+        check_data(data, self.domain)
+        with self.lock:
+            if isinstance(data, PerceptTable):
+                self.table = data
+            else:
+                self.table = None
+                self.experience.give(data)
+            return self.refit()
 
     def refit(self) -> Self:
-        """Learn everything anew from the data and from all labeled trials.
+        """Learn everything anew from the experience."""
+        with self.lock:
+            self.fits.clear()
+            self._runner = None
+            if self.table is None:
+                self.fitted(self.agent)
+                self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
+        return self
 
-        Classifiers are fitted on the data and on the features of labeled trials.
-        """
-        if isinstance(self.source, Fitted):
-            kept = [labeled for labeled in self.labeled_trials if labeled.refittable]
-            self.source.refit(kept)
-            self._refitted = {labeled.key for labeled in kept}
-        return self._update()
+    def fitted(self, agent: Agent) -> Fitted:
+        """Return what an agent makes of the experience; learned when it is first needed."""
+        with self.lock:
+            return self.fits.of(agent)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what was learned; from a percept table, without one of its objects."""
-        return self.source.known(object_name)
+        if self.table is None:
+            return self.fitted(self.agent).knowledge
+        if object_name is None:
+            raise SettingsError("A percept table holds only what is known without an object of it.")
+        return self.runner.knowledge(object_index(self.table.objects, object_name))
 
     def ask(
         self,
-        question: str | Sequence[str] | Query,
+        question: Question,
         robot: Robot | str,
         *,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         object_name: str | None = None,
-        on_step: Callable[[Step], None] | None = None,
+        learn: bool = True,
         log: str | Path | None = None,
         key: str | int | None = None,
+        **options: Any,
     ) -> Trial:
         """Answer a question about the object in front of a robot.
 
@@ -194,108 +180,148 @@ class Learner:
 
         Parameters
         ----------
-        question : a sentence ("Is it heavy?"), a comma list, attribute names, or a query.
+        question : a sentence ("Is it heavy?"), a comma list, attribute names, a query, or a task.
         robot : see `Robot`; or the name of an object of the percept table, which is replayed.
         truth : {attribute: True or False} of what is known; compared with the report afterwards.
-        object_name : the object's name, if it is recognized; then labels given before enter the
-            prior. Without a name it is an object of its own.
-        on_step : called after every step.
+        object_name : the object's name, if it is known; an agent with `memory` then recognizes it.
+            Without a name it is an object of its own.
+        learn : whether the trial becomes experience, and explores for the queries to come as the
+            agent does; otherwise it is a test.
         log : path of the trial's log (.mcap); one in the folder of logs by default.
-        key : names the random streams of this question, and its feedback; by default the
-            number of questions so far, and in replays nothing, so that equal questions are equal.
+        key : names the random streams of this question; by default the number of questions so
+            far, and in replays nothing, so that equal questions are equal.
+        options : `max_steps`, `max_cost` and `on_step`, see `Session`.
 
         Raises
         ------
         QueryError : a question that cannot be understood.
-        SettingsError : no data were fitted, or not of the kind that the robot needs.
+        SettingsError : no data were fitted of the kind that the robot needs.
         RobotError : the robot came to a state that the domain does not know.
         """
-        query = question if isinstance(question, Query) else read_query(question, self.domain)
-        source, header = self.source, self._header(question)
         if isinstance(robot, str):
-            task = replay_task(query, self._replayed().table, robot, key)
-            return logged(log, header, lambda to: self.replay(task, on_step=on_step, recorder=to))
-        if isinstance(source, Replayed):
-            raise SettingsError(_NO_CLASSIFIERS)
-        task = live_task(query, self.domain, self.asked if key is None else key, object_name)
-        self.asked += 1
-        unknown = np.full(len(self.domain.attributes), -1, np.int8)
-        known = labels_of(self.labeled_trials, self.domain).get(task.object_name, unknown)
+            return replay(self, question, robot, key, log, **options)
+        session = open_session(
+            self, question, object_name, key, log, truth=truth, learn=learn,
+            limit=getattr(robot, "limit", np.inf), **options,
+        )  # fmt: skip
+        return run_trial(session, robot)
 
-        def run(recorder: Recorder | None) -> Trial:
-            trial, self._met[task.key] = source.run(
-                task, robot, known=known, truth=truth, on_step=on_step, recorder=recorder
-            )
-            if len(self._met) > _KEPT:
-                del self._met[next(iter(self._met))]
-            return trial
-
-        if log is not None:
-            return logged(log, header, run)
-        with next_log(self.logs, self.domain.name, task.object_name) as path:
-            return logged(path, header, run)
-
-    def replay(
+    def begin(
         self,
-        task: Task,
+        question: Question,
+        object_name: str | None = None,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
         *,
-        on_step: Callable[[Step], None] | None = None,
-        recorder: Recorder | None = None,
-    ) -> Trial:
-        """Answer a task about an object of the percept table; equal tasks give equal trials."""
-        return self._replayed().runner.run(task, on_step=on_step, recorder=recorder)
+        state: str | None = None,
+        **options: Any,
+    ) -> Session:
+        """Begin a trial that somebody else drives; see `Session` for what to do with it.
 
-    def problem(self, task: Task) -> MOMDP:
-        """Return the decision problem of a task about an object of the percept table."""
-        return self._replayed().runner.prepare(task)[0]
-
-    def tell(self, trial: Trial, values: Mapping[str, bool | None]) -> None:
-        """Learn from labels of a trial's object; the posterior is updated at once.
-
-        How much objects differ, and how their percepts err together, hold until `refit`.
+        Whoever drives the robot executes `behavior`, and gives its `Outcome` to `observe`, until
+        there is no behavior; then `report` is the answer.
 
         Parameters
         ----------
-        trial : an answer of this learner's.
-        values : by attribute, also of attributes that were not asked; None is ignored. Later labels
-            of a trial replace earlier ones.
+        question, object_name, truth, max_steps, max_cost :
+            As for `ask`.
+        state : str, optional
+            Where the robot is; the domain's start by default.
+        options :
+            `learn`, `on_step`, `log` and `key`, as for `ask`.
+        """
+        session = open_session(
+            self, question, object_name, options.pop("key", None), options.pop("log", None),
+            truth=truth, max_steps=max_steps, max_cost=max_cost, **options,
+        )  # fmt: skip
+        return session.start(self.domain.diagram.start if state is None else state)
+
+    def resume(self, log: str | Path) -> Session:
+        """Go on with a trial whose process ended in the middle of it, from its log.
+
+        The learner is the one that began it, or has been saved before and loaded since. The robot
+        is where the last step of the log led.
+
+        Parameters
+        ----------
+        log : str or path
+            Of the trial, or its draft.
+
+        Raises
+        ------
+        LogError : the log holds no trial that is under way, or not of this learner's.
+        """
+        return resume_session(self, Path(log))
+
+    def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
+        """Learn from labels of a trial's object; the posterior is updated at once.
+
+        How much objects differ, and how their percepts err together, hold until the next refit.
+
+        Parameters
+        ----------
+        trial : an answer, or the name of an object. Of an answer of another learner's the percepts
+            of the attributes asked are learned from.
+        values : by attribute, also of attributes that were not asked; None is ignored. A later
+            label of an attribute replaces an earlier one.
 
         Raises
         ------
         QueryError : an attribute that the domain does not have.
+        SettingsError : a value that is no label; a trial with other levels than the agent's.
         """
-        source, key, name = self.source, trial.task.key, trial.task.object_name
-        labels = checked_values(values, self.domain)
-        if not labels:
+        labels = checked_labels(values, self.domain)
+        if not (labels >= 0).any():
             return
-        if isinstance(source, Replayed):
-            object_index(source.table.objects, name)
-        elif trial.momdp.levels != self.agent.levels:
-            raise SettingsError("The trial has other levels; give a trial of this learner's.")
-        percepts = self._met.pop(key, None)
-        if key in self._labeled_trials:
-            percepts = self._labeled_trials.pop(key).percepts
-        elif percepts is None:
-            percepts = percepts_of(trial, self.domain)
-        self._labeled_trials[key] = LabeledTrial(key, name, labels, percepts)
-        self._changed(key, name)
-        pending = sum(len(labeled.values) for labeled in self._pending())
-        if self.refit_every is not None and pending >= self.refit_every:
-            self.refit()
+        name = trial.task.object_name if isinstance(trial, Trial) else trial
+        key = trial.task.key if isinstance(trial, Trial) else ("told", name)
+        with self.lock:
+            if self.table is not None:
+                object_index(self.table.objects, name)
+                self._runner = None
+            elif isinstance(trial, Trial) and key not in self.experience.trials:
+                if trial.momdp.levels != self.agent.levels:
+                    raise SettingsError("The trial has other levels; give one of this learner's.")
+                record_trial(self.experience, trial)
+            self.fits.update(self.experience.label(key, name, labels))
+            self.fits.grow(len(self.experience.shown(key)), int((labels >= 0).sum()))
 
     def forget(self, trial: Trial) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them."""
-        labeled = self._labeled_trials.pop(trial.task.key, None)
-        if labeled is None:
-            raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
-        self._met[labeled.key] = labeled.percepts
-        self._changed(labeled.key, labeled.object_name)
+        key = trial.task.key
+        with self.lock:
+            if not self.experience.labels_by(key):
+                raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
+            self.fits.withdraw(self.experience.forget(key))
+            self._runner = None
+
+    @property
+    def runner(self) -> OfflineRunner:
+        """What replays the percept table, with the labels that were told.
+
+        Raises
+        ------
+        SettingsError : there is no percept table.
+        """
+        if self.table is None:
+            raise SettingsError(
+                "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+            )
+        with self.lock:
+            if self._runner is None:
+                self._runner = OfflineRunner(
+                    self.table, self.agent, self.seed, self.percepts, self.reward,
+                    self.experience.labels_for(self.table.objects), self.fits.settings.posterior,
+                )  # fmt: skip
+            return self._runner
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, for `load`."""
         from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
-        save_learner(self, Path(path))
+        with self.lock:
+            save_learner(self, Path(path))
 
     @classmethod
     def load(
@@ -321,29 +347,3 @@ class Learner:
         from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 
         return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
-
-    def _changed(self, key: Key, object_name: str) -> Self:
-        return self.refit() if key in self._refitted else self._update(object_name)
-
-    def _update(self, *names: str) -> Self:
-        """Update by the labeled trials of some objects, or of all, after the last refit."""
-        if isinstance(self.source, Replayed):
-            self.source.learn(self.labeled_trials)
-            return self
-        pending = self._pending()
-        for name in names or dict.fromkeys(one.object_name for one in pending):
-            self.source.learn(name, [one for one in pending if one.object_name == name])
-        return self
-
-    def _pending(self) -> list[LabeledTrial]:
-        """Return the labeled trials that came after the last refit, or that it could not use."""
-        return [labeled for labeled in self.labeled_trials if labeled.key not in self._refitted]
-
-    def _replayed(self) -> Replayed:
-        if isinstance(self.source, Replayed):
-            return self.source
-        raise SettingsError("Give a robot, or fit a percept table (build_percept_table) to replay.")
-
-    def _header(self, question: object) -> dict[str, Any]:
-        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
-        return {"config": config, "seed": self.seed, "data": self.domain.data}

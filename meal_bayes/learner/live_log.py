@@ -1,34 +1,78 @@
-"""The log of one trial with a robot: every step is on disk before the next behavior."""
+"""The log of one trial with a robot: every step is on disk before the next behavior is named."""
 
 import contextlib
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-from meal_bayes.agents import Recorder, Trial
 from meal_bayes.errors import LogError
-from meal_bayes.trial_log import TrialWriter
+from meal_bayes.files import file_name
+from meal_bayes.learner.experience import Key
+from meal_bayes.trial_log import TrialWriter, read_header, remove_drafts, salvage
+from meal_bayes.trial_log.names import drafts_of, stem_of
+from meal_bayes.trials import Step, Trial
 
 _NUMBERED = re.compile(r"(\d{5,})-.*\.mcap")  # a log, or a draft of one
 _RESERVED = re.compile(r"\.(\d{5,})\.reserved")
 
 
-@contextlib.contextmanager
-def next_log(folder: Path | None, domain: str, object_name: str) -> Iterator[Path | None]:
-    """Yield a path such as logs/kitchen/00012-blue_cup.mcap, reserved for one trial.
+class LiveLog:
+    """Records one trial into a log of its own: opened when the trial begins, closed when it ends.
 
-    While the block runs, no other process or thread gets the number. A reservation that a
-    killed process left is passed over.
+    In a folder it is called such as logs/kitchen/00012-blue_cup.mcap; no other process or thread
+    gets the number, and a reservation that a killed process left is passed over.
+
+    Parameters
+    ----------
+    place : Path
+        Of the log (.mcap), or a folder.
+    header : mapping
+        What the run is.
+    name : str
+        Of the object, for the name of a log in a folder.
     """
-    if folder is None:
-        yield None
-        return
-    own = folder / _file_name(domain)
-    number, reserved = _reserve(own)
-    try:
-        yield own / f"{number:05d}-{_file_name(object_name)}.mcap"
-    finally:
-        reserved.unlink(missing_ok=True)
+
+    def __init__(self, place: Path, header: Mapping[str, object], name: str = "") -> None:
+        self.path, self._header, self._name = place, header, name
+        self._reserved: Path | None = None
+
+    def begin(self, trial: Trial) -> None:
+        """Open the log, and write the start of the trial."""
+        if self.path.suffix != ".mcap":
+            number, self._reserved = _reserve(self.path)
+            self.path /= f"{number:05d}-{file_name(self._name)}.mcap"
+        self._writer = TrialWriter(self.path, self._header)
+        self._writer.__enter__()
+        self._writer.begin(trial)
+
+    def step(self, step: Step) -> None:
+        """Write the next step."""
+        self._writer.step(step)
+
+    def end(self, trial: Trial) -> None:
+        """Write the outcome, and give the whole log its name."""
+        try:
+            self._writer.end(trial)
+            self._writer.__exit__(None, None, None)
+            remove_drafts(self.path)  # of processes that were killed in this trial
+        finally:
+            if self._reserved is not None:
+                self._reserved.unlink(missing_ok=True)
+
+
+def interrupted(log: Path) -> tuple[Trial, Key, LiveLog]:
+    """Return the trial that a killed process left in a log, what names its streams, and a new log.
+
+    Raises
+    ------
+    LogError : no trial of a learner's that is under way.
+    """
+    draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
+    header, trials = read_header(draft), list(salvage(draft))
+    streams, last = header.get("streams"), trials[-1] if trials else None
+    if not isinstance(last, Trial) or not last.ended or not isinstance(streams, list):
+        raise LogError(f"{draft} holds no trial that was broken off; there is nothing to resume.")
+    return last, tuple(streams), LiveLog(draft.with_name(stem_of(draft) + ".mcap"), header)
 
 
 def _reserve(folder: Path) -> tuple[int, Path]:
@@ -49,34 +93,3 @@ def _reserve(folder: Path) -> tuple[int, Path]:
 
 def _numbers(folder: Path, pattern: re.Pattern[str]) -> set[int]:
     return {int(found[1]) for path in folder.iterdir() if (found := pattern.match(path.name))}
-
-
-def logged(
-    path: str | Path | None, header: Mapping[str, object], run: Callable[[Recorder | None], Trial]
-) -> Trial:
-    """Run a trial that is logged as it happens; what ends it early is raised after that.
-
-    Parameters
-    ----------
-    path : of the log; None logs nothing.
-    header : what the run is.
-    run : runs the trial with a recorder.
-    """
-    if path is None:
-        return run(None)
-    failure: BaseException | None = None
-    trial: Trial | None = None
-    with TrialWriter(path, header) as log:
-        try:
-            trial = run(log)
-        except BaseException as fault:
-            failure = fault
-    if failure is not None:
-        failure.add_note(f"the trial, as far as it went: meal-bayes log show {path}")
-        raise failure
-    assert trial is not None
-    return trial
-
-
-def _file_name(text: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", text)[:60]

@@ -1,18 +1,17 @@
 """A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
 
-`learner.json` holds names, settings and labeled trials; recordings are one array of float32 a
-context, features of labeled trials another; a percept table is the .npz of `save_percepts`. What
-was fitted is stored (`fitted_state.py`), but classifiers of one's own could only be pickled: `load`
-fits them again, with equal results where they are deterministic, and repeats the updates.
+`learner.json` holds settings; the experience is an array a table of it; a percept table is the .npz
+of `save_percepts`. What was fitted is stored (`fitted_state.py`), but classifiers of one's own
+could only be pickled: `load` fits them again, with equal results where they are deterministic.
 """
 
 import io
 import json
-import logging
 import lzma
 import struct
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +20,27 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.cache import temporary_folder
-from meal_bayes.datasets import Dataset, load_percepts
+from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import read_array, save_percepts
-from meal_bayes.domain import Domain, domain_from_table, domain_table
+from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
+from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.fitted import own_posterior
 from meal_bayes.learner.fitted_state import pack, unpack
-from meal_bayes.learner.labeled_trial import LabeledTrial, Percept, checked_values
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.replayed import Replayed
-from meal_bayes.learner.sources import own_posterior
+from meal_bayes.learner.rows import Rows
 from meal_bayes.untrusted import read_json
 
-log = logging.getLogger("meal_bayes.learner")
-
-_FORMAT = 3
-_LARGEST = 2**30  # bytes that a member may unpack to
+_FORMAT = 4
+_LARGEST = 2**31  # bytes that a member may unpack to
 _TEXT = "learner.json"
 _TABLE = "table.npz"
+_ROWS = {
+    "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
+    "known": "|i1",
+}  # fmt: skip
+_SETTINGS = ("seed", "reward", "percepts", "horizon", "trust", "asked")
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, TypeError,
     IndexError, AttributeError, EOFError, OverflowError, RecursionError, NotImplementedError,
@@ -53,47 +55,37 @@ def save_learner(learner: Learner, path: Path) -> None:
     ------
     OutputError : the file cannot be written; one that was there stays.
     """
-    source = learner.source
+    settings, own = learner.fits.settings, learner.experience
+    classifier = settings.classifier
     meta: dict[str, Any] = {
         "format": _FORMAT,
         "domain": domain_table(learner.domain),
         "agent": learner.agent.name,
-        "classifier": None if learner.classifier is None else type(learner.classifier).__name__,
-        "seed": learner.seed,
-        "reward": learner.reward,
-        "percepts": learner.percepts,
-        "refit_every": learner.refit_every,
-        "asked": learner.asked,
-        "labeled_trials": [],
+        "classifier": None if classifier is None else type(classifier).__name__,
+        "learn_success": settings.learn_success,
+        "growth": learner.fits.growth,
+        "refit_every": learner.fits.refit_every,
+        **{name: getattr(learner, name) for name in _SETTINGS},
     }
-    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
-        rows, arrays = _Rows(learner.domain), _Kept(archive)
-        for labeled in learner.labeled_trials:
-            table = _labeled_table(labeled, rows, arrays)
-            meta["labeled_trials"].append({**table, "refitted": learner.refitted(labeled)})
-        meta["posterior"] = pack(learner.posterior, arrays.keep)
-        if isinstance(source, Replayed):
-            archive.writestr(_TABLE, _table_bytes(source))
-        else:
-            meta["objects"] = list(source.dataset.objects)
-            _write(archive, "labels", source.dataset.labels)
-            for i, context in enumerate(rows.contexts):
-                _write(archive, f"features/{i}", source.dataset.features[context])
-                _write(archive, f"met/{i}", rows.array(context, source.sizes[context]))
-            meta["state"] = None
-            if learner.classifier is None:
-                meta["state"] = pack(source.state, arrays.keep)
-        archive.writestr(_TEXT, _checked(json.dumps(meta, allow_nan=False)))
-
-
-def _checked(text: str) -> str:
-    try:
-        read_json(text)  # a reader must take it
-    except ValueError as fault:
-        raise SettingsError(
-            f"This learner has too many labeled trials for one file ({fault})."
-        ) from fault
-    return text
+    with (
+        draft_of(path) as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+    ):
+        arrays = _Arrays(archive)
+        meta["posterior"] = pack(settings.posterior, arrays.keep)
+        for name in _ROWS:
+            arrays.write(name, getattr(own, name).values)
+        arrays.write_lines("objects", own.objects)
+        arrays.write_lines("trials", own.trials)
+        for i, context in enumerate(_contexts(own)):
+            if context in own.features:
+                arrays.write(f"features/{i}", own.features[context].values)
+        meta["state"] = None
+        if learner.table is not None:
+            archive.writestr(_TABLE, _table_bytes(learner))
+        elif classifier is None:
+            meta["state"] = pack(learner.fitted(learner.agent).state, arrays.keep)
+        archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
 
 
 def load_learner(
@@ -104,33 +96,22 @@ def load_learner(
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
         with zipfile.ZipFile(path) as archive:
-            meta = read_json(_unpacked(archive, _TEXT))
+            arrays = _Arrays(archive)
+            meta = read_json(arrays.bytes(_TEXT))
             if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
                 found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
                 raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
             learner = _learner(meta, agent, classifier, logs)
-            kept = _Kept(archive)
-            own = unpack(meta["posterior"], kept.read, learner.domain)
-            learner.posterior = own_posterior(own, learner.domain, learner.agent)
-            state = None
+            own = unpack(meta["posterior"], arrays.read_kept, learner.domain)
+            posterior = own_posterior(own, learner.domain, learner.agent)
+            learner.fits.settings = replace(learner.fits.settings, posterior=posterior)
+            _read_experience(arrays, learner.experience, learner.agent.levels)
             if _TABLE in archive.namelist():
-                data: Any = _read_table(archive, learner.domain)
-                arrays = None
-            else:
-                arrays = _Arrays(archive, learner.domain)
-                data = Dataset(
-                    learner.domain,
-                    tuple(map(str, meta["objects"])),
-                    arrays.features("features"),
-                    arrays.read("labels", "|i1", 2),
-                )
-                state = unpack(meta["state"], kept.read, learner.domain)
-            labeled_trials = [
-                _labeled(table, learner, arrays, kept) for table in meta["labeled_trials"]
-            ]
-            refitted = [table["refitted"] is True for table in meta["labeled_trials"]]
-            if state is not None:
-                return learner.resume(data, labeled_trials, refitted, state)
+                return learner.fit(_read_table(arrays, learner))
+            if meta["state"] is None:
+                return learner.refit()
+            state = unpack(meta["state"], arrays.read_kept, learner.domain)
+            learner.fits.restore(learner.agent, state, [int(count) for count in meta["growth"]])
     except SettingsError:
         raise
     except _UNREADABLE as fault:
@@ -139,8 +120,7 @@ def load_learner(
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
-    log.info("%s is fitted again", path)
-    return learner.resume(data, labeled_trials, refitted)
+    return learner
 
 
 def _learner(
@@ -164,130 +144,119 @@ def _learner(
         seed=int(meta["seed"]),
         reward=None if meta["reward"] is None else float(meta["reward"]),
         percepts=str(meta["percepts"]),
-        refit_every=None if meta["refit_every"] is None else int(meta["refit_every"]),
+        refit_every=None if meta["refit_every"] is None else float(meta["refit_every"]),
+        learn_success=meta["learn_success"] is True,
+        horizon=float(meta["horizon"]),
+        trust=float(meta["trust"]),
         logs=logs,
     )
     learner.asked = int(meta["asked"])
     return learner
 
 
-class _Kept:
-    """Arrays of what was fitted, by number."""
+def _read_experience(arrays: "_Arrays", experience: Experience, levels: int) -> None:
+    """Fill an empty record from a file, once every number in it is known to fit."""
+    domain = experience.domain
+    rows = {name: arrays.read(name, dtype, 2) for name, dtype in _ROWS.items()}
+    objects = arrays.read_lines("objects")
+    trials = [tuple(key) for key in arrays.read_lines("trials")]
+    sizes = np.zeros(len(domain.behaviors), int)
+    for i, context in enumerate(_contexts(experience)):
+        if arrays.has(f"features/{i}"):
+            values = arrays.read(f"features/{i}", "<f4", 2)
+            if not np.isfinite(values).all():
+                raise ValueError(f"features of {context} are not finite")
+            sizes[domain.behavior_index(context[0])] = len(values)
+            experience.features[context] = kept = Rows(np.float32, values.shape[1])
+            kept.extend(values)
+    n, o, t = len(rows["instances"]), len(objects), len(trials)
+    p, e = len(domain.attributes), len(domain.behaviors)
+    behaviors = rows["instances"][:, 1]
+    limits = {
+        "instances": ((0, o), (0, e), (0, 2**62), (-1, sizes[behaviors % e]), (0, 64)),
+        "executions": ((0, t), (0, e), (-1, n), (-1, 2)),
+        "feedback": ((0, t), (0, o), (0, p), (-1, 2)),
+    }
+    for name, columns in limits.items():
+        for values, (least, end) in zip(rows[name].T, columns, strict=True):
+            if ((values < least) | (values >= end)).any():
+                raise ValueError(f"{name} names what there is not")
+    for name, size, most in (("levels", n, 64), ("labels", n, 2), ("known", o, 2)):
+        values = rows[name]
+        if values.shape != (size, p) or ((values < -1) | (values >= most)).any():
+            raise ValueError(f"{name} has shape {values.shape}, or values that are none")
+    if (
+        len(set(objects)) < o
+        or len(set(trials)) < t
+        or not all(isinstance(x, str) for x in objects)
+    ):
+        raise ValueError("objects or trials are named twice, or not by text")
+    experience.restore(objects, trials, rows)
 
-    def __init__(self, archive: zipfile.ZipFile) -> None:
-        self._archive, self._count = archive, 0
 
-    def keep(self, values: NDArray[Any]) -> str:
-        self._count += 1
-        _write(self._archive, f"fitted/{self._count}", values)
-        return str(self._count)
-
-    def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        return _array(self._archive, f"fitted/{name}", dtype, axes)
-
-
-class _Rows:
-    """Features of labeled trials, a row each."""
-
-    def __init__(self, domain: Domain) -> None:
-        self.contexts = [(b.name, m) for b in domain.behaviors for m in b.modalities]
-        self._rows: dict[tuple[str, str], list[NDArray[np.float32]]] = {}
-
-    def add(self, percept: Percept) -> int:
-        """Append the features of a percept; return their row, -1 where there are none."""
-        if percept.features is None:
-            return -1
-        for modality, values in percept.features.items():
-            rows = self._rows.setdefault((percept.behavior, modality), [])
-            rows.append(values)
-        return len(rows) - 1
-
-    def array(self, context: tuple[str, str], size: int) -> NDArray[np.float32]:
-        rows = self._rows.get(context, [])
-        return np.array(rows, np.float32).reshape(len(rows), size)
+def _contexts(experience: Experience) -> list[tuple[str, str]]:
+    return [(b.name, m) for b in experience.domain.behaviors for m in b.modalities]
 
 
 class _Arrays:
     """Arrays of an archive, each checked before it is believed."""
 
-    def __init__(self, archive: zipfile.ZipFile, domain: Domain) -> None:
-        self._archive = archive
-        self._contexts = _Rows(domain).contexts
-        self.met: dict[tuple[str, str], NDArray[Any]] = {
-            context: self.read(f"met/{i}", "<f4", 2) for i, context in enumerate(self._contexts)
-        }
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._archive, self._count = archive, 0
 
-    def features(self, part: str) -> dict[tuple[str, str], NDArray[Any]]:
-        return {c: self.read(f"{part}/{i}", "<f4", 3) for i, c in enumerate(self._contexts)}
+    def keep(self, values: NDArray[Any]) -> str:
+        """Write an array of what was fitted, and return its name."""
+        self._count += 1
+        self.write(f"fitted/{self._count}", values)
+        return str(self._count)
+
+    def read_kept(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
+        """Read an array that `keep` wrote."""
+        return self.read(f"fitted/{name}", dtype, axes)
+
+    def write(self, name: str, values: NDArray[Any]) -> None:
+        """Write an array."""
+        buffer = io.BytesIO()
+        np.lib.format.write_array(
+            buffer, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False
+        )
+        self._archive.writestr(f"{name}.npy", buffer.getvalue())
 
     def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        return _array(self._archive, name, dtype, axes)
+        """Read an array of this type."""
+        return read_array(self.bytes(f"{name}.npy"), name, dtype, axes)
+
+    def write_lines(self, name: str, values: Any) -> None:
+        """Write JSON values, a line each."""
+        self._archive.writestr(name, "\n".join(map(json.dumps, values)))
+
+    def read_lines(self, name: str) -> list[Any]:
+        """Read what `write_lines` wrote."""
+        found: list[Any] = json.loads(f"[{self.bytes(name).decode().replace(chr(10), ',')}]")
+        return found
+
+    def has(self, name: str) -> bool:
+        """Return whether there is an array of this name."""
+        return f"{name}.npy" in self._archive.namelist()
+
+    def bytes(self, name: str) -> bytes:
+        """Unpack a member of reasonable size."""
+        info = self._archive.getinfo(name)
+        if info.file_size > _LARGEST:
+            raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
+        return self._archive.read(info)
 
 
-def _array(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
-    return read_array(_unpacked(archive, f"{name}.npy"), name, dtype, axes)
-
-
-def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
-    info = archive.getinfo(name)
-    if info.file_size > _LARGEST:
-        raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-    return archive.read(info)
-
-
-def _write(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:
-    buffer = io.BytesIO()
-    np.lib.format.write_array(
-        buffer, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False
-    )
-    archive.writestr(f"{name}.npy", buffer.getvalue())
-
-
-def _labeled_table(labeled: LabeledTrial, rows: _Rows, arrays: _Kept) -> dict[str, Any]:
-    levels = [percept.levels for percept in labeled.percepts]
-    return {
-        "key": list(labeled.key),
-        "object": labeled.object_name,
-        "values": dict(labeled.values),
-        "levels": arrays.keep(np.array(levels)) if levels else None,
-        "percepts": [{"behavior": p.behavior, "row": rows.add(p)} for p in labeled.percepts],
-    }
-
-
-def _labeled(
-    table: dict[str, Any], learner: Learner, arrays: _Arrays | None, kept: _Kept
-) -> LabeledTrial:
-    percepts, domain, most = list[Percept](), learner.domain, learner.agent.levels
-    every = () if table["levels"] is None else kept.read(table["levels"], "|i1", 2)
-    for entry, levels in zip(table["percepts"], every, strict=True):
-        behavior = domain.behaviors[domain.behavior_index(entry["behavior"])]
-        if (
-            levels.shape != (len(domain.attributes),)
-            or not -1 <= levels.min() <= levels.max() < most
-        ):
-            raise ValueError(f"a percept of {behavior.name} has levels {levels.tolist()}")
-        features = None
-        if arrays is not None and int(entry["row"]) >= 0:
-            features = {
-                m: arrays.met[behavior.name, m][int(entry["row"])] for m in behavior.modalities
-            }
-            if not all(np.isfinite(values).all() for values in features.values()):
-                raise ValueError(f"features of a percept of {behavior.name} are not finite")
-        percepts.append(Percept(behavior.name, levels, features))
-    key = tuple(part if isinstance(part, str) else int(part) for part in table["key"])
-    values = checked_values(table["values"], domain)
-    return LabeledTrial(key, str(table["object"]), values, tuple(percepts))
-
-
-def _table_bytes(source: Replayed) -> bytes:
+def _table_bytes(learner: Learner) -> bytes:
     with temporary_folder() as folder:
         path = folder / _TABLE
-        save_percepts(source.table, path)
+        assert learner.table is not None
+        save_percepts(learner.table, path)
         return path.read_bytes()
 
 
-def _read_table(archive: zipfile.ZipFile, domain: Domain) -> Any:
+def _read_table(arrays: _Arrays, learner: Learner) -> Any:
     with temporary_folder() as folder:
         path = folder / _TABLE
-        path.write_bytes(_unpacked(archive, _TABLE))
-        return load_percepts(path, domain=domain)
+        path.write_bytes(arrays.bytes(_TABLE))
+        return load_percepts(path, domain=learner.domain)

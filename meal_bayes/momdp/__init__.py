@@ -7,19 +7,20 @@ Out: a `MOMDP`, and the exact factored `Belief` that is filtered in it.
 from meal_bayes.momdp.belief import (
     Belief,
     Transition,
+    answer_value,
     belief_of,
+    best_answer,
     best_report,
     initial_belief,
     report_value,
     update_belief,
 )
 from meal_bayes.momdp.build import Objective, build_momdp
-from meal_bayes.momdp.flat import FlatPOMDP, flatten, percept_probabilities
+from meal_bayes.momdp.exchange import percept_probabilities
+from meal_bayes.momdp.flat import FlatPOMDP, flatten
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.pomdp_file import write_pomdp
-from meal_bayes.momdp.pomdp_reader import read_pomdp
 from meal_bayes.momdp.pomdpx_file import write_pomdpx
-from meal_bayes.momdp.reference import load_reference
 from meal_bayes.momdp.shaping import ITRS, observation_entropy, shape_reward
 
 __all__ = [
@@ -29,15 +30,15 @@ __all__ = [
     "FlatPOMDP",
     "Objective",
     "Transition",
+    "answer_value",
     "belief_of",
+    "best_answer",
     "best_report",
     "build_momdp",
     "flatten",
     "initial_belief",
-    "load_reference",
     "observation_entropy",
     "percept_probabilities",
-    "read_pomdp",
     "report_value",
     "shape_reward",
     "update_belief",

@@ -19,9 +19,12 @@ class Transition(NamedTuple):
 
     Attributes
     ----------
-    action : index of a behavior, or E + y of a report.
-    next_x : index of the x it led to.
-    observation : (N,) percept levels, None where no percept came.
+    action : int
+        Index of a behavior, or of an answer.
+    next_x : int
+        Index of the x it led to.
+    observation : NDArray[np.int8] | None
+        (N,) percept levels, None where no percept came.
     """
 
     action: int
@@ -35,10 +38,14 @@ class Belief:
 
     Attributes
     ----------
-    x : index of the state.
-    log_prob : (N,C) ln Pr(latent class); of false and true in the paper.
-    percept_counts : (N,E,K) percepts of this object so far, by level.
-    log_odds : (N,) of the truth, see `belief_of`.
+    x : int
+        Index of the state.
+    log_prob : NDArray[np.float64]
+        (N,C) ln Pr(latent class); of false and true in the paper.
+    percept_counts : NDArray[np.int64]
+        (N,E,K) percepts of this object so far, by level.
+    log_odds : NDArray[np.float64]
+        (N,) of the truth, see `belief_of`.
     """
 
     x: int
@@ -141,14 +148,19 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
     Parameters
     ----------
-    belief : the belief before the action.
-    momdp : the query's MOMDP.
-    transition : the action, the next x, and the percept levels; "none" changes x only.
+    belief : Belief
+        The belief before the action.
+    momdp : MOMDP
+        The query's MOMDP.
+    transition : Transition
+        The action, the next x, and the percept levels; "none" changes x only.
 
     Raises
     ------
-    ImpossibleObservation : the percept has probability 0 under every class that is possible.
-    SettingsError : an action, x or levels that the MOMDP does not have.
+    ImpossibleObservation
+        The percept has probability 0 under every class that is possible.
+    SettingsError
+        An action, x or levels that the MOMDP does not have.
     """
     _check(momdp, transition)
     if transition.observation is None or transition.action >= momdp.n_behaviors:
@@ -208,3 +220,14 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
 def report_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
     return float(momdp.report_reward(belief.right))
+
+
+def best_answer(momdp: MOMDP, belief: Belief) -> int:
+    """Return the action that ends the trial best: a report, or abstaining where that is better."""
+    abstains = momdp.abstain and report_value(momdp, belief) < 0
+    return momdp.abstention if abstains else best_report(momdp, belief)
+
+
+def answer_value(momdp: MOMDP, belief: Belief) -> float:
+    """Compute the expected reward of the best answer; abstaining is worth 0."""
+    return max(report_value(momdp, belief), 0.0 if momdp.abstain else -np.inf)

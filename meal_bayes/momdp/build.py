@@ -18,9 +18,12 @@ class Objective:
 
     Attributes
     ----------
-    correct, incorrect : r+ and r-, rewards of a right and a wrong report; the domain's by default.
-    discount : factor a step, in planning only.
-    abstain : whether a planner may end a trial by an illegal behavior.
+    correct, incorrect : float | None
+        r+ and r-, rewards of a right and a wrong report; the domain's by default.
+    discount : float
+        Factor a step, in planning only.
+    abstain : bool
+        Whether the agent may answer "I do not know", where the domain's diagram lets it.
     """
 
     correct: float | None = None
@@ -47,20 +50,29 @@ def build_momdp(
 
     Parameters
     ----------
-    domain : behaviors, costs, diagram.
-    query : the N attributes asked.
-    confusion : (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the
-        paper. Rows of behaviors that answer are replaced: each attribute is right with probability
-        accuracy^(1/N), so the whole answer with the stated accuracy.
-    precision : (N,E,C) or a number; inf is the paper's Eq. 8.
-    prior : (N,) or a number, Pr(attribute is true); the paper's is uniform.
-    limit : (E,) or a number: recordings that can be perceived in one trial.
-    latent_classes : (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
-    objective : by default the domain's rewards, discounted by 0.99 a step.
+    domain : Domain
+        Behaviors, costs, diagram.
+    query : Query
+        The N attributes asked.
+    confusion : ArrayLike
+        (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the paper.
+        Rows of behaviors that answer are replaced: each attribute is right with the stated
+        accuracy, whatever else is asked.
+    precision : ArrayLike
+        (N,E,C) or a number; inf is the paper's Eq. 8.
+    prior : ArrayLike
+        (N,) or a number, Pr(attribute is true); the paper's is uniform.
+    limit : ArrayLike
+        (E,) or a number: recordings that can be perceived in one trial.
+    latent_classes : ArrayLike | None
+        (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
+    objective : Objective | None
+        By default the domain's rewards, discounted by 0.99 a step.
 
     Raises
     ------
-    SettingsError : arrays of other shapes, or values that a MOMDP cannot have.
+    SettingsError
+        Arrays of other shapes, or values that a MOMDP cannot have.
     """
     n, e = len(query), len(domain.behaviors)
     rows, spread, classes = _latent_rows(domain, n, confusion, precision, latent_classes)
@@ -85,7 +97,7 @@ def build_momdp(
         correct=reward if goal.correct is None else goal.correct,
         incorrect=-reward if goal.incorrect is None else goal.incorrect,
         discount=goal.discount,
-        abstain=goal.abstain,
+        abstain=goal.abstain and domain.diagram.abstain,
     )
 
 
@@ -128,9 +140,9 @@ def _split(classes: Floats) -> Floats:
 
 
 def _answer_rows(accuracy: float, classes: Floats, levels: int) -> Floats:
-    """Build the rows (N,C,K) of answers that are right in all N attributes with an accuracy."""
-    right, true = accuracy ** (1.0 / len(classes)), classes[:, 1] > 0
+    """Build the rows (N,C,K) of answers that are right in each attribute with an accuracy."""
+    true = classes[:, 1] > 0
     rows = np.zeros((*true.shape, levels))
-    rows[..., 0] = np.where(true, 1.0 - right, right)
-    rows[..., -1] = np.where(true, right, 1.0 - right)
+    rows[..., 0] = np.where(true, 1.0 - accuracy, accuracy)
+    rows[..., -1] = np.where(true, accuracy, 1.0 - accuracy)
     return rows

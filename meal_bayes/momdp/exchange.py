@@ -1,17 +1,13 @@
-"""What a MOMDP becomes in a file for other solvers: the tables and checks that formats share."""
+"""The tables of a MOMDP that dense arrays and the files of other solvers are made of."""
 
-import contextlib
 import re
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-from typing import NamedTuple, TextIO
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import draft_of
-from meal_bayes.momdp.flat import reward_table
 from meal_bayes.momdp.model import MOMDP
 
 LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solvers get through
@@ -23,20 +19,29 @@ _RESERVED = {
 }  # fmt: skip
 
 
-class Exchange(NamedTuple):
-    """A MOMDP as tables of what can be written down, with names that every parser takes.
+class FileTables(NamedTuple):
+    """What a file says of a MOMDP, with names that every parser takes.
 
     Attributes
     ----------
-    x_names : (X,) states.
-    y_names : (Y,) bits of the values, the query's first attribute leading.
-    action_names : (A,) behaviors, then reports.
-    percept_names : (Z-1,) levels, the first attribute leading.
-    transition : (E,X,X) Pr(x' | x, behavior).
-    comes : (E,X) Pr(a percept comes | behavior, x').
-    moves : (E,X) whether the behavior leads to x' from another x.
-    reward : (X-1,Y,A), none in `term`.
-    prior : (Y,) Pr(y).
+    x_names : tuple[str, ...]
+        (X,) states.
+    y_names : tuple[str, ...]
+        (Y,) bits of the values, the query's first attribute leading.
+    action_names : tuple[str, ...]
+        (A,) behaviors, then reports, then abstaining.
+    percept_names : tuple[str, ...]
+        (Z-1,) levels, the first attribute leading.
+    transition : NDArray[np.float64]
+        (E,X,X) Pr(x' | behavior, x).
+    comes : NDArray[np.float64]
+        (E,X) Pr(a percept comes | behavior, x').
+    moves : NDArray[np.bool_]
+        (E,X) whether the behavior leads to x' from another x.
+    reward : NDArray[np.float64]
+        (X,Y,A), none in `term`.
+    prior : NDArray[np.float64]
+        (Y,) Pr(y).
     """
 
     x_names: tuple[str, ...]
@@ -50,108 +55,126 @@ class Exchange(NamedTuple):
     prior: NDArray[np.float64]
 
 
-def exchange(momdp: MOMDP, *, forbid_illegal: bool = False) -> Exchange:
-    """Convert a MOMDP to the tables of a file.
+def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
+    """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
+    joint = np.ones((1, 1))
+    for rows in momdp.confusion[:, behavior]:  # (2,K)
+        joint = np.kron(joint, rows)
+    return joint
 
-    As in `flatten`, percepts never run out, and every behavior may be chosen everywhere.
 
-    Parameters
-    ----------
-    momdp : the problem.
-    forbid_illegal : let illegal behaviors end the trial at a price below every report, so that no
-        solver takes one. By default they cost and do what the diagram says.
+def rewards(momdp: MOMDP) -> NDArray[np.float64]:
+    """Compute the reward (X,Y,A) of every action, none in `term`: Eq. 4, and Eq. 11 if shaped."""
+    truth = momdp.query.values.astype(int)  # (Y,N)
+    reward = np.zeros((momdp.terminal + 1, len(truth), momdp.n_actions))
+    agrees = (truth[:, None] == truth).astype(float)  # (Y,Y,N) report against truth
+    bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
+    # Formats know no legality: what is not legal ends the trial at a price below every report.
+    gained = np.where(momdp.legal[:-1, None], bonus, momdp.incorrect - 1.0)  # (X-1,Y,E)
+    reward[:-1, :, : momdp.n_behaviors] = gained - momdp.cost
+    reward[:-1, :, momdp.n_behaviors : momdp.abstention] = momdp.report_reward(agrees)
+    return reward
+
+
+def legal_transition(momdp: MOMDP) -> NDArray[np.float64]:
+    """Return Pr(x' | x, behavior), (E,X,X), where all that is not legal ends the trial."""
+    end = np.eye(len(momdp.x_names))[momdp.terminal]
+    return np.where(momdp.legal.T[:, :, None], momdp.transition, end)
+
+
+def prior_of(momdp: MOMDP) -> NDArray[np.float64]:
+    """Compute Pr(y) before the trial (Y,)."""
+    chance = np.where(momdp.query.values, momdp.prior, 1 - momdp.prior)
+    return np.asarray(chance.prod(axis=1))
+
+
+def check_flat(momdp: MOMDP, size: float, largest: float) -> None:
+    """Check that one hidden y a truth is all that a MOMDP's state needs, and that it is small.
 
     Raises
     ------
-    SettingsError : finite precision, whose state would have to carry the percept counts; several
-        latent classes a truth; a file beyond `LARGEST`; a diagram where Pr(percept | behavior,
-        x') depends on x.
+    SettingsError
+        Finite precision, whose state would have to carry the percept counts; several latent
+        classes a truth; or more numbers than there is room for.
     """
-    _check(momdp)
-    n_y, end = 2 ** len(momdp.query), momdp.terminal
-    transition, observation_probability = (
-        momdp.transition.copy(),
-        momdp.observation_probability.copy(),
-    )
-    reward = reward_table(momdp, n_y)[:-1].reshape(end, n_y, momdp.n_actions)
-    if forbid_illegal:
-        e, x = np.nonzero(~momdp.legal.T[:, :end])
-        transition[e, x] = np.eye(end + 1)[end]
-        observation_probability[e, x] = 0.0
-        reward[x, :, e] = (momdp.incorrect - 1.0 - momdp.cost[e])[:, None]
-    comes, moves = _arrivals(momdp, transition, observation_probability)
+    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
+        raise SettingsError(
+            "A flat POMDP cannot hold rows of finite precision, or several latent classes a "
+            "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
+        )
+    if size > largest:
+        raise SettingsError(
+            f"{len(momdp.query)} attributes make {size:.2g} numbers; flat POMDPs end at "
+            f"{largest:.0e}. Ask fewer attributes, or use a factored planner."
+        )
+
+
+def file_tables(momdp: MOMDP) -> FileTables:
+    """Convert a MOMDP to the tables of a file.
+
+    Parameters
+    ----------
+    momdp : MOMDP
+        The problem.
+
+    Raises
+    ------
+    SettingsError
+        As for `check_flat`; or a diagram where Pr(percept | behavior, x') depends on x.
+    """
+    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
+    perceived = int(momdp.observation_probability.any(axis=1).sum())  # behaviors at an x'
+    size = n_y * (perceived * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
+    check_flat(momdp, size, LARGEST)
+    transition = legal_transition(momdp)
     y_names = tuple(f"{y:0{len(momdp.query)}b}" for y in range(n_y))
     separator = "" if momdp.levels <= 10 else "_"  # digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
-    reports = tuple(f"a{name}" for name in y_names)
-    return Exchange(
-        x_names=(*_plain(momdp.x_names[:-1], ()), "term"),
+    answers = (*(f"a{name}" for name in y_names), *(["abstain"] if momdp.abstain else []))
+    reached = transition > 0
+    reached[:, -1] = reached[:, :, -1] = False  # in and into `term` nothing is perceived
+    return FileTables(
+        x_names=(*_identifiers(momdp.x_names[:-1], ()), "term"),
         y_names=y_names,
-        action_names=(*_plain(momdp.behavior_names, reports), *reports),
+        action_names=(*_identifiers(momdp.behavior_names, answers), *answers),
         percept_names=tuple("p" + separator.join(map(str, index)) for index in levels),
         transition=transition,
-        comes=comes,
-        moves=moves,
-        reward=reward,
-        prior=np.where(momdp.query.values, momdp.prior, 1 - momdp.prior).prod(axis=1),
+        comes=_percept_rates(momdp, reached),
+        moves=np.asarray((reached & ~np.eye(len(momdp.x_names), dtype=bool)).any(axis=1)),
+        reward=rewards(momdp),
+        prior=prior_of(momdp),
     )
 
 
-def _check(momdp: MOMDP) -> None:
-    if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
+def _percept_rates(momdp: MOMDP, reached: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Compute Pr(percept | behavior, x') (E,X); both formats suppose that x plays no part."""
+    senses = momdp.observation_probability
+    most = senses.max(axis=1, where=reached, initial=0.0)
+    least = senses.min(axis=1, where=reached, initial=1.0)
+    for e, target in np.argwhere(reached.any(axis=1) & (most - least > _SAME)):
+        sources = np.flatnonzero(reached[e, :, target])
+        rates = senses[e, sources, target]
+        high, low = (momdp.x_names[sources[i]] for i in (rates.argmax(), rates.argmin()))
         raise SettingsError(
-            "A POMDP file cannot hold rows of finite precision, or several latent classes a "
-            "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
+            f"{momdp.behavior_names[e]!r} arrives at {momdp.x_names[target]!r} from {high!r} "
+            f"with a percept in {rates.max():.0%} of the cases, from {low!r} in "
+            f"{rates.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Give the "
+            "diagram a state of its own for each."
         )
-    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
-    pairs = int(
-        momdp.observation_probability.any(axis=1).sum()
-    )  # behaviors and the x' they perceive at
-    size = n_y * (pairs * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
-    if size > LARGEST:
-        raise SettingsError(
-            f"{len(momdp.query)} attributes make a file of {size:.2g} numbers; files end at "
-            f"{LARGEST:.0e}. Ask fewer attributes, or use a planner of this package."
-        )
+    return np.asarray(most)
 
 
-def _arrivals(
-    momdp: MOMDP, transition: NDArray[np.float64], observation_probability: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Compute Pr(percept | behavior, x'), and whether x' can be entered; both (E,X)."""
-    comes = np.zeros(transition.shape[:2])
-    moves = np.zeros(transition.shape[:2], dtype=bool)
-    for e, target in np.ndindex(momdp.n_behaviors, momdp.terminal):
-        sources = np.flatnonzero(transition[e, :-1, target] > 0)
-        if not len(sources):
-            continue
-        rates = observation_probability[e, sources, target]
-        if np.ptp(rates) > _SAME:
-            most, least = (sources[int(i)] for i in (rates.argmax(), rates.argmin()))
-            names = momdp.x_names
-            raise SettingsError(
-                f"{momdp.behavior_names[e]!r} arrives at {names[target]!r} from {names[most]!r} "
-                f"with a percept in {rates.max():.0%} of the cases, from {names[least]!r} in "
-                f"{rates.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Forbid "
-                "illegal behaviors, if it is one that stays where it is, or give the diagram a "
-                "state of its own for each."
-            )
-        comes[e, target] = rates[0]
-        moves[e, target] = (sources != target).any()
-    return comes, moves
-
-
-def _plain(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
+def _identifiers(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
     """Turn names into identifiers of the formats, all different."""
-    used, out = {*taken, *_RESERVED}, []
+    used, identifiers = {*taken, *_RESERVED}, []
     for name in names:
         word = re.sub(r"[^A-Za-z0-9_]", "_", name)[:60]
         word = word if word[:1].isalpha() else f"n{word}"
         while word in used:
             word += "_"
         used.add(word)
-        out.append(word)
-    return tuple(out)
+        identifiers.append(word)
+    return tuple(identifiers)
 
 
 def number(value: float) -> str:
@@ -162,17 +185,5 @@ def number(value: float) -> str:
 
 def most_frequent(values: NDArray[np.float64]) -> float:
     """Return the value of most entries: files state it once and list the others."""
-    found, counts = np.unique(values, return_counts=True)
-    return float(found[counts.argmax()])
-
-
-@contextlib.contextmanager
-def whole_file(path: str | Path) -> Iterator[TextIO]:
-    """Open a text file that gets its name only once it is whole; missing folders are made.
-
-    Raises
-    ------
-    OutputError : the file cannot be written.
-    """
-    with draft_of(path) as draft, draft.open("w", encoding="ascii", newline="\n") as file:
-        yield file
+    unique, counts = np.unique(values, return_counts=True)
+    return float(unique[counts.argmax()])

@@ -14,9 +14,12 @@ from meal_bayes.momdp.display import momdp_facts
 
 @dataclass(frozen=True, slots=True)
 class MOMDP:
-    """A decision problem in factored form; actions are the E behaviors, then the 2^N reports.
+    """A decision problem in factored form.
 
-    Arrays run over behaviors only: a report always leads to `term`, and 2^N of them need no table.
+    Actions are the E behaviors, then the 2^N reports, then, where the agent may abstain, the answer
+    "I do not know", which ends the trial for nothing. Arrays run over behaviors only: answers
+    always lead to `term`, and 2^N of them need no table.
+
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
     rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. For each
     attribute an object has one of C latent classes, on which all its percepts depend, so that they
@@ -25,24 +28,42 @@ class MOMDP:
 
     Attributes
     ----------
-    query : the N attributes asked.
-    x_names : (X,) the last is "term".
-    behavior_names : (E,).
-    start : index of the first x.
-    transition : (E,X,X) Pr(x' | x, behavior).
-    observation_probability : (E,X,X) Pr(a percept comes | behavior, x, x').
-    legal : (X,E) whether a behavior can be executed.
-    confusion : (N,E,C,K) mean Pr(level | latent class).
-    precision : (N,E,C) Dirichlet precision of a row, inf where it is known exactly.
-    prior : (N,) Pr(attribute is true) before the trial.
-    latent_classes : (N,2,C) Pr(latent class | truth).
-    cost : (E,) s.
-    correct, incorrect : r+ and r-, rewards of a right and a wrong report.
-    bonus : (N,E,2) shaping by attribute, behavior and truth (ITRS, Eq. 11).
-    limit : (E,) percepts that a trial can have, inf where they never run out.
-    discount : factor a step, in planning only.
-    abstain : whether a planner may end a trial by an illegal behavior.
-    log_truth : (N,2,C) ln Pr(truth | latent class) under the prior.
+    query : Query
+        The N attributes asked.
+    x_names : tuple[str, ...]
+        (X,) the last is "term".
+    behavior_names : tuple[str, ...]
+        (E,).
+    start : int
+        Index of the first x.
+    transition : NDArray[np.float64]
+        (E,X,X) Pr(x' | x, behavior).
+    observation_probability : NDArray[np.float64]
+        (E,X,X) Pr(a percept comes | behavior, x, x').
+    legal : NDArray[np.bool_]
+        (X,E) whether a behavior can be executed.
+    confusion : NDArray[np.float64]
+        (N,E,C,K) mean Pr(level | latent class).
+    precision : NDArray[np.float64]
+        (N,E,C) Dirichlet precision of a row, inf where it is known exactly.
+    prior : NDArray[np.float64]
+        (N,) Pr(attribute is true) before the trial.
+    latent_classes : NDArray[np.float64]
+        (N,2,C) Pr(latent class | truth).
+    cost : NDArray[np.float64]
+        (E,) s.
+    correct, incorrect : float
+        r+ and r-, rewards of a right and a wrong report.
+    bonus : NDArray[np.float64]
+        (N,E,2) shaping by attribute, behavior and truth (ITRS, Eq. 11).
+    limit : NDArray[np.float64]
+        (E,) percepts that a trial can have, inf where they never run out.
+    discount : float
+        Factor a step, in planning only.
+    abstain : bool
+        Whether the agent may answer "I do not know".
+    log_truth : NDArray[np.float64]
+        (N,2,C) ln Pr(truth | latent class) under the prior.
     """
 
     query: Query
@@ -182,30 +203,58 @@ class MOMDP:
 
     @property
     def n_actions(self) -> int:
-        """|A| = E + 2^N."""
+        """|A| = E + 2^N, and one more where the agent may abstain."""
+        return self.abstention + self.abstain
+
+    @property
+    def abstention(self) -> int:
+        """Index E + 2^N of the answer "I do not know"."""
         return int(self.n_behaviors + 2 ** len(self.query))
+
+    def reported(self, action: int) -> NDArray[np.bool_] | None:
+        """Return the values (N,) that an answer reports; None where it abstains."""
+        if action == self.abstention:
+            return None
+        return self.query.values_of(action - self.n_behaviors)
 
     def report_reward(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute r- + (r+ - r-) prod_i right_i: a report is right in all attributes, or wrong.
 
         Parameters
         ----------
-        right : (..., N) Pr(attribute reported right); 0 or 1 once it is known.
+        right : NDArray[np.float64]
+            (..., N) Pr(attribute reported right); 0 or 1 once it is known.
         """
         gap = self.correct - self.incorrect
         return np.asarray(self.incorrect + gap * right.prod(axis=-1))
 
-    def step_cost(self, x: int, behavior: int, next_x: int) -> float:
-        """Return the cost of one execution, s: 0 where an illegal behavior changes nothing.
+    def check_action(self, x: int, action: int) -> None:
+        """Check an action before anything moves.
 
-        The published ROC36 diagram has such illegal behaviors: self-loops.
+        Raises
+        ------
+        SettingsError
+            An action that the problem does not have, or that is not legal at x.
         """
-        free = not self.legal[x, behavior] and next_x == x
-        return 0.0 if free else float(self.cost[behavior])
+        if not 0 <= action < self.n_actions:
+            raise SettingsError(
+                f"The planner commands action {action}; expected 0 to {self.n_actions - 1}."
+            )
+        if action < self.n_behaviors and not self.legal[x, action]:
+            legal = [self.behavior_names[e] for e in np.flatnonzero(self.legal[x])]
+            raise SettingsError(
+                f"The planner commands {self.behavior_names[action]!r} in {self.x_names[x]!r}, "
+                f"where only {legal} are legal; command one of them, or answer."
+            )
 
     def action_name(self, action: int) -> str:
-        """Return the name of a behavior, or the text of a report."""
+        """Return the name of a behavior, or the text of an answer."""
+        if action < self.n_behaviors or (values := self.reported(action)) is None:
+            return self.action_label(action)
+        return f"report {self.query.report_name(values)}"
+
+    def action_label(self, action: int) -> str:
+        """Return the name of a behavior, "report" or "abstain"."""
         if action < self.n_behaviors:
             return self.behavior_names[action]
-        values = self.query.values_of(action - self.n_behaviors)
-        return f"report {self.query.report_name(values)}"
+        return "abstain" if action == self.abstention else "report"

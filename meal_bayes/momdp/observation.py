@@ -26,10 +26,14 @@ def predictive(mean: Any, precision: Any, count: Any, total: Any) -> Any:
 
     Parameters
     ----------
-    mean : c, the class's mean probability of the level.
-    precision : s > 0, inf where rows are known exactly.
-    count : n_z, percepts of this level that the behavior has shown.
-    total : n, all percepts that the behavior has shown.
+    mean : Any
+        c, the class's mean probability of the level.
+    precision : Any
+        s > 0, inf where rows are known exactly.
+    count : Any
+        n_z, percepts of this level that the behavior has shown.
+    total : Any
+        n, all percepts that the behavior has shown.
 
     >>> predictive(0.6, 5.0, 6, 6)
     0.8181818181818182
@@ -46,10 +50,14 @@ def sample_rows(
 
     Parameters
     ----------
-    mean : (...,K) mean rows of the object's latent class.
-    precision : (...) Dirichlet weight of a row, inf = the mean itself.
-    counts : (...,K) percepts that the object has shown.
-    rng : source of randomness.
+    mean : ArrayLike
+        (...,K) mean rows of the object's latent class.
+    precision : ArrayLike
+        (...) Dirichlet weight of a row, inf = the mean itself.
+    counts : ArrayLike
+        (...,K) percepts that the object has shown.
+    rng : np.random.Generator
+        Source of randomness.
     """
     rows, weight = np.asarray(mean, dtype=float), np.asarray(precision, dtype=float)[..., None]
     known = np.isinf(weight)

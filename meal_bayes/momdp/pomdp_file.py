@@ -9,118 +9,107 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp.exchange import Exchange, exchange, most_frequent, number, whole_file
-from meal_bayes.momdp.flat import percept_probabilities
+from meal_bayes.files import draft_of
+from meal_bayes.momdp.exchange import (
+    FileTables,
+    file_tables,
+    most_frequent,
+    number,
+    percept_probabilities,
+)
 from meal_bayes.momdp.model import MOMDP
 
-_NOTHING, _DONE, _END = "na", "done", "term"
 
-
-def write_pomdp(momdp: MOMDP, path: str | Path, *, forbid_illegal: bool = False) -> None:
+def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
     """Write a MOMDP as .pomdp; the file is there only once it is whole.
 
     State `s<x>p<y>` is (x, y), with the bits of y in the query's order; `term` is the last state.
 
     Parameters
     ----------
-    momdp : the problem.
-    path : missing folders are made, a file of that name is replaced.
-    forbid_illegal : price illegal behaviors below every report, as formats know no legality; by
-        default they cost and do what the diagram says.
+    momdp : MOMDP
+        The problem.
+    path : str | Path
+        Missing folders are made, a file of that name is replaced.
 
     Raises
     ------
-    SettingsError : what a file cannot hold (finite precision, several latent classes a truth, too
-        many attributes, a diagram where Pr(percept | behavior, x') depends on x, or where x could
-        not be inferred from the observation), or no place to write.
+    SettingsError
+        What a file cannot hold: finite precision, several latent classes a truth, too many
+        attributes, a diagram where Pr(percept | behavior, x') depends on x, or where x could not be
+        inferred from the observation.
+    OutputError
+        The file cannot be written.
     """
-    tables = exchange(momdp, forbid_illegal=forbid_illegal)
+    tables = file_tables(momdp)
     _check_observable(momdp, tables)
-    with whole_file(path) as file:
+    with draft_of(path) as draft, draft.open("w", encoding="ascii", newline="\n") as file:
         file.writelines(f"{line}\n" for line in _lines(momdp, tables))
 
 
-def _check_observable(momdp: MOMDP, tables: Exchange) -> None:
+def _check_observable(momdp: MOMDP, tables: FileTables) -> None:
     """Check that every observation identifies x', given the x before it."""
-    for e, x in np.ndindex(momdp.n_behaviors, momdp.terminal):
-        shown: dict[str, int] = {}
-        for target in np.flatnonzero(tables.transition[e, x] > 0):
-            for sign in _signs(tables, e, int(target)):
-                if sign in shown:
-                    one, other = (momdp.x_names[i] for i in (shown[sign], target))
-                    raise SettingsError(
-                        f"{momdp.behavior_names[e]!r} in {momdp.x_names[x]!r} leads to {one!r} or "
-                        f"{other!r} with the same observation, and .pomdp has no observed x; "
-                        "write .pomdpx instead."
-                    )
-                shown[sign] = int(target)
+    silent = tables.comes < 1
+    # (E,X,3) what can be observed on arrival at x': a percept, `done`, `na`
+    signs = np.stack([tables.comes > 0, silent & tables.moves, silent & ~tables.moves], axis=2)
+    reached = tables.transition[:, :-1] > 0
+    alike = reached.astype(int) @ signs.astype(int)  # (E,X-1,3) x' that look the same
+    for e, x, sign in np.argwhere(alike > 1):
+        one, other = (
+            momdp.x_names[i] for i in np.flatnonzero(reached[e, x] & signs[e, :, sign])[:2]
+        )
+        raise SettingsError(
+            f"{momdp.behavior_names[e]!r} in {momdp.x_names[x]!r} leads to {one!r} or {other!r} "
+            "with the same observation, and .pomdp has no observed x; write .pomdpx instead."
+        )
 
 
-def _signs(tables: Exchange, e: int, target: int) -> Iterator[str]:
-    """Yield the observations that a behavior can give at its target, percepts as one."""
-    if target == len(tables.x_names) - 1:
-        yield _NOTHING
-        return
-    if tables.comes[e, target] > 0:
-        yield "a percept"
-    if tables.comes[e, target] < 1:
-        yield _DONE if tables.moves[e, target] else _NOTHING
-
-
-def _lines(momdp: MOMDP, tables: Exchange) -> Iterator[str]:
-    living = [[f"s{x}p{y}" for y in tables.y_names] for x in range(momdp.terminal)]
-    start = np.zeros((momdp.terminal, len(tables.y_names)))
+def _lines(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
+    end, percepts = momdp.terminal, tables.percept_names
+    states = [[f"s{x}p{y}" for y in tables.y_names] for x in range(end)]
+    start = np.zeros((end, len(tables.y_names)))
     start[momdp.start] = tables.prior
     yield f"# query: {_remark(', '.join(momdp.query.attributes))}"
-    for x, name in enumerate(momdp.x_names[:-1]):
-        yield f"# s{x}: {_remark(name)}"
+    for x, x_name in enumerate(momdp.x_names[:-1]):
+        yield f"# s{x}: {_remark(x_name)}"
     yield f"discount: {number(momdp.discount)}"
     yield "values: reward"
-    yield f"states: {' '.join(map(' '.join, living))} {_END}"
+    yield f"states: {' '.join(map(' '.join, states))} term"
     yield f"actions: {' '.join(tables.action_names)}"
-    yield f"observations: {' '.join(tables.percept_names)} {_NOTHING} {_DONE}"
+    yield f"observations: {' '.join(percepts)} na done"
     yield f"start: {' '.join(map(number, start.ravel()))} 0.0"
     for action, name in enumerate(tables.action_names):
-        yield f"T: {name} : * : {_END} 1.0"
-        yield f"O: {name} : * : {_NOTHING} 1.0"
+        yield f"T: {name} : * : term 1.0"
+        yield f"O: {name} : * : na 1.0"
         if action < momdp.n_behaviors:
-            yield from _transitions(name, tables.transition[action], living)
-            yield from _observations(momdp, tables, action, living)
-        yield from _rewards(name, tables.reward[:, :, action], living)
+            yield from _behavior(momdp, tables, action, states)
+        reward = tables.reward[:-1, :, action]
+        base = most_frequent(reward)
+        yield f"R: {name} : * : * : * {number(base)}"
+        yield f"R: {name} : term : * : * 0.0"
+        for x, y in np.argwhere(reward != base):
+            yield f"R: {name} : {states[x][y]} : * : * {number(reward[x, y])}"
 
 
-def _transitions(name: str, rows: NDArray[np.float64], living: list[list[str]]) -> Iterator[str]:
-    for x, row in enumerate(rows[:-1]):
-        if row[-1] == 1:
-            continue
-        for y, state in enumerate(living[x]):
-            yield f"T: {name} : {state} : {_END} {number(row[-1])}"
+def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]]) -> Iterator[str]:
+    """Yield what a behavior leads to and shows, where it is not "ends, and shows nothing"."""
+    name = tables.action_names[e]
+    for x in np.flatnonzero(tables.transition[e, :-1, -1] != 1):
+        row = tables.transition[e, x]
+        for y, state in enumerate(states[x]):
+            yield f"T: {name} : {state} : term {number(row[-1])}"
             for target in np.flatnonzero(row[:-1]):
-                yield f"T: {name} : {state} : {living[target][y]} {number(row[target])}"
-
-
-def _observations(momdp: MOMDP, tables: Exchange, e: int, living: list[list[str]]) -> Iterator[str]:
-    name, percepts = tables.action_names[e], percept_probabilities(momdp, e)  # (Y,Z-1)
+                yield f"T: {name} : {state} : {states[target][y]} {number(row[target])}"
     for x in np.flatnonzero(tables.comes[e] + tables.moves[e]):
-        comes, silent = tables.comes[e, x], 1 - tables.comes[e, x]
-        done = bool(tables.moves[e, x])
-        for state, row in zip(living[x], percepts, strict=True):
-            yield f"O: {name} : {state} : {_NOTHING} {number(0.0 if done else silent)}"
-            if done and silent > 0:
-                yield f"O: {name} : {state} : {_DONE} {number(silent)}"
+        comes, silent, moves = tables.comes[e, x], 1 - tables.comes[e, x], tables.moves[e, x]
+        for state, row in zip(states[x], percept_probabilities(momdp, e), strict=True):
+            yield f"O: {name} : {state} : na {number(0.0 if moves else silent)}"
+            if moves and silent > 0:
+                yield f"O: {name} : {state} : done {number(silent)}"
             for z in np.flatnonzero(comes * row):
                 yield f"O: {name} : {state} : {tables.percept_names[z]} {number(comes * row[z])}"
-
-
-def _rewards(name: str, reward: NDArray[np.float64], living: list[list[str]]) -> Iterator[str]:
-    base = most_frequent(reward)
-    yield f"R: {name} : * : * : * {number(base)}"
-    yield f"R: {name} : {_END} : * : * 0.0"
-    for x, y in np.argwhere(reward != base):
-        yield f"R: {name} : {living[x][y]} : * : * {number(reward[x, y])}"
 
 
 def _remark(text: str) -> str:

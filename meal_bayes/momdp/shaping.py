@@ -1,4 +1,4 @@
-"""Interaction rewards for curious robots (ITRS): the paper's Eqs 9 to 11.
+"""Information-theoretic reward shaping (ITRS): the paper's Eqs 9 to 11.
 
 Reward is added where percepts have high entropy, and subtracted where experience is large. With
 Eq. 8 the entropy of a state is the sum over the queried attributes, and the experience of a query
@@ -22,9 +22,12 @@ class ITRS:
 
     Attributes
     ----------
-    alpha : reward for a bit of percept entropy.
-    beta : reward subtracted for a unit of experience.
-    delta : labelled instances that make one unit of experience (Eq. 10).
+    alpha : float
+        Reward for a bit of percept entropy.
+    beta : float
+        Reward subtracted for a unit of experience.
+    delta : float
+        Labelled instances that make one unit of experience (Eq. 10).
     """
 
     alpha: float
@@ -58,10 +61,14 @@ def shape_reward(momdp: MOMDP, experience: ArrayLike, itrs: ITRS, *, domain: Dom
 
     Parameters
     ----------
-    momdp : the unshaped MOMDP of the query.
-    experience : (N,E) IE of Eq. 10, instances over `itrs.delta`.
-    itrs : the weights.
-    domain : the domain the MOMDP was built from.
+    momdp : MOMDP
+        The unshaped MOMDP of the query.
+    experience : ArrayLike
+        (N,E) IE of Eq. 10, instances over `itrs.delta`.
+    itrs : ITRS
+        The weights.
+    domain : Domain
+        The domain the MOMDP was built from.
     """
     shape = (len(momdp.query), momdp.n_behaviors)
     ie = np.asarray(experience, dtype=float)

@@ -5,13 +5,8 @@ says of the queried attributes) and `ConfusionCounts` (what such percepts were w
 """
 
 from meal_bayes.perception.confusion import ConfusionCounts, table_counts
-from meal_bayes.perception.cross_validation import (
-    cross_validate,
-    fit_and_validate,
-    fit_perception,
-)
 from meal_bayes.perception.ensemble import Perception
-from meal_bayes.perception.kernels import Kernels, fit_and_score
+from meal_bayes.perception.fitting import fit_and_score, fit_and_validate
 from meal_bayes.perception.perceiver import (
     ConfusionSampler,
     Oracle,
@@ -21,6 +16,7 @@ from meal_bayes.perception.perceiver import (
     sampled_percepts,
     scored_percepts,
 )
+from meal_bayes.perception.recordings import Kernels
 from meal_bayes.perception.settings import (
     DEFAULT,
     PAPER,
@@ -42,10 +38,8 @@ __all__ = [
     "PerceptionSettings",
     "ScoredPercepts",
     "build_percept_table",
-    "cross_validate",
     "fit_and_score",
     "fit_and_validate",
-    "fit_perception",
     "named_settings",
     "recorded_percepts",
     "sampled_percepts",

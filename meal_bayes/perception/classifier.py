@@ -1,135 +1,102 @@
-"""A classifier of one's own: any scikit-learn estimator, left out by folds of objects.
+"""Classifiers that must be trained anew for every fold: scikit-learn's, and the paper's.
 
-One clone an attribute learns from the features of all modalities side by side. A class-balanced
-stacker with a nonnegative slope calibrates its decisions, on objects that the clones never saw. So
-a classifier gains nothing by overfitting its objects or by preferring the larger class.
+A classifier of one's own: one clone an attribute learns from the features of all modalities side by
+side. A class-balanced stacker with a nonnegative slope calibrates its decisions, on objects that
+the clones never saw. So a classifier gains nothing by overfitting its objects or by preferring the
+larger class.
+
+The paper's method (Sect. 4.2): a support vector machine for each modality, pooled by Cohen's kappa.
+A machine's decision becomes a probability by a sigmoid; its weight is the kappa of these
+probabilities, negative ones 0; the output is the weighted mean, or 1/2 where all weights are 0.
+Percepts include the base rate; they are no likelihood ratios. Decisions, sigmoids and weights are
+out of fold (see `folds`).
 """
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logit
+from scipy.special import expit, logit
 from sklearn.base import clone
+from sklearn.svm import SVC
 
+from meal_bayes.datasets.percepts import THRESHOLD
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
+from meal_bayes.perception.confusion import cohens_kappa
+from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.folds import FoldProblem, folds_of, nested_outputs, table_outputs
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.recordings import BehaviorRecordings
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import Stacker
-from meal_bayes.perception.stacking import fit_stackers
+from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 _SURE = 1e-3  # probabilities are kept this far from 0 and 1: 50 trees that agree are not certain
 _SEED = 0  # of estimators with random states that are not set
+_LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
+_SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
 
 
 @dataclass(frozen=True, slots=True)
-class Clones:
-    """Trained clones of an estimator, one an attribute; None where a class was missing."""
+class Machines:
+    """Estimators for each of M inputs and P attributes; None where a class was missing.
 
-    estimators: tuple[Any, ...]
-
-    def decide(self, features: Floats) -> Floats:
-        """Return decisions (B,1,P) on features (B,d): 0 where a class was missing, NaN of NaN."""
-        decisions = np.zeros((len(features), 1, len(self.estimators)))
-        finite = np.isfinite(features).all(axis=1)
-        decisions[~finite] = np.nan
-        for p, estimator in enumerate(self.estimators):
-            if estimator is not None and finite.any():
-                decisions[finite, 0, p] = _decisions(estimator, features[finite])
-        return decisions
-
-
-@dataclass(frozen=True, slots=True)
-class ClassifierFit:
-    """A behavior fitted by clones of an estimator; a `BehaviorFit`.
+    An input is what an estimator learns from: the features of all modalities, or the kernel of one
+    modality between recordings.
 
     Attributes
     ----------
-    clones : (P,) trained on all recordings.
-    pool : log-odds of their decisions.
-    nested : (n,P), see `BehaviorFit`.
+    estimators : tuple[tuple[Any, ...], ...]
+        (M,P).
+    columns : NDArray[np.bool_] or slice
+        Columns of the inputs that they were trained on: recordings, where inputs are kernels.
     """
 
-    clones: Clones
-    pool: Stacker
-    nested: Floats
+    estimators: tuple[tuple[Any, ...], ...]
+    columns: Rows | slice
 
-    __repr__ = short_repr
+    @classmethod
+    def trained(
+        cls, estimator: Any, inputs: Iterable[Floats], truth: Rows, rows: Rows
+    ) -> "Machines":
+        """Train clones of an estimator on some rows (n,) of inputs (n,d), by truth (n,P)."""
+        pairwise = getattr(estimator, "kernel", None) == "precomputed"
+        columns = rows if pairwise else slice(None)
+        labels = [None if own.all() or not own.any() else own for own in truth[rows].T.astype(int)]
+        return cls(
+            tuple(
+                tuple(
+                    None if own is None else clone(estimator).fit(values[rows][:, columns], own)
+                    for own in labels
+                )
+                for values in inputs
+            ),
+            columns,
+        )
 
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
-        return self.pool.log_odds(self.clones.decide(np.hstack(rows)))
-
-
-def fit_classifier(recordings: BehaviorRecordings, settings: PerceptionSettings) -> ClassifierFit:
-    """Fit one behavior; as `fit_stacked`, nested outputs by folds."""
-    n, n_attributes = recordings.labels.shape
-    estimators, weights = [None] * n_attributes, np.zeros((n_attributes, 2))
-    nested = np.full((n, n_attributes), np.nan)
-    for _, attributes in known_patterns(recordings.labels >= 0):
-        problem = _problem(recordings.of(attributes), settings)
-        nested[:, attributes], pool, trained = nested_outputs(problem)
-        weights[attributes] = pool.weights
-        for p, estimator in zip(attributes, trained.clones.estimators, strict=True):
-            estimators[p] = estimator
-    return ClassifierFit(Clones(tuple(estimators)), Stacker(weights), nested)
-
-
-def classifier_outputs(
-    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
-) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; as `stacked_outputs`, by folds of objects."""
-    return table_outputs(_problem(recordings, settings), held)
-
-
-@dataclass(frozen=True, slots=True)
-class _Trained:
-    clones: Clones
-    features: Floats  # (n,d) of all recordings
-
-    def __call__(self, rows: Rows) -> Floats:
-        return self.clones.decide(self.features[rows])
-
-
-def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    features, truth = recordings.features, recordings.labels == 1
-    estimator = repeatable(settings.classifier)
-
-    def train(rows: Rows) -> _Trained:
-        clones = tuple(_fit(estimator, features[rows], own) for own in truth[rows].T)
-        return _Trained(Clones(clones), features)
-
-    def fit_pool(decisions: Floats, truth: Rows, objects: NDArray[np.int64]) -> Stacker:
-        return _fit_pool(decisions, truth, objects, settings)
-
-    folds, units = folds_of(recordings, settings.folds)
-    return FoldProblem(truth, recordings.objects, folds, units, 1, train, fit_pool)
-
-
-def repeatable(classifier: Any) -> Any:
-    """Return a clone whose unset random states are set, so that equal calls give equal results."""
-    copy = clone(classifier)
-    unset = {
-        name: _SEED
-        for name, value in copy.get_params().items()
-        if value is None and name.split("__")[-1] == "random_state"
-    }
-    return copy.set_params(**unset)
-
-
-def _fit(estimator: Any, features: Floats, truth: Rows) -> Any:
-    if truth.all() or not truth.any():
-        return None
-    return clone(estimator).fit(features, truth.astype(np.int64))
+    def decide(self, inputs: Sequence[Floats | None]) -> Floats:
+        """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of NaN."""
+        n = next(len(values) for values in inputs if values is not None)
+        decisions = np.full((n, len(inputs), len(self.estimators[0])), np.nan)
+        for m, values in enumerate(inputs):
+            if values is None:
+                continue
+            finite = np.isfinite(values).all(axis=1)
+            for p, estimator in enumerate(self.estimators[m]):
+                if estimator is None or not finite.any():
+                    decisions[finite, m, p] = 0.0
+                else:
+                    decisions[finite, m, p] = _decisions(estimator, values[finite][:, self.columns])
+        return decisions
 
 
 def _decisions(estimator: Any, features: Floats) -> Floats:
@@ -147,7 +114,110 @@ def _decisions(estimator: Any, features: Floats) -> Floats:
     return decisions
 
 
-def _fit_pool(
+class Part(NamedTuple):
+    """Attributes (a,) whose labels are known together, their machines and pool."""
+
+    attributes: NDArray[np.int64]
+    machines: Machines
+    pool: Pool
+
+
+@dataclass(frozen=True, slots=True)
+class ClassifierFit:
+    """A behavior fitted by scikit-learn; a `BehaviorFit`.
+
+    Attributes
+    ----------
+    parts : tuple[Part, ...]
+        Trained on all recordings.
+    paper : bool
+        By the paper's method.
+    nested : NDArray[np.float64]
+        (n,P), see `BehaviorFit`.
+    """
+
+    parts: tuple[Part, ...]
+    paper: bool
+    nested: Floats
+
+    __repr__ = short_repr
+
+    def scored(
+        self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None], width: float = 1.0
+    ) -> Floats:
+        """Return log-odds of "true", (B,P); a missing modality has its mean features."""
+        n = next(len(own) for own in rows if own is not None)
+        pairs = list(zip(spaces, rows, strict=True))
+        inputs: list[Floats | None]
+        if self.paper:
+            inputs = [None if own is None else space.similarity(own) for space, own in pairs]
+        else:
+            means = [np.zeros((n, len(space.kept))) if own is None else own for space, own in pairs]
+            inputs = [np.hstack(means)]
+        log_odds = np.zeros((n, self.nested.shape[1]))
+        for attributes, machines, pool in self.parts:
+            log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
+        return log_odds
+
+
+def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> ClassifierFit:
+    """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
+    nested, parts = np.full(recordings.labels.shape, np.nan), []
+    for _, attributes in known_patterns(recordings.labels >= 0):
+        problem = _problem(recordings.of(attributes), settings)
+        nested[:, attributes], pool = nested_outputs(problem)
+        parts.append(Part(attributes, problem.train(problem.known), pool))
+    return ClassifierFit(tuple(parts), settings.method == "paper", nested)
+
+
+def outputs(
+    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
+) -> tuple[Floats, Floats]:
+    """Score one behavior for the percept tables; as `stacked.outputs`, by folds of objects.
+
+    The paper's machine that scores held-out o has seen all other objects, where they are few;
+    everything else for o (its sigmoids and weights, the training side) leaves o's whole fold out.
+    """
+    by_object = settings.method == "paper" and not recordings.large
+    return table_outputs(_problem(recordings, settings), held, by_object=by_object)
+
+
+def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
+    """Build the fold problem of recordings of which all labels are known, or none."""
+    truth, paper = recordings.labels == 1, settings.method == "paper"
+    folds, units = folds_of(recordings, settings.folds)
+    if paper:
+        inputs = recordings.kernels()
+        estimator: Any = SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
+    else:
+        inputs, estimator = recordings.features[None], repeatable(settings.classifier)
+    return FoldProblem(
+        truth=truth,
+        objects=recordings.objects,
+        folds=folds,
+        units=units,
+        machines=len(inputs),
+        train=partial(Machines.trained, estimator, inputs, truth),
+        decide=lambda machines, rows: machines.decide([values[rows] for values in inputs]),
+        fit_pool=KappaPool.fitted if paper else partial(_fit_stacker, settings=settings),
+        # Support vector machines train without the interpreter's lock; forests set the process's
+        # warning filters.
+        threads=(os.cpu_count() or 1) if paper else 1,
+    )
+
+
+def repeatable(classifier: Any) -> Any:
+    """Return a clone whose unset random states are set, so that equal calls give equal results."""
+    copy = clone(classifier)
+    unset = {
+        name: _SEED
+        for name, value in copy.get_params().items()
+        if value is None and name.split("__")[-1] == "random_state"
+    }
+    return copy.set_params(**unset)
+
+
+def _fit_stacker(
     decisions: Floats, truth: Rows, objects: NDArray[np.int64], settings: PerceptionSettings
 ) -> Stacker:
     """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
@@ -170,3 +240,57 @@ def _fit_pool(
     )
     weights[:, 1] /= scale[0]
     return Stacker(weights)
+
+
+class KappaPool(NamedTuple):
+    """Sigmoid a modality, and their mean weighted by Cohen's kappa.
+
+    Attributes
+    ----------
+    sigmoid : NDArray[np.float64]
+        (M,P,2) offset and slope on the decision.
+    weights : NDArray[np.float64]
+        (M,P) kappa, 0 where it is negative.
+    """
+
+    sigmoid: Floats
+    weights: Floats
+
+    @classmethod
+    def fitted(cls, decisions: Floats, truth: Rows, objects: NDArray[np.int64]) -> "KappaPool":
+        """Fit sigmoids and weights to out-of-fold decisions (r,M,P)."""
+        sigmoid = np.zeros((*decisions.shape[1:], 2))
+        weights = np.zeros(decisions.shape[1:])
+        for m, p in np.ndindex(weights.shape):
+            labels = truth[:, p]
+            if labels.any() and not labels.all():
+                offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
+                yes = offset + slope * decisions[:, m, p] > THRESHOLD
+                table = np.histogram2d(labels, yes, bins=2, range=[[0, 1], [0, 1]])[0]
+                weights[m, p] = np.maximum(cohens_kappa(table), 0.0)
+        return cls(sigmoid, weights)
+
+    def log_odds(self, decisions: Floats) -> Floats:
+        """Return log-odds of the pooled probability, (B,P), from decisions (B,M,P).
+
+        Modalities whose decisions are NaN have no weight.
+        """
+        missing = np.isnan(decisions)
+        decided = np.where(missing, 0.0, decisions)
+        probability = expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decided)
+        weights = np.where(missing, 0.0, self.weights)
+        total = weights.sum(axis=1)
+        pooled = np.einsum("bmp,bmp->bp", probability, weights)
+        pooled = np.where(total > 0, pooled / np.where(total > 0, total, 1.0), 0.5)
+        return np.asarray(logit(np.clip(pooled, 1e-9, 1 - 1e-9)))
+
+
+def fit_sigmoid(decisions: Floats, truth: Rows) -> Floats:
+    """Fit offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
+    positive, number = int(truth.sum()), len(truth)
+    soft = np.where(truth, (positive + 1) / (positive + 2), 1 / (number - positive + 2))
+    theta = np.zeros(2)
+    features = np.concatenate([decisions, decisions])[None]
+    target = np.repeat([1.0, -1.0], number)
+    fit_stacker(features, target, np.concatenate([soft, 1 - soft]), _SOFT, False, theta)
+    return theta

@@ -1,6 +1,7 @@
 """Confusion counts per object: percepts of objects whose truth is known."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,17 +55,23 @@ class ConfusionCounts:
     def kappa(self) -> NDArray[np.float64]:
         """Return Cohen's kappa of yes/no percepts and truth, (P,E); 0 where it is undefined."""
         yes, number = _yes(self.total())
-        everything = np.maximum(number.sum(axis=-1), 1)
-        agree = (yes[..., 1] + number[..., 0] - yes[..., 0]) / everything
-        p_yes, p_true = yes.sum(axis=-1) / everything, number[..., 1] / everything
-        chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
-        defined = (number.min(axis=-1) > 0) & (chance < 1)
-        return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
+        return cohens_kappa(np.stack([number - yes, yes], axis=-1))
 
 
 def _yes(total: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Count percepts in the upper half of the levels, and all percepts, (P,E,2) each."""
     return total[..., total.shape[-1] // 2 :].sum(axis=-1), total.sum(axis=-1)
+
+
+def cohens_kappa(table: NDArray[Any]) -> NDArray[np.float64]:
+    """Return Cohen's kappa (...) of counts (...,2,2) [truth, yes]; 0 where it is undefined."""
+    number = table.sum(axis=-1)
+    everything = np.maximum(number.sum(axis=-1), 1)
+    agree = (table[..., 1, 1] + table[..., 0, 0]) / everything
+    p_yes, p_true = table[..., 1].sum(axis=-1) / everything, number[..., 1] / everything
+    chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
+    defined = (number.min(axis=-1) > 0) & (chance < 1)
+    return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
 
 
 def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> ConfusionCounts:

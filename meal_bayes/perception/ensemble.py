@@ -13,17 +13,20 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
-from meal_bayes.perception.modality import FeatureSpace, with_joint
+from meal_bayes.perception.modality import FeatureSpace, joint_kernel, widened
 from meal_bayes.perception.perceiver import person_says
 
 Floats = NDArray[np.float64]
+
+
+Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
 class Pool(Protocol):
     """Combination of the modalities' decisions."""
 
     def log_odds(self, decisions: Floats) -> Floats:
-        """Return log-odds of "true", (B,P), from decisions (B,M,P)."""
+        """Return log-odds of "true", (B,P), from decisions (B,M,P), NaN of a missing modality."""
         ...
 
 
@@ -38,8 +41,8 @@ class BehaviorFit(Protocol):
         """
         ...
 
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows, width: float = 1.0) -> Floats:
+        """Return log-odds of "true", (B,P), by kernels wider than the spaces' by a factor."""
         ...
 
 
@@ -48,10 +51,14 @@ class KernelFit(NamedTuple):
 
     Attributes
     ----------
-    dual : (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
-    bias : (M,P).
-    pool : log-odds of the decisions.
-    nested : (n,P), see `BehaviorFit`.
+    dual : NDArray[np.float64]
+        (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
+    bias : NDArray[np.float64]
+        (M,P).
+    pool : Pool
+        Log-odds of the decisions.
+    nested : NDArray[np.float64]
+        (n,P), see `BehaviorFit`.
     """
 
     dual: Floats
@@ -59,15 +66,17 @@ class KernelFit(NamedTuple):
     pool: Pool
     nested: Floats
 
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats]) -> Floats:
-        """Return log-odds of "true", (B,P), of each modality's standardized rows (B,d)."""
-        kernels = [space.similarity(own) for space, own in zip(spaces, rows, strict=True)]
-        return self.log_odds(np.stack(kernels))
-
-    def log_odds(self, kernels: Floats) -> Floats:
-        """Return log-odds of "true", (B,P), from the modalities' kernels (.,B,m)."""
-        across = with_joint(kernels) if len(self.dual) > len(kernels) else kernels
-        decisions = across @ self.dual.transpose(0, 2, 1) + self.bias[:, None]
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows, width: float = 1.0) -> Floats:
+        """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
+        pairs = [(space, own) for space, own in zip(spaces, rows, strict=True) if own is not None]
+        kernels = widened(np.stack([space.similarity(own) for space, own in pairs]), width)
+        present = [m for m, own in enumerate(rows) if own is not None]
+        if len(self.dual) > len(spaces):
+            kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
+            present.append(len(spaces))
+        decisions = np.full((len(self.dual), kernels.shape[1], self.dual.shape[1]), np.nan)
+        dual = self.dual[present].transpose(0, 2, 1)
+        decisions[present] = kernels @ dual + self.bias[present, None]
         return self.pool.log_odds(decisions.transpose(1, 0, 2))
 
 
@@ -93,9 +102,11 @@ class BehaviorClassifier:
 
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
         """Return log-odds of all attributes, (B,P), of raw features {modality: (B,D)}."""
-        spaces = list(self.spaces.values())
-        rows = [space.standardize(features[modality]) for modality, space in self.spaces.items()]
-        return np.where(self.used, self.fit.scored(spaces, rows), 0.0)
+        rows = [
+            space.standardize(features[modality]) if modality in features else None
+            for modality, space in self.spaces.items()
+        ]
+        return np.where(self.used, self.fit.scored(list(self.spaces.values()), rows), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +136,12 @@ class Perception:
     def log_odds(self, instance: Instance, query: Query) -> Floats:
         """Return log-odds of "true", (N,); NaN where a person answers.
 
+        They are those of the behavior's modalities that the instance has; others are ignored.
+
         Raises
         ------
-        DataError : an instance without features of one of the behavior's modalities.
+        DataError
+            An instance without finite features of any of the behavior's modalities.
         """
         columns = self.domain.columns(query.attributes)
         behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
@@ -136,15 +150,17 @@ class Perception:
         classifier = self.classifiers.get(instance.behavior)
         if classifier is None:
             return np.zeros(len(query))
-        features = instance.features or {}
-        for modality in behavior.modalities:
-            if modality not in features:
-                raise DataError(
-                    f"An instance of {instance.behavior!r} has no features of {modality!r}; "
-                    f"expected {list(behavior.modalities)}."
-                )
-        single = {name: np.asarray(values)[None] for name, values in features.items()}
-        return round_log_odds(classifier.log_odds(single)[0, columns]).astype(np.float64)
+        features = {
+            name: np.asarray(values)[None]
+            for name, values in (instance.features or {}).items()
+            if name in behavior.modalities and np.isfinite(values).all()
+        }
+        if not features:
+            raise DataError(
+                f"An instance of {instance.behavior!r} has finite features of none of "
+                f"{list(behavior.modalities)}; one is enough."
+            )
+        return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator

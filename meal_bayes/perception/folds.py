@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 
 Floats = NDArray[np.float64]
@@ -30,16 +31,25 @@ class FoldProblem:
 
     Attributes
     ----------
-    truth : (n,P) labels, of rows whose fold is not `UNKNOWN`.
-    objects : (n,) rising.
-    folds : (n,) of each recording's object.
-    units : (n,) what a percept table holds out: objects, or folds where there are many.
-    machines : M, the classifiers an attribute.
-    train : from rows to a function that decides (B,M,P) on any rows, by those rows' labels alone.
-    fit_pool : from decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those
-        who never saw them, to an object with `log_odds`; r may be 0.
-    threads : that train at a time. More than one only where training is thread-safe:
-        scikit-learn's forests set the process's warning filters.
+    truth : NDArray[np.bool_]
+        (n,P) labels, of rows whose fold is not `UNKNOWN`.
+    objects : NDArray[np.int64]
+        (n,) rising.
+    folds : NDArray[np.int64]
+        (n,) of each recording's object.
+    units : NDArray[np.int64]
+        (n,) what a percept table holds out: objects, or folds where there are many.
+    machines : int
+        M, the classifiers an attribute.
+    train : Callable
+        From rows to classifiers, by those rows' labels alone.
+    decide : Callable
+        From classifiers and rows to decisions (B,M,P).
+    fit_pool : Callable
+        From decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who
+        never saw them, to a pool; r may be 0.
+    threads : int
+        That train at a time. More than one only where training is thread-safe.
     """
 
     truth: Rows
@@ -48,7 +58,8 @@ class FoldProblem:
     units: Folds
     machines: int
     train: Callable[[Rows], Any]
-    fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Any]
+    decide: Callable[[Any, Rows], Floats]
+    fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Pool]
     threads: int = 1
 
     @property
@@ -66,7 +77,7 @@ class FoldProblem:
         out = np.isin(self.folds, list(left_out))
         decisions = np.full((len(self.folds), self.machines, self.truth.shape[1]), np.nan)
         rest = self.known & ~out
-        decisions[out] = self.train(rest)(out) if rest.any() else 0.0
+        decisions[out] = self.decide(self.train(rest), out) if rest.any() else 0.0
         return decisions
 
 
@@ -84,23 +95,24 @@ def folds_of(recordings: BehaviorRecordings, folds: int) -> tuple[Folds, Folds]:
     return found, objects
 
 
-def nested_outputs(problem: FoldProblem) -> tuple[Floats, Any, Any]:
-    """Fit to all rows.
+def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
+    """Score each row by classifiers and pools that never saw its fold.
 
     Returns
     -------
-    Log-odds of each row by classifiers and pools that never saw its fold, (n,P), NaN where its
-    label is unknown; and the pool and the classifiers of all rows.
+    NDArray[np.float64]
+        (n,P) log-odds, NaN where a label is unknown.
+    Pool
+        Fitted to all rows.
     """
     decisions = _all_decisions(problem, _sets_of(problem.names, 2))
-    pool = _pool(problem, decisions, frozenset())
-    return _nested(problem, decisions), pool, problem.train(problem.known)
+    return _nested(problem, decisions), _pool(problem, decisions, frozenset())
 
 
 def table_outputs(
     problem: FoldProblem, held: NDArray[np.int64], *, by_object: bool = False
 ) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; returns as `stacked_outputs` does.
+    """Score one behavior for the percept tables; returns as `stacked.outputs` does.
 
     All that is done for held-out o leaves o's whole fold out. With `by_object` the classifier that
     decides on o itself is trained anew, and leaves o alone out.
@@ -125,12 +137,12 @@ def table_outputs(
     if not problem.known.all():
         pool = _pool(problem, decisions, frozenset())
         unknown = ~problem.known
-        own[unknown] = pool.log_odds(problem.train(problem.known)(unknown))
+        own[unknown] = pool.log_odds(problem.decide(problem.train(problem.known), unknown))
     return own, training
 
 
 def _decide_anew(
-    problem: FoldProblem, held: NDArray[np.int64], pools: Mapping[int, Any], own: Floats
+    problem: FoldProblem, held: NDArray[np.int64], pools: Mapping[int, Pool], own: Floats
 ) -> None:
     """Overwrite the outputs on held-out objects by those of classifiers that saw all others."""
     fold_of = dict(zip(problem.objects.tolist(), problem.folds.tolist(), strict=True))
@@ -138,7 +150,7 @@ def _decide_anew(
 
     def score(o: int) -> Floats:
         single = problem.objects == o
-        decisions = problem.train(problem.known & ~single)(single)
+        decisions = problem.decide(problem.train(problem.known & ~single), single)
         return np.asarray(pools[fold_of[o]].log_odds(decisions))
 
     with ThreadPoolExecutor(problem.threads) as workers:
@@ -153,7 +165,7 @@ def _all_decisions(problem: FoldProblem, sets: Iterable[frozenset[int]]) -> Deci
         return dict(zip(wanted, workers.map(problem.without, wanted), strict=True))
 
 
-def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) -> Any:
+def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) -> Pool:
     """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
     remaining = [fold for fold in problem.names if fold not in left_out]
     rows = np.isin(problem.folds, remaining)

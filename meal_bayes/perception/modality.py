@@ -9,7 +9,7 @@ from meal_bayes.arrays import freeze, set_frozen
 
 _FAR = 5.0  # standard deviations at which features are clipped
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
-_CONSTANT = 1e-9  # relative standard deviation below which a feature is dropped
+_CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
 _COMPARED = 2048  # recordings whose distances are compared for a median
 
 
@@ -85,7 +85,7 @@ def fit_space(
     """Fit the space of raw recordings (n,D); whitened where their objects (n,) are given."""
     squashed = _squash(features)
     sd = squashed.std(axis=0)
-    kept = np.flatnonzero(sd > _CONSTANT * np.maximum(1.0, np.abs(squashed).max(axis=0)))
+    kept = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
     center, scale = squashed[:, kept].mean(axis=0), sd[kept]
     rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
     mix = None if objects is None else _whitening(rows, objects)
@@ -99,16 +99,18 @@ def widened(kernels: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
 
 
 def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Append the kernel of all modalities at once, (M,r,c) -> (M+1,r,c); one modality is its own.
+    """Append the joint kernel, (M,r,c) -> (M+1,r,c); one modality is its own."""
+    return kernels if len(kernels) == 1 else np.concatenate([kernels, joint_kernel(kernels)[None]])
+
+
+def joint_kernel(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the kernel of all modalities at once, (M,r,c) -> (r,c).
 
     It is the RBF kernel of their features side by side: distances in units of each one's width,
     squared and averaged. Attributes with a weak signal in every modality are learned by it from
     fewer objects than a stacker needs [Gonen2011].
     """
-    if len(kernels) == 1:
-        return kernels
-    joint = np.prod(kernels, axis=0) ** (1.0 / len(kernels))
-    return np.concatenate([kernels, joint[None]])
+    return np.asarray(np.prod(kernels, axis=0) ** (1.0 / len(kernels)))
 
 
 def _whitening(

@@ -26,12 +26,12 @@ class Perceiver(Protocol):
 def answer(
     labels: NDArray[np.int8], accuracy: float, levels: int, rng: np.random.Generator
 ) -> NDArray[np.int8]:
-    """Draw a person's answer on N attributes, the whole right with `accuracy`.
+    """Draw a person's answer on N attributes, each right with `accuracy`.
 
-    Each attribute is right with accuracy^(1/N); yes and no are the two extreme levels. Unknown
-    attributes (label -1) are answered by a fair coin.
+    Yes and no are the two extreme levels. Unknown attributes (label -1) are answered by a fair
+    coin.
     """
-    right = rng.random(len(labels)) < accuracy ** (1.0 / len(labels))
+    right = rng.random(len(labels)) < accuracy
     coin = rng.random(len(labels)) < 0.5
     yes = np.where(labels < 0, coin, (labels == 1) == right)
     return np.where(yes, levels - 1, 0).astype(np.int8)

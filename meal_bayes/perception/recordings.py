@@ -1,8 +1,8 @@
-"""The recordings of one behavior in a training set."""
+"""The recordings of each behavior in a training set, and their feature spaces."""
 
-from collections.abc import Hashable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,6 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import short_repr
 from meal_bayes.perception.modality import FeatureSpace, fit_space, widened, with_joint
 from meal_bayes.perception.settings import PerceptionSettings
-
-Name = TypeVar("Name", bound=Hashable)
 
 _SEED = 0  # of the order in which neighbors are dealt to folds
 
@@ -110,56 +108,151 @@ def dealt(names: NDArray[np.integer], folds: int) -> NDArray[np.int64]:
     return np.asarray(order[names])
 
 
-def rows_of(dataset: Dataset, training_set: TrainingSet, behavior: str) -> NDArray[np.intp]:
-    """Return the rows of a training set that hold a behavior; they are sorted by object."""
-    return np.flatnonzero(training_set.behavior == dataset.domain.behavior_index(behavior))
-
-
-def with_landmarks(
-    behaviors: Mapping[Name, BehaviorRecordings], settings: PerceptionSettings
-) -> dict[Name, BehaviorRecordings]:
-    """Choose landmarks for all behaviors if one of them is above the settings' exact sizes.
-
-    They are spaced evenly over the recordings. Other methods than "stacked" compare all recordings
-    with each other at any size.
-    """
-    sizes = [(len(np.unique(one.objects)), len(one.objects)) for one in behaviors.values()]
-    if all(o <= settings.exact_objects and n <= settings.exact_recordings for o, n in sizes):
-        return dict(behaviors)
-    found = {}
-    for name, recordings in behaviors.items():
-        n = len(recordings.objects)
-        number = min(settings.landmarks, n) if settings.method == "stacked" else n
-        landmarks = np.linspace(0, n - 1, number).round().astype(np.int64)
-        found[name] = replace(recordings, landmarks=landmarks)
-    return found
-
-
 def groups_of(
-    behaviors: Mapping[Name, BehaviorRecordings], objects: int, settings: PerceptionSettings
+    behaviors: Iterable[BehaviorRecordings], objects: int, settings: PerceptionSettings
 ) -> NDArray[np.int64]:
-    """Return what each object (O,) is left out with: itself, or a fold where there are many."""
+    """Return what each object is left out with: itself, or a fold where there are many.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        (O,).
+    """
     names = np.arange(objects)
-    many = any(recordings.large for recordings in behaviors.values())
+    many = any(recordings.large for recordings in behaviors)
     return dealt(names, settings.folds) if many else names
 
 
-def all_recordings_of(
-    dataset: Dataset, training_set: TrainingSet, settings: PerceptionSettings
-) -> dict[str, BehaviorRecordings]:
-    """Collect each sensing behavior's recordings; no entry where there is none."""
-    found = {}
-    for behavior in dataset.domain.behaviors:
-        rows = rows_of(dataset, training_set, behavior.name)
+@dataclass(frozen=True, slots=True)
+class Kernels:
+    """All n = O R recordings of a data set in feature spaces that many refits share.
+
+    A robot refits its classifiers after every batch. Its feature spaces (means, standard
+    deviations, kernel widths, whitening) need no labels: they are fitted once, or again as
+    recordings come in.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        Of the recordings.
+    spaces : Mapping[tuple[str, str], FeatureSpace]
+        (behavior, modality) -> space with rows (n,d).
+    """
+
+    dataset: Dataset
+    spaces: Mapping[tuple[str, str], FeatureSpace]
+
+    __repr__ = short_repr
+
+    @classmethod
+    def of(
+        cls, dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
+    ) -> "Kernels":
+        """Fit the spaces to the recordings that a robot has, without labels.
+
+        A behavior without recordings has no kernels: percepts of it are at even odds.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            All recordings.
+        gathered : TrainingSet
+            Those that the robot has.
+        kernel : str
+            "rbf" or "polynomial".
+        whiten : bool
+            Shrink directions in which repeats of one object differ.
+
+        Returns
+        -------
+        Kernels
+            With all recordings of the data set.
+        """
+        spaces = {}
+        n = len(dataset.objects) * dataset.recordings
+        for behavior, modality in dataset.features:
+            rows = gathered.behavior == dataset.domain.behavior_index(behavior)
+            if rows.any():
+                values, objects = dataset.features[behavior, modality], gathered.object[rows]
+                known = values[objects, gathered.recording[rows]]
+                space = _space((behavior, modality), known, kernel, objects if whiten else None)
+                spaces[behavior, modality] = space.over(values.reshape(n, -1))
+        return cls(dataset, spaces)
+
+    def spaces_of(self, behavior: str, rows: NDArray[np.int64]) -> tuple[FeatureSpace, ...]:
+        """Return the spaces of a behavior's modalities with some recordings (r,)."""
+        return tuple(space.at(rows) for (name, _), space in self.spaces.items() if name == behavior)
+
+
+def gather(
+    dataset: Dataset,
+    training_set: TrainingSet,
+    settings: PerceptionSettings,
+    kernels: Kernels | None = None,
+) -> dict[int, BehaviorRecordings]:
+    """Collect the recordings of each sensing behavior, by its index; no entry where there is none.
+
+    If one behavior is above the settings' exact sizes, all have landmarks, spaced evenly over the
+    recordings. Other methods than "stacked" compare all recordings with each other at any size.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Features of the recordings.
+    training_set : TrainingSet
+        Which recordings, and their labels.
+    settings : PerceptionSettings
+        Kernel and sizes.
+    kernels : Kernels, optional
+        Spaces that were fitted before; by default they are fitted to these recordings.
+
+    Returns
+    -------
+    dict[int, BehaviorRecordings]
+        In the order of the domain's behaviors.
+    """
+    gathered = {}
+    for e, behavior in enumerate(dataset.domain.behaviors):
+        rows = np.flatnonzero(training_set.behavior == e)  # they are sorted by object
         if not len(rows) or not behavior.modalities:
             continue
         objects = training_set.object[rows].astype(np.int64)
-        recordings = training_set.recording[rows]
-        spaces = tuple(
-            fit_space(
-                dataset.features[behavior.name, modality][objects, recordings], settings.kernel
+        numbers = training_set.recording[rows]
+        if kernels is not None:
+            spaces = kernels.spaces_of(behavior.name, objects * dataset.recordings + numbers)
+        else:
+            contexts = [(behavior.name, modality) for modality in behavior.modalities]
+            spaces = tuple(
+                _space(context, dataset.features[context][objects, numbers], settings.kernel)
+                for context in contexts
             )
-            for modality in behavior.modalities
+        if spaces:
+            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], spaces)
+    if any(
+        len(np.unique(recordings.objects)) > settings.exact_objects
+        or len(recordings.objects) > settings.exact_recordings
+        for recordings in gathered.values()
+    ):
+        for e, recordings in gathered.items():
+            n = len(recordings.objects)
+            number = min(settings.landmarks, n) if settings.method == "stacked" else n
+            landmarks = np.linspace(0, n - 1, number).round().astype(np.int64)
+            gathered[e] = replace(recordings, landmarks=landmarks)
+    return gathered
+
+
+def _space(
+    context: tuple[str, str],
+    features: NDArray[np.floating],
+    kernel: str,
+    objects: NDArray[np.integer] | None = None,
+) -> FeatureSpace:
+    """Fit the space of a (behavior, modality); warn where no feature varies."""
+    space = fit_space(features, kernel, objects)
+    if len(features) > 1 and not len(space.kept):
+        warnings.warn(
+            f"None of the {features.shape[1]} features of {context} varies over "
+            f"{len(features)} recordings: the modality says nothing. Check its sensor.",
+            stacklevel=2,
         )
-        found[behavior.name] = BehaviorRecordings(objects, training_set.labels[rows], spaces)
-    return with_landmarks(found, settings)
+    return space

@@ -44,8 +44,9 @@ class Stacker:
         set_frozen(self, weights=freeze(self.weights))
 
     def log_odds(self, decisions: Floats) -> Floats:
-        """Return log-odds with prior 1/2, (B,P), from decisions (B,M,P)."""
-        slopes: Floats = np.einsum("bmp,pm->bp", decisions, self.weights[:, 1:])
+        """Return log-odds with prior 1/2, (B,P), from decisions (B,M,P); NaN counts as 0."""
+        finite = np.where(np.isnan(decisions), 0.0, decisions)
+        slopes: Floats = np.einsum("bmp,pm->bp", finite, self.weights[:, 1:])
         return slopes + self.weights[:, 0]
 
 
@@ -96,7 +97,7 @@ def parts(
             yield Part(rows, attributes, np.arange(len(landmarks)), problem)
 
 
-def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
+def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
     """Fit one behavior: its classifiers, their stackers, and the nested outputs.
 
     The nested output on a recording comes from classifiers and stackers that never saw its object;
@@ -115,7 +116,7 @@ def fit_stacked(recordings: BehaviorRecordings, settings: PerceptionSettings) ->
     return KernelFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
 
 
-def stacked_outputs(
+def outputs(
     recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables.
@@ -147,11 +148,11 @@ def stacked_outputs(
             problem.groups.tolist(), pairwise(problem.starts), strict=True
         )
     }
-    for (first, second), outputs in zip(problem.groups[pairs].tolist(), both, strict=True):
+    for (first, second), scores in zip(problem.groups[pairs].tolist(), both, strict=True):
         for out, other, side in ((first, second, 1), (second, first, 0)):
             if out in index:
                 there = rows[other]
-                training[index[out], there] = outputs[:, side, : len(there)].T
+                training[index[out], there] = scores[:, side, : len(there)].T
     for name, h in index.items():
         training[h, rows.get(name, [])] = np.nan
     unknown = np.setdiff1d(np.arange(len(own)), part.rows)

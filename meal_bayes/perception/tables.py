@@ -22,12 +22,12 @@ from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet, object_index
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import by_truth, positive_youden
+from meal_bayes.perception.fitting import method_of
 from meal_bayes.perception.leave_out import known_patterns
-from meal_bayes.perception.methods import method_of
 from meal_bayes.perception.provenance import provenance_of
 from meal_bayes.perception.recordings import (
     BehaviorRecordings,
-    all_recordings_of,
+    gather,
     groups_of,
     number_in_object,
 )
@@ -67,9 +67,8 @@ def build_percept_table(
     domain, n_objects = dataset.domain, len(dataset.objects)
     columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
     held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
-    found = all_recordings_of(dataset, TrainingSet.everything(dataset), settings)
-    gathered = {domain.behavior_index(name): recordings for name, recordings in found.items()}
-    groups = groups_of(gathered, n_objects, settings)
+    gathered = gather(dataset, TrainingSet.everything(dataset), settings)
+    groups = groups_of(gathered.values(), n_objects, settings)
     held_groups = np.unique(groups[held])
     _, widths = learned_widths(gathered.values(), settings, held_groups, each)
     shape = (dataset.recordings, len(domain.behaviors), len(domain.attributes))
@@ -149,7 +148,7 @@ def _score_behavior(
 def _outputs(
     recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
 ) -> tuple[Halves, Halves]:
-    """Score one behavior by kernels of one width, rounded; see `stacked_outputs`."""
+    """Score one behavior by kernels of one width, rounded; see `stacked.outputs`."""
     n, n_attributes = recordings.labels.shape
     own = np.full((n, n_attributes), np.nan, np.float16)
     training = np.full((len(held), n, n_attributes), np.nan, np.float16)

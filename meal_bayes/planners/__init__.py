@@ -8,13 +8,7 @@ from meal_bayes.planners.factored import Factored, batched_value_iteration
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.point_based import (
-    PBVI,
-    AlphaVectorPolicy,
-    AlphaVectors,
-    Sarsop,
-    read_policy,
-)
+from meal_bayes.planners.point_based import AlphaVectorPolicy, AlphaVectors, Sarsop, read_policy
 from meal_bayes.planners.pomcp import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
@@ -28,7 +22,6 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "PBVI",
     "POMCP",
     "AlphaVectorPolicy",
     "AlphaVectors",

@@ -41,7 +41,7 @@ class Dynamics(NamedTuple):
     ----------
     step : (X,E) records of `STEP`.
     branch : (X,E,B) records of `BRANCH`, the outcomes of a step.
-    exit_value : (X,) of the cheapest illegal behavior, -inf where none may end a trial.
+    exit_value : (X,) of abstaining, -inf where the agent may not.
     """
 
     step: NDArray[np.void]
@@ -183,10 +183,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
         ]
         branch[x, e, : len(outcomes)] = outcomes
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
-    ends = (momdp.transition[:, :, -1].T > 0) & ~momdp.legal
-    exits = np.where(ends, momdp.cost, np.inf).min(axis=1)
-    exit_value = -exits if momdp.abstain else np.full(size, -np.inf)
-    return Dynamics(step, branch, exit_value)
+    return Dynamics(step, branch, np.full(size, 0.0 if momdp.abstain else -np.inf))
 
 
 def _information(momdp: MOMDP) -> Floats:

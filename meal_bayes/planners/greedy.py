@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
+from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import dynamics_of
 from meal_bayes.planners.open_loop.growth import Ways
@@ -37,12 +37,12 @@ class GreedyPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior on the way to the most bits per second."""
         momdp, belief = self.momdp, history.belief
-        stop = report_value(momdp, belief)
+        stop = answer_value(momdp, belief)
         values = np.full(momdp.n_behaviors + 1, np.nan)
         values[-1] = stop
         entropy = belief.entropy
         bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-        best_rate, action = 0.0, best_report(momdp, belief)
+        best_rate, action = 0.0, best_answer(momdp, belief)
         for e, gained in enumerate(information_gain(momdp, belief)):
             first = int(self.ways.hop[belief.x, e])
             price = float(self.ways.cost[belief.x, e])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.momdp import MOMDP, Belief, best_report, report_value
+from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
 
@@ -19,7 +19,7 @@ class TreeEdge(NamedTuple):
     ----------
     level : 1 or 2.
     parent : position of the parent edge in the list, -1 for the root.
-    action : behavior index, E for the best report.
+    action : behavior index, E for the best answer.
     observation : percept levels on the way to the parent's node, () for none.
     visits : simulations through the edge.
     value : estimate of the edge's value.
@@ -39,13 +39,15 @@ class Decision:
 
     Attributes
     ----------
-    action : below E a behavior, E + y the report of value vector y.
-    values : (E+1,) by behavior, then of the best report; nan = not valued.
+    action : below E a behavior; E + y the report of value vector y; E + 2^N abstains.
+    values : (E+1,) by behavior, then of the best answer; nan = not valued.
     value_se : (E+1,) standard errors, 0 where exact, nan = unknown.
     visits : (E+1,) simulations by first action.
     tree : first two levels of the search tree.
     simulations : of the search.
     sampled_rows : (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
+    gap : s of reward that the best action may be worth more than following this decision, at most;
+        None where no upper bound is known.
     """
 
     action: int
@@ -55,6 +57,7 @@ class Decision:
     tree: tuple[TreeEdge, ...] = ()
     simulations: int = 0
     sampled_rows: NDArray[np.float64] | None = None
+    gap: float | None = None
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -156,25 +159,19 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
 
 
 def choose(
-    momdp: MOMDP, belief: Belief, values: NDArray[np.float64], exit_value: float
+    momdp: MOMDP, belief: Belief, values: NDArray[np.float64]
 ) -> tuple[int, NDArray[np.float64]]:
-    """Choose the most valuable behavior, or end where none is worth more.
+    """Choose the most valuable behavior, or answer where none is worth more.
 
     Parameters
     ----------
     momdp, belief : the problem and the present belief.
     values : (E,) of the behaviors, -inf where not legal.
-    exit_value : of the cheapest illegal behavior; -inf where a planner may not abstain by it.
 
     Returns
     -------
-    The action, and the values (E+1,) of all behaviors (nan for -inf) and of ending.
+    The action, and the values (E+1,) of all behaviors (nan for -inf) and of the best answer.
     """
-    stop = report_value(momdp, belief)
-    best = int(values.argmax())
-    every = np.append(np.where(np.isneginf(values), np.nan, values), max(stop, exit_value))
-    if values[best] > every[-1]:
-        return best, every
-    if exit_value <= stop:
-        return best_report(momdp, belief), every
-    return int(np.where(momdp.legal[belief.x], np.inf, momdp.cost).argmin()), every
+    best, every = int(values.argmax()), np.append(values, answer_value(momdp, belief))
+    action = best if values[best] > every[-1] else best_answer(momdp, belief)
+    return action, np.where(np.isneginf(every), np.nan, every)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -130,17 +131,29 @@ class ConfusionPosterior:
 
         Parameters
         ----------
-        idata : an InferenceData or DataTree of `meal-bayes posterior` (posterior.nc), or of
-            `to_idata` with the percept counts (object, attribute, behavior, truth, level) among
-            its observed data.
-        domain : every attribute of it must have been fitted.
+        idata : str, Path, InferenceData or DataTree
+            The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
+            one's own (see `Draws.from_idata`) with the percept counts (object, attribute, behavior,
+            truth, level) among its observed data.
+        domain : Domain
+            Every attribute of it must have been fitted.
+
+        Returns
+        -------
+        ConfusionPosterior
+            Of all attributes and behaviors of the domain.
 
         Raises
         ------
-        DataError : draws or counts that are not there, or not of this domain.
+        DataError
+            Draws or counts that are not there, or not of this domain.
         """
         from meal_bayes.posterior.draws import posterior_from  # noqa: PLC0415  it needs us
 
+        if isinstance(idata, str | Path):
+            from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
+
+            idata = load_netcdf(idata)
         return posterior_from(idata, domain)
 
     @property

@@ -98,25 +98,52 @@ class Draws:
 
     @classmethod
     def from_idata(cls, idata: Any) -> "Draws":
-        """Read draws back from an InferenceData or DataTree that `to_idata` made.
+        """Read the draws of an InferenceData or DataTree, by the names of its coordinates.
+
+        Parameters
+        ----------
+        idata : InferenceData or DataTree
+            Of `to_idata`, or of a model of one's own: its group posterior has `mean` (chain, draw,
+            attribute, behavior, truth, level), `dispersion` without the level, and perhaps
+            `misperception` (chain, draw); truths are named "false" and "true", levels as
+            `level_names` has them. The order of dimensions and names is free.
+
+        Returns
+        -------
+        Draws
+            Truths and levels in our order.
 
         Raises
         ------
-        DataError : no group posterior with the rows and dispersions of Theta.
+        DataError
+            No such variables, names or values.
         """
         rows = ("chain", "draw", *_ROW)
         try:
             posterior = idata["posterior"]
-            mean = posterior["mean"].transpose(*rows, "level")
+            names = level_names(posterior["mean"].sizes["level"])
+            ordered = {"truth": list(TRUTHS), "level": list(names)}
+            mean = posterior["mean"].transpose(*rows, "level").sel(ordered)
             dispersion = posterior["dispersion"].transpose(*rows)
-            names = {dim: tuple(map(str, mean[dim].values)) for dim in _ROW}
+            along = {dim: mean[dim].values for dim in _ROW}
+            dispersion = dispersion.sel(along)
         except (KeyError, ValueError, AttributeError, TypeError) as fault:
             raise DataError(
-                f"This holds no posterior of confusion matrices ({fault}); make one with "
-                "`meal-bayes posterior`, or fit_hierarchical and to_idata."
+                f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
+                "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
+                "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
+                "fit_hierarchical and to_idata."
             ) from None
+        m, s = mean.values, dispersion.values
         epsilon = posterior["misperception"].values if "misperception" in posterior else None
-        return cls(names["attribute"], names["behavior"], mean.values, dispersion.values, epsilon)
+        if not ((m >= 0).all() and np.allclose(m.sum(axis=-1), 1.0, atol=1e-6)):
+            raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
+        if not (s > 0).all():  # nor NaN
+            raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
+        if epsilon is not None and not ((epsilon >= 0) & (epsilon <= 1)).all():
+            raise DataError("`misperception` must be a probability.")
+        attributes, behaviors = (tuple(map(str, along[dim])) for dim in _ROW[:2])
+        return cls(attributes, behaviors, m, s, epsilon)
 
     def select(self, attributes: Sequence[str], behaviors: Sequence[str]) -> "Draws":
         """Keep some attributes and behaviors, in this order."""
@@ -154,6 +181,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     draws = Draws.from_idata(idata)
     try:
         observed = idata["observed_data"]["counts"].transpose("object", *_ROW, "level")
+        ordered = {"truth": list(TRUTHS), "level": list(draws.coords["level"])}
+        observed = observed.sel(ordered)
     except (KeyError, ValueError, AttributeError) as fault:
         raise DataError(
             f"The posterior comes without the percepts it was drawn from ({fault}); give "
@@ -166,7 +195,12 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
         if name not in domain.behavior_names:
             raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
     behaviors = [name for name in domain.behavior_names if name in draws.behaviors]
-    found = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+    try:
+        found = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+    except KeyError as fault:
+        raise DataError(f"The percept counts lack what was drawn: {fault}.") from None
+    if not ((found >= 0) & (found % 1 == 0)).all():
+        raise DataError("Percept counts must be whole numbers >= 0.")
     shape = (len(found), len(domain.attributes), len(domain.behaviors), *found.shape[3:])
     counts = np.zeros(shape, np.int64)
     counts[:, :, [domain.behavior_index(name) for name in behaviors]] = found

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.cache import writable_caches
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.posterior.draws import Draws
 
@@ -107,6 +107,20 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
     with draft_of(target) as draft:
         idata.to_netcdf(str(draft), engine=engine)
     return target
+
+
+def load_netcdf(path: str | Path) -> Any:
+    """Read what `save_netcdf` wrote.
+
+    Raises
+    ------
+    DataError
+        No such file, or none that holds groups of netCDF.
+    """
+    try:
+        return az.from_netcdf(str(path))
+    except (OSError, ValueError) as fault:
+        raise DataError(f"{path} is no posterior in netCDF: {fault}.") from None
 
 
 def _engine() -> str:

@@ -198,7 +198,8 @@ class _Evidence:
         """Return the mean loss of beliefs by all behaviors of an attribute, (V,O,M) each."""
         added = np.zeros((*self.sign.shape, log_likelihood.shape[-1]))  # (P,O,M)
         own = np.where(self.labelled[..., None], log_likelihood, 0.0)
-        np.add.at(added, self.attribute, own)
+        for p, pair in zip(self.attribute.tolist(), own, strict=True):  # np.add.at is slow
+            added[p] += pair
         odds = self.prior + truth_evidence(added, log_classes)
         return self._mean_loss(odds, slice(None), self.known)
 
@@ -235,9 +236,11 @@ def _rows(confusion: Array, trait: SharedTrait) -> Array:
     middle = (wanted[..., 1] + wanted[..., 0]) / 2
     slope = (wanted[..., 1] - wanted[..., 0]) / 2
     for _ in range(_ROUNDS):
-        score = middle[..., None] + points * slope[..., None]  # (K,B,M)
-        rows = np.exp(score - score.max(axis=0))
-        rows = np.maximum(rows, _LEAST * rows.sum(axis=0))
+        rows = points * slope[..., None]  # (K,B,M), in place from here
+        rows += middle[..., None]
+        rows -= rows.max(axis=0)
+        np.exp(rows, out=rows)
+        np.maximum(rows, _LEAST * rows.sum(axis=0), out=rows)
         rows /= rows.sum(axis=0)
         off = wanted - np.log(rows @ mixed)
         if np.abs(given * off).max(initial=0.0) < _MATCHED:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.arrays import real_values
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Behavior, Domain, unknown
 from meal_bayes.errors import RobotError
-from meal_bayes.robots.robot import Outcome, Robot
+from meal_bayes.robots.robot import Outcome
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -41,48 +42,46 @@ class _NoPercept(Exception):
     """The features or answers are invalid."""
 
 
-class CheckedRobot:
-    """A robot whose every outcome fits the domain.
+class Boundary:
+    """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
-    A state that the domain does not know raises `RobotError`. Features of other modalities than the
-    behavior's, of another size than those learned from, or that are not finite numbers are no
-    percept: the trial goes on, with a warning.
+    A state that the domain does not know raises `RobotError`. Features that lack one of the
+    behavior's modalities, are of another size than those learned from, or are not finite numbers
+    are no percept: the trial goes on, with a warning. Modalities that the behavior does not have
+    are left aside.
 
     Parameters
     ----------
-    robot : which uses names.
     domain : its states, behaviors and modalities.
     object_index : of the object in the data set, -1 for an object of which nothing is recorded.
     sizes : number of features of each (behavior, modality) that is known.
     """
 
     def __init__(
-        self, robot: Robot, domain: Domain, *, object_index: int = -1, sizes: Sizes | None = None
+        self, domain: Domain, *, object_index: int = -1, sizes: Sizes | None = None
     ) -> None:
-        self._robot, self._domain, self._object = robot, domain, object_index
-        self._sizes = sizes or {}
+        self._domain, self._object, self._sizes = domain, object_index, sizes or {}
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._n_sensed = 0
 
-    def start(self) -> int:
-        """Start a trial, and return the index of x0.
+    def start(self, state: object) -> int:
+        """Return the index of x0, where a robot starts a trial.
 
         Raises
         ------
         RobotError : a state that the domain does not know.
         """
         self._n_sensed = 0
-        return self._index(self._robot.start(), "start()")
+        return self._index(state, "start()")
 
-    def execute(self, behavior: int) -> Execution:
-        """Execute a behavior, and return its checked outcome.
+    def execute(self, behavior: int, outcome: object) -> Execution:
+        """Return the checked outcome of a behavior.
 
         Raises
         ------
         RobotError : no `Outcome`, or a state that the domain does not know.
         """
         spec = self._domain.behaviors[behavior]
-        outcome = self._robot.execute(spec.name)
         if not isinstance(outcome, Outcome):
             raise RobotError(
                 f"execute({spec.name!r}) returned {type(outcome).__name__}; "
@@ -129,14 +128,13 @@ class CheckedRobot:
         if not isinstance(given, Mapping):
             raise _NoPercept(f"features are {type(given).__name__}, not {{modality: numbers}}")
         names = list(spec.modalities)
-        if set(given) != set(names):
+        if not set(given) >= set(names):  # what the domain does not know of is left aside
             raise _NoPercept(f"features of {sorted(map(str, given))}, expected those of {names}")
         return {name: self._checked(spec.name, name, given[name]) for name in names}
 
     def _checked(self, behavior: str, modality: str, given: ArrayLike) -> NDArray[np.float32]:
         try:
-            with np.errstate(over="ignore"):
-                values = np.array(given, dtype=np.float32)
+            values = real_values(given)
         except (TypeError, ValueError, OverflowError) as fault:
             raise _NoPercept(f"{modality} does not hold numbers") from fault
         size = self._sizes.get((behavior, modality), values.size)

@@ -1,9 +1,11 @@
 """A robot that replays recordings: failures from the diagram, percepts from a data set."""
 
-import numpy as np
-from numpy.typing import ArrayLike
+from collections.abc import Callable, Mapping
 
-from meal_bayes.datasets import Dataset
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.robots.diagram_simulator import DiagramSimulator
@@ -33,6 +35,7 @@ class RecordedRobot:
         perceiver looks percepts up.
     repeats : recordings never run out, each is drawn anew from all (for percepts that are drawn
         from tables).
+    person : answers behaviors that ask, with this accuracy; without one a perceiver does.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class RecordedRobot:
         dataset: Dataset | None = None,
         *,
         repeats: bool = False,
+        person: Callable[[float], Mapping[str, bool]] | None = None,
     ) -> None:
         counts = np.broadcast_to(np.asarray(recordings, np.int64), (len(domain.behaviors),))
         most = np.inf if dataset is None else dataset.recordings
@@ -55,9 +59,14 @@ class RecordedRobot:
             raise SettingsError(f"Object {object_index} is not in the data set.")
         self._domain, self._dataset, self._object = domain, dataset, object_index
         self._recordings, self._repeats = counts, repeats
-        self._order = order
+        self._order, self._person = order, person
         self._simulator = DiagramSimulator(domain, failures)
         self._left: Order = []
+
+    @property
+    def limit(self) -> NDArray[np.float64]:
+        """Percepts of each behavior that a trial can have, (E,)."""
+        return np.where(self._repeats, np.inf, self._recordings)
 
     def start(self) -> str:
         """Start a trial in x0, with all recordings unused."""
@@ -79,8 +88,13 @@ class RecordedRobot:
             return Outcome(move.state)
         e = self._domain.behavior_index(behavior)
         if not self._domain.behaviors[e].modalities:
+            accuracy = self._domain.behaviors[e].answer_accuracy
+            if self._person is not None and accuracy is not None:
+                return Outcome(move.state, answers=self._person(accuracy))
             return Outcome(move.state, recording=ANSWERED)
-        if self._repeats:
+        if self._repeats and not isinstance(self._order, np.random.Generator):
+            self._left[e].insert(0, recording := self._left[e].pop())  # in their order, for ever
+        elif self._repeats:
             recording = int(move.uniform * self._recordings.max())
         elif self._left[e]:
             recording = self._left[e].pop()
@@ -90,3 +104,12 @@ class RecordedRobot:
             return Outcome(move.state, recording=recording)
         instance = self._dataset.instance(self._object, behavior, recording)
         return Outcome(move.state, instance.features, recording=recording)
+
+
+def replayable(dataset: Dataset | PerceptTable) -> NDArray[np.int64]:
+    """Return how many recordings of each behavior can be replayed, (O,E); R where it has none.
+
+    Behaviors without modalities, such as asking a person, never run out before the others.
+    """
+    senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
+    return np.where(senses, dataset.recording_counts, dataset.recordings)

@@ -9,7 +9,6 @@ from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Group, Logs, log_files
 from meal_bayes.trial_log.memory import ObjectLabels, forget, read_memory, write_labels
 from meal_bayes.trial_log.names import remove_drafts
-from meal_bayes.trial_log.outcomes import BatchOutcomes, TrialOutcomes
 from meal_bayes.trial_log.reader import (
     LogInfo,
     count_whole,
@@ -25,7 +24,6 @@ from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, read_seconds
 __all__ = [
     "ACTIVE",
     "FORMAT_VERSION",
-    "BatchOutcomes",
     "Follower",
     "Group",
     "LogInfo",
@@ -33,7 +31,6 @@ __all__ = [
     "Logs",
     "ObjectLabels",
     "OutcomeWriter",
-    "TrialOutcomes",
     "TrialWriter",
     "check_log",
     "count_whole",

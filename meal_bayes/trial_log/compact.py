@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError
-from meal_bayes.trial_log.outcomes import INTEGERS, REALS, TEXTS, TrialOutcomes
 from meal_bayes.trial_log.schema import NAME_LIMIT, OutcomesMessage
+from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS, TrialOutcomes
 
 
 def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:

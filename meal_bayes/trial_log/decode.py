@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.arrays import freeze
 from meal_bayes.domain import Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
@@ -16,7 +15,6 @@ from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log.compact import decode_outcomes
 from meal_bayes.trial_log.encode import judgment
 from meal_bayes.trial_log.ending import End
-from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
     COUNT_LIMIT,
     EDGE_LIMIT,
@@ -38,6 +36,7 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
 )
 from meal_bayes.trial_log.shapes import misfits
+from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
@@ -156,7 +155,8 @@ def decode_header(data: bytes) -> dict[str, object]:
 
     Raises
     ------
-    LogVersionError : the file was written in another format version.
+    LogVersionError
+        The file was written in another format version.
     """
     message = _parse(RunMessage, data)
     header = read_json(message.header)
@@ -284,9 +284,10 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     action = message.action
     counts = before.percept_counts
     if action >= e:
-        if len(message.report) != n:
+        if len(message.report) not in (n, 0 if momdp.abstain else n):
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
-        action = e + momdp.query.index_of(message.report)
+        reported = momdp.query.index_of(message.report)
+        action = e + reported if message.report else momdp.abstention
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1
@@ -300,6 +301,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             tree=_tree(message),
             simulations=message.simulations,
             sampled_rows=_sampled_rows(message, n, k),
+            gap=message.gap[0] if message.gap else None,
         ),
         next_x=message.next_x,
         observation=freeze(levels, np.int8) if levels else None,

@@ -6,21 +6,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import TreeEdge
-from meal_bayes.trial_log.outcomes import task_key
-from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     LINES,
     MESSAGE_LIMIT,
     OUTCOME,
-    PICTURES,
     STEP,
     TRIAL,
     TRIAL_LIMIT,
-    ImageMessage,
     LogMessage,
     MomdpMessage,
     OutcomeMessage,
@@ -35,6 +30,7 @@ from meal_bayes.trial_log.shapes import (
     start_misfits,
     step_misfits,
 )
+from meal_bayes.trials import Step, Trial, task_key
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -81,23 +77,22 @@ def numbered(number: int, momdp: bytes) -> bytes:
 class TrialEncoder:
     """Packs one trial: its start, its steps one by one, its outcome.
 
-    Where another behavior is done than the step before, its picture comes along, for other tools.
-
     Parameters
     ----------
-    number : of the trial in the file.
-    momdp : number of its MOMDP in the file.
-    pictures : draws confusion matrices.
+    number : int
+        Of the trial in the file.
+    momdp : int
+        Number of its MOMDP in the file.
 
     Raises
     ------
-    LogError : the arrays do not fit each other, or the trial is beyond the format's limits.
+    LogError
+        The arrays do not fit each other, or the trial is beyond the format's limits.
     """
 
-    def __init__(self, number: int, momdp: int, pictures: ConfusionPictures | None = None) -> None:
+    def __init__(self, number: int, momdp: int) -> None:
         self._number, self._momdp = number, momdp
-        self._pictures, self._shown, self._size = pictures, -1, 0
-        self._steps = self._edges = 0
+        self._steps = self._edges = self._size = 0
 
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
@@ -109,7 +104,7 @@ class TrialEncoder:
         return self._counted([Packed(TRIAL, log_time(self._number, 0), start)])
 
     def step(self, step: Step) -> list[Packed]:
-        """Pack the next step with a line of text, and a picture where the behavior is another."""
+        """Pack the next step with a line of text."""
         momdp, index = self._trial.momdp, self._steps
         self._edges += len(step.decision.tree)
         self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
@@ -122,13 +117,7 @@ class TrialEncoder:
         time = log_time(self._number, index + 1)
         self._steps, self._before = index + 1, step.belief
         line = _line(self._trial, step, self._number, index, positive, time)
-        packed = [Packed(STEP, time, data), Packed(LINES, time, line)]
-        action = step.decision.action
-        if self._pictures is not None and action != self._shown and action < momdp.n_behaviors:
-            picture = self._pictures.of(momdp, self._momdp, action)
-            packed.append(Packed(PICTURES, time, _timed(picture, time)))
-            self._shown = action
-        return self._counted(packed)
+        return self._counted([Packed(STEP, time, data), Packed(LINES, time, line)])
 
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
@@ -198,14 +187,14 @@ def _step(
     step: Step, momdp: MOMDP, trial: int, index: int, positive: list[float], counts: list[int]
 ) -> Any:
     decision, e = step.decision, momdp.n_behaviors
-    report = momdp.query.values_of(decision.action - e).tolist() if decision.action >= e else ()
+    report = momdp.reported(decision.action) if decision.action >= e else None
     return StepMessage(
         trial=trial,
         step=index,
         x=step.x,
         action=min(decision.action, e),
         action_name=momdp.action_name(decision.action),
-        report=report,
+        report=() if report is None else report.tolist(),
         legal=momdp.legal[step.x].tolist(),
         next_x=step.next_x,
         observation=() if step.observation is None else step.observation.tolist(),
@@ -216,6 +205,7 @@ def _step(
         visits=decision.visits.tolist(),
         simulations=decision.simulations,
         sampled_rows=() if decision.sampled_rows is None else decision.sampled_rows.ravel(),
+        gap=() if decision.gap is None else (decision.gap,),
         belief_x=step.belief.x,
         log_prob=step.belief.log_prob.ravel().tolist(),
         positive=positive,
@@ -255,14 +245,6 @@ def _outcome(trial: Trial, number: int) -> Any:
 def judgment(trial: Trial) -> int:
     """Return 1 where a trial's report is right, 0, or -1 where that is unknown."""
     return -1 if trial.success is None else int(trial.success)
-
-
-def _timed(picture: bytes, time: int) -> bytes:
-    """Add to a packed picture its time (protobuf messages join by concatenation)."""
-    stamp = ImageMessage()
-    stamp.timestamp.seconds = time // 1_000_000_000
-    prefix: bytes = stamp.SerializeToString()
-    return prefix + picture
 
 
 def _line(

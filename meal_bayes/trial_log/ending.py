@@ -3,9 +3,8 @@
 import math
 from typing import NamedTuple
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError
-from meal_bayes.trial_log.outcomes import TrialOutcomes
+from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
 
 

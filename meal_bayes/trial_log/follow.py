@@ -6,18 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC
+from mcap.records import Chunk, DataEnd, Header
 
-from meal_bayes.agents.trial import Trial
-from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
-from meal_bayes.trial_log.container import FAULTS, HEAD, chunk_messages
+from meal_bayes.errors import LogError, LogVersionError
+from meal_bayes.trial_log.container import FAULTS, TORN, chunk_messages, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.logs import log_files, outcome_digests, run_digest
 from meal_bayes.trial_log.names import stem_of
-from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.reader import form_of
-from meal_bayes.trial_log.schema import FULL, RECORD_LIMIT, SUFFIX
+from meal_bayes.trial_log.schema import FULL, SUFFIX
+from meal_bayes.trials import Trial, TrialOutcomes
 
 
 class Follower:
@@ -69,7 +67,7 @@ class Follower:
                 raise LogVersionError(f"{tail.name} was {fault}.") from fault
             except FAULTS as fault:
                 tail.close()
-                self.problems.append(f"{tail.name}: {fault}")
+                self.problems.append(f"{tail.name}: {fault_text(fault)}")
 
     def close(self) -> None:
         """Close all files."""
@@ -86,49 +84,29 @@ class _Tail:
         self.done = False
         self._file: BinaryIO = path.open("rb")
         self._channels: dict[int, str] = {}
-        self._at = 0
+        self._at = 0  # behind the last whole record
 
     def close(self) -> None:
         self.done = True
         self._file.close()
 
     def poll(self) -> Iterator[Trial]:
-        while not self.done:
-            record = self._whole_record()
-            if record is None:
-                if not os.fstat(self._file.fileno()).st_nlink:  # a draft that was given up
-                    self.close()
-                return
-            opcode, content = record
-            if opcode == Opcode.HEADER:
-                if form_of(content) != FULL:  # without steps there is nothing to follow
-                    self.close()
-            elif opcode == Opcode.CHUNK:
-                for topic, data in chunk_messages(content, self._channels):
-                    trial = self.builder.add(topic, data)
-                    if isinstance(trial, Trial):
-                        yield trial
-            elif opcode == Opcode.DATA_END:
-                self.close()
-
-    def _whole_record(self) -> tuple[int, bytes] | None:
-        """Read the next record if all of it is there."""
-        size = os.fstat(self._file.fileno()).st_size
-        if self._at == 0:
-            if size < len(MCAP0_MAGIC):
-                return None
-            self._file.seek(0)
-            if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise LogCorruptError("not an MCAP file")
-            self._at = len(MCAP0_MAGIC)
-        if size - self._at < HEAD.size:
-            return None
+        """Yield the trials of the records that are whole by now."""
+        if self.done:
+            return
         self._file.seek(self._at)
-        opcode, length = HEAD.unpack(self._file.read(HEAD.size))
-        if length > RECORD_LIMIT:
-            raise LogCorruptError(f"a record of {length} bytes at byte {self._at}")
-        if size - self._at - HEAD.size < length:
-            return None
-        content = self._file.read(length)
-        self._at += HEAD.size + length
-        return opcode, content
+        try:
+            for record in read_records(self._file, begin=self._at):
+                self._at = self._file.tell()
+                if isinstance(record, Header) and form_of(record) != FULL:
+                    return self.close()  # without steps there is nothing to follow
+                if isinstance(record, Chunk):
+                    for topic, data in chunk_messages(record, self._channels):
+                        trial = self.builder.add(topic, data)
+                        if isinstance(trial, Trial):
+                            yield trial
+                elif isinstance(record, DataEnd):
+                    return self.close()
+        except TORN:
+            if not os.fstat(self._file.fileno()).st_nlink:  # a draft that was given up
+                self.close()

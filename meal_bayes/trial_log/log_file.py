@@ -39,8 +39,10 @@ class LogFile:
 
     Parameters
     ----------
-    path : ends in .mcap; missing folders are made, a file of that name is replaced.
-    header : what the run was, in JSON values: config, seed, git. `versions` is filled in.
+    path : str | Path
+        Ends in .mcap; missing folders are made, a file of that name is replaced.
+    header : Mapping[str, object]
+        What the run was, in JSON values: config, seed, git. `versions` is filled in.
     """
 
     form: ClassVar[str]

@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log.names import drafts_of, is_log, is_recovered, stem_of
-from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, without_steps
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
+from meal_bayes.trials import Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
@@ -40,7 +39,8 @@ def log_files(path: str | Path) -> list[Path]:
 
     Raises
     ------
-    LogError : there is no such file or folder, or it holds no log.
+    LogError
+        There is no such file or folder, or it holds no log.
     """
     path = Path(path)
     if path.is_dir():
@@ -66,11 +66,13 @@ class Logs:
 
     Parameters
     ----------
-    paths : files, or folders of them.
+    paths : str | Path
+        Files, or folders of them.
 
     Raises
     ------
-    LogError : a path that is not there, or a folder without logs.
+    LogError
+        A path that is not there, or a folder without logs.
     """
 
     def __init__(self, *paths: str | Path) -> None:
@@ -92,8 +94,10 @@ class Logs:
 
         Raises
         ------
-        LogError : files of several data sets, or of different runs with equal settings.
-        LogVersionError : a file of another format version.
+        LogError
+            Files of several data sets, or of different runs with equal settings.
+        LogVersionError
+            A file of another format version.
         """
         self._check_data_sets()
         seen: dict[bytes, tuple[bytes, Path]] = {}
@@ -105,9 +109,12 @@ class Logs:
 
         Raises
         ------
-        LogCorruptError : there is not one trial that can be read, in files that are damaged.
-        LogError : there is no trial in them, though they are sound; and as for `groups`.
-        LogVersionError : a file of another format version.
+        LogCorruptError
+            There is not one trial that can be read, in files that are damaged.
+        LogError
+            There is no trial in them, though they are sound; and as for `groups`.
+        LogVersionError
+            A file of another format version.
         """
         found, compact = False, list[Path]()
         for group in self.groups():

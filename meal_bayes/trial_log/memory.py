@@ -40,8 +40,10 @@ def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
 
     Parameters
     ----------
-    folder : of the logs; one that is not there remembers nothing.
-    data : the data set's name.
+    folder : str | Path
+        Of the logs; one that is not there remembers nothing.
+    data : str
+        The data set's name.
     """
     found = []
     for path in sorted(Path(folder).glob(_NAMES)):

@@ -7,26 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Header, Statistics
+from mcap.records import Attachment, Chunk, Header, McapRecord
+from mcap.writer import MCAP0_MAGIC
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import (
     FAULTS,
-    Budget,
-    Record,
     chunk_messages,
-    next_record,
+    fault_text,
     read_attachment,
     read_records,
     read_summary,
-    stream,
 )
 from meal_bayes.trial_log.decode import TrialBuilder, decode_header
 from meal_bayes.trial_log.ending import End
 from meal_bayes.trial_log.names import drafts_of
-from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
@@ -38,8 +33,10 @@ from meal_bayes.trial_log.schema import (
     SUFFIX,
     channels,
 )
+from meal_bayes.trials import Trial, TrialOutcomes
 
 _PROBLEMS = 20  # that are kept of one file
+_FREE_BYTES, _UNPACKING = 64 << 20, 256  # that a file may unpack to, and so often its own size
 GROUP = 100  # trials whose outcomes are computed at a time
 
 
@@ -65,9 +62,12 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
 
     Raises
     ------
-    LogError : there is no such file.
-    LogCorruptError : the file is unfinished, torn or changed.
-    LogVersionError : the file has another format version.
+    LogError
+        There is no such file.
+    LogCorruptError
+        The file is unfinished, torn or changed.
+    LogVersionError
+        The file has another format version.
     """
     return _trials(Scan(_whole(path)))
 
@@ -95,47 +95,31 @@ def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...
 
 def read_header(path: str | Path) -> dict[str, object]:
     """Read what the run was (config, seed, versions), also from a torn file; errors as above."""
-    path = find_log(path)
-    with opened(path) as (file, size):
-        return _header(read_records(file, size))[1]
+    with opened(find_log(path)) as file:
+        return _header(file)[1]
 
 
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds from its first and last records alone; errors as above."""
     path = find_log(path)
-    with opened(path) as (file, size):
-        form, header = _header(read_records(file, size))
-        topics, counts, end = dict[int, str](), dict[str, int](), None
-        for record in read_summary(file, size):
-            if record.opcode == Opcode.CHANNEL:
-                channel = Channel.read(stream(record.content))
-                topics[channel.id] = channel.topic
-            elif record.opcode == Opcode.STATISTICS:
-                found = Statistics.read(stream(record.content)).channel_message_counts
-                counts = {topics[number]: count for number, count in found.items()}
-            elif record.opcode == Opcode.ATTACHMENT_INDEX:
-                index = AttachmentIndex.read(stream(record.content))
-                end = index.offset if index.name == END else end
-        if end is None:
+    with opened(path) as file:
+        form, header = _header(file)
+        summary = read_summary(file)
+        ends = [index for index in summary.attachment_indexes if index.name == END]
+        if not ends or summary.statistics is None:
             raise LogCorruptError("the closing record of the writer is missing")
-        file.seek(end)
-        held = End.of_json(read_attachment(next_record(file, size))[1])
-    return LogInfo(
-        path,
-        size,
-        FORMAT_VERSION,
-        form,
-        **held._asdict(),
-        momdps=counts.get(MOMDPS, 0),
-        header=header,
-    )
+        end = End.of_json(read_attachment(file, ends[-1].offset, ends[-1].length))
+        counts = summary.statistics.channel_message_counts
+        momdps = sum(n for number, n in counts.items() if summary.channels[number].topic == MOMDPS)
+        size = os.fstat(file.fileno()).st_size
+    return LogInfo(path, size, FORMAT_VERSION, form, **end._asdict(), momdps=momdps, header=header)
 
 
 def count_whole(path: str | Path) -> int:
     """Count the trials of a log after a check of every byte, none decoded; errors as above."""
     path = find_log(path)
-    with opened(path) as (file, size):
-        for _ in read_records(file, size):
+    with opened(path) as file:
+        for _ in read_records(file):
             pass
     return log_info(path).trials
 
@@ -151,15 +135,15 @@ class Scan:
         self.form = FULL
         self._channels: dict[int, str] = {}
         self._end: End | None = None
-        self._budget = Budget(0)
+        self._unpacked = 0  # bytes of all chunks
 
     def entries(self) -> Iterator[Trial | TrialOutcomes]:
         """Yield every whole trial, or of a compact log the outcomes of many trials each."""
-        with opened(self.path) as (file, size):
-            self._budget = Budget(size)
-            records = read_records(file, size)
+        with opened(self.path) as file:
+            limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
+            records = read_records(file)
             while (record := self._next(records)) is not None:
-                yield from self._read(record)
+                yield from self._read(record, limit)
             self._check_end()
 
     def unfinished(self) -> Trial | None:
@@ -170,25 +154,27 @@ class Scan:
             self._note(fault)
             return None
 
-    def _next(self, records: Iterator[Record]) -> Record | None:
+    def _next(self, records: Iterator[McapRecord]) -> McapRecord | None:
         try:
             return next(records, None)
         except FAULTS as fault:
             self._note(fault)
             return None
 
-    def _read(self, record: Record) -> Iterator[Trial | TrialOutcomes]:
+    def _read(self, record: McapRecord, limit: int) -> Iterator[Trial | TrialOutcomes]:
         try:
-            if record.opcode == Opcode.CHUNK:
-                for topic, data in chunk_messages(record.content, self._channels, self._budget):
-                    found = self.builder.add(topic, data)
-                    if found is not None:
-                        yield found
-            elif record.opcode == Opcode.ATTACHMENT:
-                name, content = read_attachment(record)
-                self._end = End.of_json(content) if name == END else self._end
-            elif record.opcode == Opcode.HEADER:
-                self.form = form_of(record.content)
+            if isinstance(record, Chunk):
+                self._unpacked += record.uncompressed_size
+                if self._unpacked > limit:
+                    raise LogCorruptError("it unpacks to far more than a log of its size holds")
+                for topic, data in chunk_messages(record, self._channels):
+                    entry = self.builder.add(topic, data)
+                    if entry is not None:
+                        yield entry
+            elif isinstance(record, Attachment):
+                self._end = End.of_json(record.data) if record.name == END else self._end
+            elif isinstance(record, Header):
+                self.form = form_of(record)
                 if self._tolerant:
                     # Without its first chunk the others still mean what this format says.
                     names = (topic for topic, _, _ in channels(self.form))
@@ -209,19 +195,19 @@ class Scan:
         if not self._tolerant:
             raise fault
         if len(self.problems) < _PROBLEMS:
-            self.problems.append(_said(fault))
+            self.problems.append(fault_text(fault))
 
 
 @contextlib.contextmanager
-def opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
-    """Open a file with its size; every fault met inside becomes ours, with the file's name."""
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file; every fault met inside becomes ours, with the file's name."""
     try:
         with path.open("rb") as file:
-            yield file, os.fstat(file.fileno()).st_size
+            yield file
     except LogVersionError as fault:
         raise LogVersionError(f"{path} was {fault}.") from fault
     except FAULTS as fault:
-        raise LogCorruptError(f"{path}: {_said(fault)}; {_way_out(path)}") from fault
+        raise LogCorruptError(f"{path}: {fault_text(fault)}; {_way_out(path)}") from fault
     except OSError as fault:
         raise LogError(f"{path} cannot be read: {fault}.") from fault
 
@@ -236,13 +222,12 @@ def find_log(path: str | Path) -> Path:
     raise LogError(f"There is no log {path}; expected the name of a {SUFFIX} file.")
 
 
-def form_of(content: bytes) -> str:
+def form_of(header: Header) -> str:
     """Return the form that the header record of a file names."""
-    profile = Header.read(stream(content)).profile
-    for form, known in PROFILES.items():
-        if profile == known:
+    for form, profile in PROFILES.items():
+        if header.profile == profile:
             return form
-    raise LogCorruptError(f"an MCAP file of another kind ({profile!r}, not of meal_bayes)")
+    raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
 
 
 def _trials(scan: Scan) -> Iterator[Trial]:
@@ -267,21 +252,20 @@ def _whole(path: str | Path) -> Path:
 
 
 def _way_out(path: Path) -> str:
+    with path.open("rb") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            return f"expected a {SUFFIX} file that meal_bayes wrote"
     return f"save its whole trials with: meal-bayes log recover {path}"
 
 
-def _said(fault: Exception) -> str:
-    return str(fault) if isinstance(fault, LogError) else f"{type(fault).__name__}: {fault}"
-
-
-def _header(records: Iterator[Record]) -> tuple[str, dict[str, object]]:
+def _header(file: BinaryIO) -> tuple[str, dict[str, object]]:
     """Read the form of a log, and what the run was."""
     form = FULL
-    for record in records:
-        if record.opcode == Opcode.HEADER:
-            form = form_of(record.content)
-        elif record.opcode == Opcode.CHUNK:
-            topic, data = next(chunk_messages(record.content, {}), ("", b""))
+    for record in read_records(file):
+        if isinstance(record, Header):
+            form = form_of(record)
+        elif isinstance(record, Chunk):
+            topic, data = next(chunk_messages(record, {}), ("", b""))
             if topic == RUN:
                 return form, decode_header(data)
             break

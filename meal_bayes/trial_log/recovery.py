@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log.names import recovered_name
-from meal_bayes.trial_log.outcomes import TrialOutcomes
 from meal_bayes.trial_log.reader import Scan, find_log
 from meal_bayes.trial_log.schema import SUFFIX
 from meal_bayes.trial_log.writer import write_trials
+from meal_bayes.trials import Trial, TrialOutcomes
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +52,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
 
     Raises
     ------
-    LogError : `out` exists; and as for `salvage`.
+    LogError
+        `out` exists; and as for `salvage`.
     """
     scan = Scan(find_log(path), tolerant=True)
     out = recovered_name(scan.path) if out is None else Path(out)

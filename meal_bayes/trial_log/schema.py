@@ -19,7 +19,7 @@ END = "end.json"  # attachment behind the last trial: trials, steps and summed c
 
 RUN, MOMDPS, TRIAL, STEP, OUTCOME = "/run", "/momdp", "/trial", "/step", "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
-LINES, PICTURES = "/log", "/confusion"  # for other tools; reading takes nothing from them
+LINES = "/log"  # for other tools; reading takes nothing from it
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
 MESSAGE_LIMIT = 8 << 20  # bytes of one message
@@ -57,7 +57,7 @@ _FIELDS = {
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
         f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string "
-        "sampled_rows:double*"
+        "sampled_rows:double* gap:double*"
     ),
     "Outcome": (
         "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double ended:string"
@@ -69,13 +69,9 @@ _FIELDS = {
         "executed:int64* failed:int64*"
     ),
 }
-_FOXGLOVE = {  # messages that other tools show
-    "Log": "timestamp:time level:level message:string name:string file:string line:fixed32",
-    "CompressedImage": "timestamp:time data:bytes format:string frame_id:string",
-}
+_LOG = "timestamp:time level:level message:string name:string file:string line:fixed32"
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
 _TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
-_FOXGLOVE_TOPICS = {LINES: "Log", PICTURES: "CompressedImage"}
 _COMPACT_TOPICS = {RUN: "Run", OUTCOMES: "Outcomes"}
 
 
@@ -113,10 +109,10 @@ def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
 
 
 _FILES = {name: _file_of("meal_bayes", name, fields) for name, fields in _FIELDS.items()}
-_FOXGLOVE_FILES = {name: _file_of("foxglove", name, text) for name, text in _FOXGLOVE.items()}
+_LOG_FILE = _file_of("foxglove", "Log", _LOG)
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_timestamp_file(), *_FOXGLOVE_FILES.values(), *_FILES.values()):
+for _file in (_timestamp_file(), _LOG_FILE, *_FILES.values()):
     _POOL.Add(_file)
 
 
@@ -131,7 +127,6 @@ StepMessage = _message_class("meal_bayes.Step")
 OutcomeMessage = _message_class("meal_bayes.Outcome")
 OutcomesMessage = _message_class("meal_bayes.Outcomes")
 LogMessage = _message_class("foxglove.Log")
-ImageMessage = _message_class("foxglove.CompressedImage")
 
 
 def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
@@ -139,9 +134,9 @@ def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
     for topic, name in (_TOPICS if form == FULL else _COMPACT_TOPICS).items():
         own = descriptor_pb2.FileDescriptorSet(file=[_FILES[name]])
         yield topic, f"meal_bayes.{name}", own.SerializeToString()
-    for topic, name in _FOXGLOVE_TOPICS.items() if form == FULL else ():
-        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _FOXGLOVE_FILES[name]])
-        yield topic, f"foxglove.{name}", both.SerializeToString()
+    if form == FULL:
+        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _LOG_FILE])
+        yield LINES, "foxglove.Log", both.SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
 from meal_bayes.trial_log.schema import COUNT_LIMIT, EDGE_LIMIT, NAME_LIMIT
+from meal_bayes.trials import Step, Trial
 
 
 def misfits(trial: Trial) -> Iterator[str]:
@@ -30,8 +30,10 @@ def size_misfits(steps: int, edges: int, counts: int) -> Iterator[str]:
 
     Parameters
     ----------
-    steps, edges : how many, of the search trees.
-    counts : percept counts of one belief.
+    steps, edges : int
+        How many, of the search trees.
+    counts : int
+        Percept counts of one belief.
     """
     if edges > EDGE_LIMIT:
         yield f"its search trees have {edges} edges, a log holds at most {EDGE_LIMIT} of a trial"
@@ -89,7 +91,8 @@ def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
     where, n, e = f"step {index}", len(momdp.query), momdp.n_behaviors
     decision = step.decision
     if not 0 <= decision.action < momdp.n_actions:
-        yield f"{where} has action {decision.action}, expected a number below {e} + 2^{n}"
+        answers = f"2^{n}{' + 1' * momdp.abstain}"  # which may be a number of many digits
+        yield f"{where} has action {decision.action}, expected a number below {e} + {answers}"
     for name in ("values", "value_se", "visits"):
         found = getattr(decision, name).shape
         if found != (e + 1,):

@@ -8,14 +8,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.trial_log.compact import encode_outcomes
 from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
 from meal_bayes.trial_log.log_file import LogFile
 from meal_bayes.trial_log.names import timing_of
-from meal_bayes.trial_log.outcomes import TrialOutcomes
-from meal_bayes.trial_log.picture import ConfusionPictures
 from meal_bayes.trial_log.schema import (
     COMPACT,
     FULL,
@@ -26,6 +23,7 @@ from meal_bayes.trial_log.schema import (
     OUTCOMES,
     log_time,
 )
+from meal_bayes.trials import Step, Trial, TrialOutcomes
 
 Value = TypeVar("Value")
 Result = TypeVar("Result")
@@ -53,7 +51,6 @@ class TrialWriter(LogFile):
     def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
         super().__init__(path, header)
         self._momdps = 0
-        self._pictures = ConfusionPictures()
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
         self._last: tuple[Trial, bytes] | None = None
 
@@ -62,8 +59,9 @@ class TrialWriter(LogFile):
 
         Raises
         ------
-        LogError : the trial's arrays do not fit each other, and the file stays as it was; or the
-            disk is full, and the trials before stay in the draft.
+        LogError
+            The trial's arrays do not fit each other, and the file stays as it was; or the disk is
+            full, and the trials before stay in the draft.
         """
         packed = self._place_trial(trial)
         packed += self._packed(self._encoder.whole, trial)
@@ -97,9 +95,7 @@ class TrialWriter(LogFile):
         content, momdp = self._packed(self._place, trial)
         self._content, self._momdp_size = content, len(momdp)
         known = self._known.get(content)
-        self._encoder = TrialEncoder(
-            number, known.number if known else self._momdps, self._pictures
-        )
+        self._encoder = TrialEncoder(number, known.number if known else self._momdps)
         return [] if known else [Packed(MOMDPS, log_time(number, 0), momdp)]
 
     def _packed(self, pack: Callable[[Value], Result], value: Value) -> Result:
@@ -164,7 +160,8 @@ class OutcomeWriter(LogFile):
 
         Raises
         ------
-        LogError : the disk is full; or 250 trials do not fit in a message.
+        LogError
+            The disk is full; or 250 trials do not fit in a message.
         """
         for begin in range(0, len(outcomes), ROWS):
             part = outcomes.rows(slice(begin, begin + ROWS))
@@ -194,7 +191,8 @@ def write_trials(
 
     Parameters
     ----------
-    trials : whole ones make a full log, outcomes a compact one.
+    trials : Iterable[Trial | TrialOutcomes]
+        Whole ones make a full log, outcomes a compact one.
     """
     found = iter(trials)
     first = next(found, None)

@@ -4,13 +4,11 @@ In: trials and the header of their run. Out: an .rrd file, a window, a page or a
 run in progress. Everything that is shown comes from the log.
 """
 
-from meal_bayes.viewer.feed import Feed
 from meal_bayes.viewer.live import follow
 from meal_bayes.viewer.replay import Replay, send_recording, write_recording
-from meal_bayes.viewer.web import WebViewer
 from meal_bayes.viewer.window import Viewer, ViewerError, take_picture
 
 __all__ = [
-    "Feed", "Replay", "Viewer", "ViewerError", "WebViewer", "follow", "send_recording",
-    "take_picture", "write_recording",
+    "Replay", "Viewer", "ViewerError", "follow", "send_recording", "take_picture",
+    "write_recording",
 ]  # fmt: skip

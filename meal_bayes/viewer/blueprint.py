@@ -13,6 +13,7 @@ _CROWD = 9  # series, beyond which a legend would hide its plot
 def blueprint(
     *,
     single: bool,
+    steps: bool = True,
     attributes: tuple[str, ...] = (),
     evidence: bool = False,
     run_first: bool = False,
@@ -23,19 +24,25 @@ def blueprint(
 
     Parameters
     ----------
-    single : only one trial, of which plots show all; else they move with the cursor.
-    attributes : queried attributes; many have no legend.
-    evidence : whether the log counts the percepts behind the confusion matrices.
-    run_first : show the run's tab at the beginning.
-    live : follow the newest row.
-    robot : show the robot too, in its own time.
+    single : bool
+        Whether there is one trial, of which plots show all; else they move with the cursor.
+    steps : bool
+        Whether trials are shown step by step, in a tab of their own.
+    attributes : tuple[str, ...]
+        Queried attributes; many have no legend.
+    evidence : bool
+        Whether the log counts the percepts behind the confusion matrices.
+    run_first : bool
+        Whether the run's tab is shown at the beginning.
+    live : bool
+        Whether the newest row is followed.
+    robot : bool
+        Whether the robot is shown too, in its own time.
     """
+    crowded = len(attributes) > _CROWD
+    trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
     return rrb.Blueprint(
-        rrb.Tabs(
-            _trial(single=single, crowded=len(attributes) > _CROWD, robot=robot),
-            _run(evidence=evidence),
-            active_tab=1 if run_first else 0,
-        ),
+        rrb.Tabs(*trial, _run(evidence=evidence), active_tab=len(trial) if run_first else 0),
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

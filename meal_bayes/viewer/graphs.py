@@ -9,7 +9,7 @@ import numpy as np
 from meal_bayes.display import best_options, level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.viewer.labels import action_label
+from meal_bayes.viewer.labels import action_label, option_label
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, Color
 from meal_bayes.viewer.trial_frames import TrialFrame
 
@@ -183,7 +183,7 @@ def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]
 def _action_label(momdp: MOMDP, decision: Decision, action: int) -> str:
     value = f"{decision.values[action]:.1f}"
     visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
-    return f"{action_label(momdp, action)}\n{value}{visits}"
+    return f"{option_label(momdp, decision, action)}\n{value}{visits}"
 
 
 def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:

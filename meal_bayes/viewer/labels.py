@@ -5,10 +5,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from meal_bayes.agents.trial import Step, Trial
 from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.formatting import percept_labels, truth_text, verdict_text
+from meal_bayes.planners import Decision
+from meal_bayes.trials import Step, Trial, percept_labels, truth_text, verdict_text
 from meal_bayes.viewer.trial_frames import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
@@ -28,8 +28,14 @@ def question(trial: Trial) -> str:
 
 
 def action_label(momdp: MOMDP, action: int) -> str:
-    """Return the name of a behavior, or "report"."""
-    return plain_text(momdp.behavior_names[action]) if action < momdp.n_behaviors else "report"
+    """Return the name of a behavior, "report" or "abstain"."""
+    return plain_text(momdp.action_label(action))
+
+
+def option_label(momdp: MOMDP, decision: Decision, option: int) -> str:
+    """Return the label of one of the E + 1 compared actions, of which the last answers."""
+    chosen = option == min(decision.action, momdp.n_behaviors)
+    return action_label(momdp, decision.action if chosen else option)
 
 
 def narrate(frame: TrialFrame) -> str:
@@ -61,7 +67,7 @@ def explain_decision(frame: TrialFrame) -> str:
         error = decision.value_se[option]
         interval = f" ± {error:.1f}" if error >= _SHOWN_ERROR else ""
         cells = [
-            action_label(momdp, option),
+            option_label(momdp, decision, option),
             f"{decision.values[option]:.1f}{interval}",
             f"{decision.visits[option]}" if option < end and decision.simulations else "",
             f"{momdp.cost[option]:g}" if option < end else "0",
@@ -79,6 +85,8 @@ def log_line(frame: TrialFrame) -> str:
     if step is None:
         return f"trial {frame.trial_number}: {question(trial)} {plain_text(trial.task.object_name)}"
     action = step.decision.action
+    if action == momdp.abstention:
+        return f"abstains, {trial.cost:g} s"
     if action >= momdp.n_behaviors:
         verdict = verdict_text(trial).replace("wrong", "WRONG")
         return f"answers {report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
@@ -109,8 +117,6 @@ def _executed(frame: TrialFrame) -> Sequence[str]:
 
 def _outcome(step: Step, momdp: MOMDP) -> str:
     action = step.decision.action
-    if not momdp.legal[step.x, action]:
-        return "**not legal here**"
     if step.observation is not None or (
         momdp.observation_probability[action].max() <= 0 and step.x != step.next_x
     ):

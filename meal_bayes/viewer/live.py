@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from meal_bayes.trial_log import Follower
-from meal_bayes.viewer.replay import Replay, Target, clean_up, recording
+from meal_bayes.viewer.replay import Replay, Target, recording
 
 _POLL = 0.5  # s
 
@@ -21,18 +21,23 @@ def follow(
 
     Parameters
     ----------
-    path : file (also under the name it has while it is written) or folder; it may still be to come.
-    to : address of the viewer, or the feed of a page.
-    watching : polled; following ends when it returns False, or when all files have ended.
-    on_trials : called with the number of trials so far, when there are new ones.
+    path : str | Path
+        File (also under the name it has while it is written) or folder; it may still be to come.
+    to : Target
+        An .rrd file, or the address of a viewer.
+    watching : Callable[[], bool]
+        Polled; following ends when it returns False, or when all files have ended.
+    on_trials : Callable[[int], None] | None
+        Called with the number of trials so far, when there are new ones.
 
     Returns
     -------
-    The follower, whose `problems` are what was wrong with the files.
+    Follower
+        Its `problems` are what was wrong with the files.
     """
     follower, replay = Follower(path), None
     try:
-        with recording(str(follower.path), to) as (stream, bring):
+        with recording(str(follower.path), to) as stream:
             while watching():
                 new = False
                 for trial in follower.poll():
@@ -45,15 +50,11 @@ def follow(
                         replay.send_layout(live=True)
                 if new and replay is not None:
                     replay.flush()
-                    bring()
                     if on_trials is not None:
                         on_trials(replay.trials)
                 if follower.finished:
                     break
                 time.sleep(_POLL)
-            if replay is not None:
-                replay.close()
     finally:
         follower.close()
-        clean_up()
     return follower

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import level_names, percent
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.picture import truth_rows, viridis
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
 from meal_bayes.viewer.trial_frames import TrialFrame
@@ -19,6 +18,9 @@ _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
+
+# Five anchors of the viridis map.
+_VIRIDIS = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
 
 
 class Label(NamedTuple):
@@ -35,7 +37,8 @@ class Picture(NamedTuple):
 
     Attributes
     ----------
-    pixels : (h,w,4) RGBA.
+    pixels : NDArray[np.uint8]
+        (h,w,4) RGBA.
     """
 
     pixels: NDArray[np.uint8]
@@ -77,8 +80,9 @@ class Matrices:
 
         Parameters
         ----------
-        sampled : (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; drawn
-            as M lanes beside the mean, with the smallest and the largest probability of a level.
+        sampled : NDArray[np.float64] | None
+            (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; drawn as M
+            lanes beside the mean, with the smallest and the largest probability of a level.
         """
         if action not in self._known:
             self._known[action] = self._draw(action)
@@ -164,3 +168,25 @@ def _level_labels(k: int, left: float, y: float) -> list[Label]:
         Label(name, left + (z + 0.5) * _cell_width(k), y + (_MIDDLE + z % rows) * _CELL_HIGH, TEXT)
         for z, name in enumerate(level_names(k))
     ]
+
+
+def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute mean and sd of a new object's rows by its truth, (N,2,K) each.
+
+    The object is of a latent class by Pr(class given truth), and its row Dirichlet about the
+    class's.
+    """
+    prob = momdp.latent_classes[..., None]  # (N,2,C,1)
+    rows = momdp.confusion[:, None, action]  # (N,1,C,K)
+    precision = momdp.precision[:, None, action, :, None]
+    mean = (prob * rows).sum(axis=2)
+    square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def viridis(values: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Map values in [0, 1] to colors, (..., 3)."""
+    at = np.clip(np.nan_to_num(values), 0, 1) * (len(_VIRIDIS) - 1)
+    below = np.minimum(at.astype(int), len(_VIRIDIS) - 2)
+    part = (at - below)[..., None]
+    return np.asarray(_VIRIDIS[below] * (1 - part) + _VIRIDIS[below + 1] * part, np.uint8)

@@ -18,9 +18,12 @@ class Time(NamedTuple):
 
     Attributes
     ----------
-    trial : position of the trial in its log.
-    step : position of the row in the recording.
-    sim_time : s of robot time.
+    trial : int
+        Position of the trial in its log.
+    step : int
+        Position of the row in the recording.
+    sim_time : float
+        s of robot time.
     """
 
     trial: int

@@ -1,20 +1,19 @@
-"""Trial logs -> a rerun recording: into a file, or to a viewer that is running."""
+"""Trials and outcomes -> a rerun recording: into a file, or to a viewer that is running."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.files import draft_of
 from meal_bayes.robots.frame import Frame
+from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.viewer.blueprint import blueprint
-from meal_bayes.viewer.feed import Feed
 from meal_bayes.viewer.recorder import Recorder, Time
 from meal_bayes.viewer.robot_view import add_robot
 from meal_bayes.viewer.run_view import RunView
@@ -24,7 +23,7 @@ from meal_bayes.viewer.trial_frames import Clock
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
 
-Target = Path | str | Feed
+Target = Path | str  # an .rrd file, or the address of a viewer (rerun+http://...)
 
 
 class Replay:
@@ -32,10 +31,13 @@ class Replay:
 
     Parameters
     ----------
-    stream : of rerun, connected to a file or a viewer.
-    header : configuration of the run, as the log holds it.
-    only : the one trial that is shown step by step, by its position; all of them by default. The
-        run's plots count every trial in either case.
+    stream : rr.RecordingStream
+        Connected to a file or a viewer.
+    header : Mapping[str, object]
+        Configuration of the run, as the log holds it.
+    only : int | None
+        The one trial that is shown step by step, by its position; all of them by default. The run's
+        plots count every trial in either case.
     """
 
     def __init__(
@@ -45,8 +47,7 @@ class Replay:
         self._recorder = Recorder(stream)
         self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
         self._clock = Clock()
-        self._last: Time | None = None
-        self._shows_robot = False
+        self._shows_steps = self._shows_robot = False
         self.trials = 0
 
     def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
@@ -54,6 +55,7 @@ class Replay:
         number, self.trials = self.trials, self.trials + 1
         time = Time(number, self._clock.row, self._clock.seconds)
         if self._only is None or self._only == number:
+            self._shows_steps = True
             for frame in self._clock.frames(number, trial):
                 self._scene.add(frame)
                 time = Time.of(frame)
@@ -61,26 +63,34 @@ class Replay:
             if frames:
                 add_robot(self._recorder, trial, frames, number=number)
                 self._shows_robot = True
-        self._run.add(number, trial, time)
-        self._last = time
+        self._run.add(TrialOutcomes.of([trial]), [time])
+        self._run.add_evidence(trial, time)
         if self.trials % _BATCH == 0:
-            self.flush()
+            self._recorder.flush()
 
-    def close(self) -> None:
-        """Send the rest, and the table of the whole run."""
-        self.flush()
-        self._run.close()
+    def add_outcomes(self, outcomes: TrialOutcomes) -> None:
+        """Add trials of a compact log, which has no steps: a row each, in the run's plots."""
+        first, clock = self.trials, self._clock
+        spent = np.cumsum(outcomes.cost).tolist()
+        times = [
+            Time(first + i, clock.row + i, clock.seconds + cost) for i, cost in enumerate(spent)
+        ]
+        self._run.add(outcomes, times)
+        self.trials += len(times)
+        clock.row, clock.seconds = clock.row + len(times), times[-1].sim_time
 
     def flush(self) -> None:
-        """Send the rows so far."""
-        if self._last is not None:
-            self._run.write_table(self._last)
+        """Send the rows so far, and the measures of the run."""
+        if self.trials:
+            self._run.flush()
         self._recorder.flush()
+        self._stream.flush()
 
     def send_layout(self, *, run_first: bool = False, live: bool = False) -> None:
         """Send the layout that fits the trials so far, the run's tab in front where wanted."""
         layout = blueprint(
             single=self._only is not None or (self.trials == 1 and not live),
+            steps=self._shows_steps,
             attributes=self._scene.attributes,
             evidence=self._run.shows_evidence,
             run_first=run_first,
@@ -106,38 +116,24 @@ def _send_blueprint(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
 
 
 @contextlib.contextmanager
-def recording(name: str, to: Target) -> Iterator[tuple[rr.RecordingStream, Callable[[], None]]]:
-    """Yield a new stream, and a function that brings what was sent so far to the target.
-
-    Rerun's global state stays untouched.
-
-    Parameters
-    ----------
-    to : path of an .rrd file, address of a viewer (rerun+http://...), or a feed, which is ended.
-    """
+def recording(name: str, to: Target) -> Iterator[rr.RecordingStream]:
+    """Yield a new stream into a file or a viewer; rerun's global state stays untouched."""
     stream = rr.RecordingStream(APPLICATION, recording_id=name, make_default=False)
-    bring: Callable[[], None] = stream.flush
-    if isinstance(to, Feed):
-        bring = partial(_pump, rr.binary_stream(stream), to)
-    elif isinstance(to, Path):
-        stream.save(to)
-    else:
-        stream.connect_grpc(to)
     try:
-        yield stream, bring
+        if isinstance(to, Path):
+            stream.save(to)
+        else:
+            stream.connect_grpc(to)
+        yield stream
     finally:
-        bring()
+        stream.flush()
         stream.disconnect()
-        if isinstance(to, Feed):
-            to.end()
-
-
-def _pump(binary: rr.BinaryStream, feed: Feed) -> None:
-    feed.append(binary.read() or b"")
+        # Rerun leaves the threads running of recordings that nobody holds any more.
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
 
 def write_recording(
-    trials: Iterable[Trial],
+    trials: Iterable[Trial | TrialOutcomes],
     path: str | Path,
     header: Mapping[str, object],
     **options: Any,
@@ -146,18 +142,22 @@ def write_recording(
 
     Parameters
     ----------
-    options : as of `send_recording`.
+    trials, header, options
+        As of `send_recording`.
+    path : str | Path
+        Of the file.
 
     Raises
     ------
-    OutputError : the file cannot be written; one that was there stays.
+    OutputError
+        The file cannot be written; one that was there stays.
     """
     with draft_of(path) as draft:
         return send_recording(trials, draft, header, **options)
 
 
 def send_recording(
-    trials: Iterable[Trial],
+    trials: Iterable[Trial | TrialOutcomes],
     to: Target,
     header: Mapping[str, object],
     *,
@@ -166,31 +166,32 @@ def send_recording(
     run_first: bool = False,
     frames: Sequence[Frame] = (),
 ) -> int:
-    """Send trials to a file, a viewer or a feed, and return their number.
+    """Send trials to a file or a viewer, and return their number.
 
     Parameters
     ----------
-    to : as of `recording`.
-    header : configuration of the run, as the log holds it.
-    name : of the recording.
-    only : as of `Replay`.
-    run_first : open the run's tab first.
-    frames : of the robot in the first trial.
+    trials : Iterable[Trial | TrialOutcomes]
+        Outcomes, of which a compact log consists, are shown in the run's plots only.
+    to : Target
+        An .rrd file, or the address of a viewer (rerun+http://...).
+    header : Mapping[str, object]
+        Configuration of the run, as the log holds it.
+    name : str
+        Of the recording.
+    only : int | None
+        As of `Replay`.
+    run_first : bool
+        Whether the run's tab is opened first.
+    frames : Sequence[Frame]
+        Of the robot in the first trial.
     """
-    try:
-        with recording(name, to) as (stream, bring):
-            replay = Replay(stream, header, only=only)
-            for number, trial in enumerate(trials):
-                replay.add(trial, () if number else frames)
-                if replay.trials % _BATCH == 0:
-                    bring()
-            replay.close()
-            replay.send_layout(run_first=run_first)
-            return replay.trials
-    finally:
-        clean_up()
-
-
-def clean_up() -> None:
-    """Stop the threads of recordings that nobody holds any more; rerun leaves them running."""
-    rerun_bindings.flush_and_cleanup_orphaned_recordings()
+    with recording(name, to) as stream:
+        replay = Replay(stream, header, only=only)
+        for trial in trials:
+            if isinstance(trial, TrialOutcomes):
+                replay.add_outcomes(trial)
+            else:
+                replay.add(trial, () if replay.trials else frames)
+        replay.flush()
+        replay.send_layout(run_first=run_first)
+        return replay.trials

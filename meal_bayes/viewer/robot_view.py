@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 import rerun as rr
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.trials import Trial
 from meal_bayes.viewer.recorder import Recorder, Time
 
 ROBOT, CAMERA, FORCE = "/robot", "/camera", "/contact_force"
@@ -22,9 +22,12 @@ def add_robot(to: Recorder, trial: Trial, frames: Iterable[Frame], *, number: in
 
     Parameters
     ----------
-    trial : whose steps' costs, s, are the times at which the steps end.
-    frames : in their order.
-    number : position of the trial in its log.
+    trial : Trial
+        Whose steps' costs, s, are the times at which the steps end.
+    frames : Iterable[Frame]
+        In their order.
+    number : int
+        Position of the trial in its log.
     """
     ends = np.cumsum([step.cost for step in trial.steps])
     for index, frame in enumerate(frames):

@@ -5,9 +5,8 @@ import textwrap
 import numpy as np
 import rerun as rr
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trial_log.formatting import percept_labels
+from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
 from meal_bayes.viewer.labels import (
     action_label,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import entr
 
-from meal_bayes.agents.trial import Step, Trial
+from meal_bayes.trials import Step, Trial
 
 
 class TrialFrame(NamedTuple):
@@ -16,14 +16,22 @@ class TrialFrame(NamedTuple):
 
     Attributes
     ----------
-    row : position on the timeline `step`.
-    trial_number : position of the trial in its log, on the timeline `trial`.
-    seconds : s of robot time when the step began, on the timeline `sim_time`.
-    number : 0 before any behavior, i after the i-th step.
-    step : None before any behavior.
-    before, positive : (N,) Pr(attribute is true) before and after the step.
-    x : index of the robot's state after the step.
-    spent : s, cost of the trial so far.
+    row : int
+        Position on the timeline `step`.
+    trial_number : int
+        Position of the trial in its log, on the timeline `trial`.
+    seconds : float
+        s of robot time when the step began, on the timeline `sim_time`.
+    number : int
+        0 before any behavior, i after the i-th step.
+    step : Step | None
+        None before any behavior.
+    before, positive : NDArray[np.float64]
+        (N,) Pr(attribute is true) before and after the step.
+    x : int
+        Index of the robot's state after the step.
+    spent : float
+        s, cost of the trial so far.
     """
 
     row: int

@@ -1,8 +1,11 @@
-"""The viewer's program: a window, or a picture without a display.
+"""The viewer's program: a window, a page for a browser, or a picture without a display.
 
-It listens on 127.0.0.1 only, is started with its telemetry off, and ends with this process.
+It listens on 127.0.0.1 only, is started with its telemetry off, and ends with this process. The
+page is rerun's own: any program of this machine can open it, and within the browser rerun's
+telemetry is on until it is switched off in the page's settings.
 """
 
+import contextlib
 import importlib.util
 import os
 import socket
@@ -12,7 +15,8 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any, NoReturn, Self
+from urllib.parse import quote
 
 from rerun.experimental import ViewerClient
 
@@ -25,6 +29,7 @@ _SIZE = (1920, 1080)
 _START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no longer changes
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
+_DYING = 5.0  # s that a program which broke off a connection may take to end
 _ERROR_LENGTH = 4000  # characters of a viewer's error output
 
 
@@ -37,9 +42,19 @@ class Viewer:
 
     Parameters
     ----------
-    arguments : files to open and options of rerun's command line.
-    headless : without a window; needs a Vulkan driver, which may be one in software.
-    port : on which it is known to be ready; a free one for its data by default.
+    arguments : Sequence[str | Path]
+        Files to open and options of rerun's command line.
+    headless : bool
+        Without a window; needs a Vulkan driver, which may be one in software.
+    web : bool
+        Without a window, as a page at `address`.
+
+    Attributes
+    ----------
+    url : str
+        Where recordings are sent.
+    address : str
+        Of the page; empty where there is none.
     """
 
     def __init__(
@@ -47,13 +62,15 @@ class Viewer:
         arguments: Sequence[str | Path] = (),
         *,
         headless: bool = False,
-        port: int | None = None,
+        web: bool = False,
     ) -> None:
-        (data,) = free_ports(1)
-        self._port = data if port is None else port
+        data, self._port = free_ports(2) if web else free_ports(1) * 2  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
         self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]
-        self.url = f"rerun+http://{HERE}:{data}/proxy"
+        self.url, self.address = f"rerun+http://{HERE}:{data}/proxy", ""
+        if web:
+            self._command += ["--serve-web", "--web-viewer-port", str(self._port)]
+            self.address = f"http://{HERE}:{self._port}/?url={quote(self.url, safe='')}"
         if headless:
             self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
         self._process: subprocess.Popen[bytes] | None = None
@@ -84,7 +101,8 @@ class Viewer:
 
         Raises
         ------
-        ViewerError : it ended with an error, such as on a machine without a display.
+        ViewerError
+            It ended with an error, such as on a machine without a display.
         """
         if self._process is None:
             return
@@ -108,18 +126,27 @@ class Viewer:
         raise ViewerError(f"The viewer does not answer after {_START:.0f} s.")
 
     def client(self) -> ViewerClient:
-        """Return a client that controls it, once it is ready."""
+        """Return a client that controls it, once it is ready; raises as `wait` does."""
         self.wait_until_ready()
-        client, end = ViewerClient.connect(self.url), time.monotonic() + _START
+        end = time.monotonic() + _START
         while True:
             try:
+                client = ViewerClient.connect(self.url)
                 client.get_state()
             except Exception as fault:  # whatever the transport raises while it is not up yet
                 if not self.running or time.monotonic() > end:
-                    raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
+                    self.explain(fault)
                 time.sleep(_POLL)
             else:
                 return client
+
+    def explain(self, fault: Exception) -> NoReturn:
+        """Raise why it ended, or that it cannot be controlled."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if self._process is not None:
+                self._process.wait(_DYING)
+                self.wait()
+        raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
 def take_picture(
@@ -129,20 +156,27 @@ def take_picture(
 
     Parameters
     ----------
-    recording : .rrd file.
-    path : file to write the picture to, if any.
-    row : on the timeline `step`.
+    recording : str | Path
+        The .rrd file.
+    path : str | Path | None
+        File to write the picture to, if any.
+    row : int
+        On the timeline `step`.
 
     Raises
     ------
-    ViewerError : the viewer does not start (no Vulkan driver), or its picture never settles.
+    ViewerError
+        The viewer does not start (no Vulkan driver), or its picture never settles.
     """
     with Viewer(headless=True) as viewer:
         client = viewer.client()
-        client.open(str(Path(recording).resolve()))
-        client.set_time("step", sequence=row, play_state="paused")
-        picture = _stable_picture(client, _NOTICE)
-        state = client.get_state()
+        try:
+            client.open(str(Path(recording).resolve()))
+            client.set_time("step", sequence=row, play_state="paused")
+            picture = _stable_picture(client, _NOTICE)
+            state = client.get_state()
+        except ConnectionError as fault:
+            viewer.explain(fault)
     if path is not None:
         write_whole(path, picture)
     return picture, state
@@ -198,10 +232,11 @@ def check_recording_name(path: Path) -> Path:
 def _error_message(output: bytes) -> str:
     text = " ".join(output.decode(errors="replace")[-_ERROR_LENGTH:].split())
     way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
+    if "adapter" in text or "render context" in text:
+        driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
+        return f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or {way}."
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
         return f"The viewer cannot open a window, as there is no display; {way}."
-    if "adapter" in text:
-        return f"The viewer finds no graphics driver (Vulkan); {way}."
     return f"The viewer ended with an error ({text[-300:] or 'no message'}); {way}."

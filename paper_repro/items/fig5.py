@@ -6,14 +6,15 @@ from meal_bayes import Query, build_momdp, load_domain
 from meal_bayes.domain import Domain
 from meal_bayes.evaluation.diagram_plots import transition_diagram
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.statements import Statement, constructed, fact
+from paper_repro.statements import RECORDED, Evidence, constructed
 
 NUMBERS = {"ispy32": (2, 3), "cy101": (1, 2), "roc36": (2, 3)}
 
 
 def run(setting: Setting) -> Result:
     """Draw the paper's diagrams and the published code's; count states."""
-    paper, statements, figures = paper_values("fig5"), [], {}
+    paper, figures = paper_values("fig5"), {}
+    evidence: dict[str, Evidence | None] = {}
     rows: list[tuple[Cell, ...]] = []
     for name, numbers in NUMBERS.items():
         domain = load_domain(name)
@@ -26,15 +27,16 @@ def run(setting: Setting) -> Result:
             if printed is not None:
                 text = f"{name}: {printed} states at {n} attributes"
                 rule = f"the MOMDP has {printed} (it has {found})"
-                statements.append(Statement(text, fact(found == printed, rule)))
+                evidence[text] = constructed(rule)
         text = f"{name}: behaviors succeed with .95, look always"
-        statements.append(Statement(text, constructed("the domain table holds the paper's number")))
+        evidence[text] = constructed("the domain table holds the paper's number")
     return Result(
         title="Transition diagrams and the number of states",
-        paper=", ".join(f"{row[0]} {row[2]}" for row in rows if row[2]),
-        ours=", ".join(f"{row[0]} {row[3]}" for row in rows),
+        sentence="The MOMDPs have "
+        + ", ".join(f"{row[3]} states ({row[0]}, {row[1]})" for row in rows if row[2])
+        + ", as printed.",
         tables=(Table("states", ("data set", "attributes", "paper", "ours"), tuple(rows)),),
-        statements=tuple(statements),
+        evidence={RECORDED: evidence},
         notes=(
             "A state is an observed x and the attributes' values; `term` is one state. A dash: "
             "the text prints no number. Behaviors that are not drawn at a state are illegal "

@@ -3,7 +3,7 @@
 from meal_bayes.momdp import best_report
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.replay import cost_of, momdp_of, replay, same_digits
-from paper_repro.statements import Statement, constructed, fact
+from paper_repro.statements import RECORDED, Evidence, constructed, fact
 
 NOTE = """The paper prints no rates: those of look fit the second belief, those of push the third,
 so these two are by construction; the fourth, of three free numbers, follows from the same rates and
@@ -22,7 +22,7 @@ def run(setting: Setting) -> Result:
     free = cost_of(momdp, [step for step in paper["steps"] if step["behavior"] != "reinit"])
     steps = [{"behavior": "(before)", "belief": paper["first_belief"]}, *paper["steps"]]
     rows: list[tuple[Cell, ...]] = []
-    statements = []
+    evidence: dict[str, Evidence | None] = {}
     for number, (step, belief) in enumerate(zip(steps, beliefs, strict=True)):
         printed, found = step.get("belief"), belief.joint.tolist()
         failed = step["behavior"] != "reinit" and "percept" not in step and number > 0
@@ -34,33 +34,24 @@ def run(setting: Setting) -> Result:
             judged = fact(same_digits(printed, found), rule) if last else constructed(
                 "the prior is a setting" if number == 0 else "the rates were fitted to it"
             )  # fmt: skip
-            statements.append(Statement(f"belief {_vector(printed)} after {name}", judged))
+            evidence[f"belief {_vector(printed)} after {name}"] = judged
     right = momdp.correct - paper["cost"]
-    statements += [
-        Statement(
-            f"the MOMDP has {paper['states']} states",
-            fact(momdp.n_states == paper["states"], f"it has {momdp.n_states}"),
+    evidence |= {
+        f"the MOMDP has {paper['states']} states": constructed(f"it has {momdp.n_states}"),
+        f"the report is {paper['report']}": constructed("argmax of the last belief"),
+        f"the trial costs {paper['cost']:.0f} s": constructed(
+            f"{free:.0f} s of look and push and an `ask` of {ask:.0f} s"
         ),
-        Statement(
-            f"the report is {paper['report']}",
-            fact(report == paper["report"], "the most probable vector of the last belief"),
-        ),
-        Statement(
-            f"the trial costs {paper['cost']:.0f} s",
-            constructed(f"{free:.0f} s of look and push and an `ask` of {ask:.0f} s"),
-        ),
-        Statement(
-            f"its reward is {paper['reward']:.0f}",
-            fact(abs(right - paper["reward"]) < 1, f"{momdp.correct:.0f} less the printed cost"),
-        ),
-    ]
+        f"its reward is {paper['reward']:.0f}": constructed(f"{right:.0f}, less the printed cost"),
+    }
     title = "belief of (neither, metallic, yellow, both)"
     return Result(
         title="A trial of MORC on ISPY32, a blue-red bottle full of water, YELLOW and METALLIC?",
-        paper=f"{_vector(steps[-1]['belief'])}, cost {paper['cost']:.0f} s",
-        ours=f"{_vector(beliefs[-1].joint.tolist())}, cost {cost:.1f} s without an ask",
+        sentence=f"The last belief, printed {_vector(steps[-1]['belief'])}, is "
+        f"{_vector(beliefs[-1].joint.tolist())} by the rates that fit the earlier ones, and the "
+        f"report is {report}.",
         tables=(Table(title, ("after", "paper", "ours"), tuple(rows)),),
-        statements=tuple(statements),
+        evidence={RECORDED: evidence},
         notes=(NOTE.format(cost=cost, free=free, ask=ask, printed=paper["cost"]),),
     )
 

@@ -2,7 +2,7 @@
 
 from meal_bayes import load_dataset
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.statements import STANDS, Statement, fact
+from paper_repro.statements import RECORDED, constructed
 
 NAMES = {"shape": "fpfh", "vgg": "fc7", "audio": "corl-audio"}  # the paper's name: the files'
 
@@ -13,7 +13,7 @@ def run(setting: Setting) -> Result:
     sizes = {key: values.shape[-1] for key, values in load_dataset("ispy32").features.items()}
     behaviors = dict.fromkeys(behavior for behavior, _ in sizes)
     rows: list[tuple[Cell, ...]] = []
-    statements = []
+    same = listed = 0
     for behavior in behaviors:
         printed = paper.get(behavior, paper["others"])
         files = {NAMES.get(name, name): (name, number) for name, number in printed.items()}
@@ -24,16 +24,13 @@ def run(setting: Setting) -> Result:
                 (behavior, name if name == modality else f"{name} ({modality})", number, found)
             )
             if number is not None:
-                text = f"{behavior} {name} has {number} features"
-                rule = f"the files hold {number} (they hold {found or 'none'})"
-                statements.append(Statement(text, fact(found == number, rule)))
-    same = sum(one.as_dict()["recorded"] == STANDS for one in statements)
+                same, listed = same + (found == number), listed + 1
+    rule = f"read from the files: {same} of {listed}"
     return Result(
         title="Features of ISPY32's contexts",
-        paper=f"{len(statements)} sizes",
-        ours=f"{len(sizes)} contexts, {same} of the sizes",
+        sentence=f"Of the {listed} sizes that the paper prints, {same} are those of the files.",
         tables=(Table("features", ("behavior", "modality", "paper", "files"), tuple(rows)),),
-        statements=tuple(statements),
+        evidence={RECORDED: {"features have the printed sizes": constructed(rule)}},
         notes=(
             "A dash under files: the public files hold no such features. Modalities that the paper "
             "does not list are used as well.",

@@ -2,10 +2,12 @@
 
 from itertools import product
 
+import numpy as np
+
 from meal_bayes.momdp import best_report
 from paper_repro.frame import Result, Setting, Table, paper_values
 from paper_repro.replay import cost_of, momdp_of, replay
-from paper_repro.statements import Statement, constructed, fact
+from paper_repro.statements import RECORDED, Evidence, constructed, fact
 
 NOTE = """The paper prints no rates. One likelihood ratio each of look, grasp, lift, and of shake
 for yes and for no, five in all, are fitted to the first five beliefs; the sixth follows from the
@@ -26,29 +28,29 @@ def run(setting: Setting) -> Result:
         for step, value in zip(paper["steps"], found, strict=True)
     ]
     low, high = predicted(printed[2], printed[3], printed[4])
-    statements = [
-        Statement(
-            f"after {name} ({percept}) the belief is {value:.2f}",
-            constructed("a likelihood ratio was fitted to it"),
+    evidence: dict[str, Evidence | None] = {
+        f"after {name} ({percept}) the belief is {value:.2f}": constructed(
+            "a likelihood ratio was fitted to it"
         )
         for name, percept, value, _ in rows[:-1]
-    ]
+    }
     inside = low - 0.005 <= printed[5] <= high + 0.005
     rule = f"{printed[5]:.2f} is what the same percept did before: {low:.3f} to {high:.3f}"
-    statements += [
-        Statement(f"after the last shake (no) the belief is {printed[5]:.2f}", fact(inside, rule)),
-        Statement(
-            f"the report is {paper['report']}",
-            fact(report == paper["report"] and high < 0.5, "the belief is below one half"),
-        ),
-    ]
+    evidence[f"after the last shake (no) the belief is {printed[5]:.2f}"] = fact(inside, rule)
+    evidence[f"the report is {paper['report']}"] = constructed("argmax of the last belief")
+    lift, shake = (
+        float(np.log(np.divide(*paper["fitted"]["empty"][name]))) for name in ("lift_slow", "shake")
+    )
+    evidence["lift says little of EMPTY, shake much"] = fact(
+        shake > 2 * lift, f"by the printed beliefs a yes is worth {lift:.2f} and {shake:.2f} nats"
+    )
     title = "belief that the bottle is empty"
     return Result(
         title="Demonstration trial, a pill bottle half full of beans, EMPTY?",
-        paper=" ".join(f"{value:.2f}" for value in printed),
-        ours=" ".join(f"{value:.2f}" for value in found),
+        sentence=f"The sixth belief, printed {printed[5]:.2f}, follows from the others: "
+        f"{found[5]:.2f}, and the report is {report}.",
         tables=(Table(title, ("behavior", "percept", "paper", "ours"), tuple(rows)),),
-        statements=tuple(statements),
+        evidence={RECORDED: evidence},
         notes=(NOTE.format(low=low, high=high, cost=cost_of(momdp, paper["steps"])),),
     )
 

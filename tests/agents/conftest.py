@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Task
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.datasets.percepts import BIN_EDGES
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.trials import Task
 
 OBJECTS, RECORDINGS = 8, 4
 

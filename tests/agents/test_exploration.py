@@ -1,31 +1,22 @@
 """What exploring is worth: nothing where nothing is new, more where a table may get better."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Experience, Progress
+from meal_bayes.agents import Progress
 from meal_bayes.agents.exploration import (
     first_percept_value,
     fitted_weights,
     information_value,
 )
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import ITRS
 from meal_bayes.posterior import ConfusionPosterior
 
 TOY = load_domain("toy")
-DATASET = make_synthetic(TOY, objects=6, recordings=2, rng=np.random.default_rng(0))
 VALUE = np.array([[1.0, 2.0, 0.0], [4.0, 8.0, 0.0]])  # (P,E)
-PRE, EVERY = np.array([0, 1]), np.arange(6)
-
-
-def start(*, memory=False):
-    none = Experience.none(DATASET, np.random.default_rng(0), memory=memory)
-    return none.pretrain(DATASET, PRE)
+TWICE = np.full((2, 3), 2)  # each behavior once on each of two objects
 
 
 def knowledge_from(counts):
@@ -41,44 +32,38 @@ def table(look=(6, 4), lift=(6, 4)):
     return counts
 
 
-def progress(experience, *, value=VALUE, knowledge=None, queries=9.0):
-    return Progress(knowledge or knowledge_from(table()), experience, lambda: value, queries, EVERY)
+def progress(*, value=VALUE, knowledge=None, queries=9.0, **options):
+    known = {
+        "unit": 12.0, "instances": TWICE, "objects": TWICE, "fresh": np.ones((2, 3), bool),
+        "labeled": np.zeros(2, bool),
+    }  # fmt: skip
+    return Progress(
+        knowledge=knowledge or knowledge_from(table()), valued=lambda: value, queries=queries,
+        **{**known, **options},
+    )  # fmt: skip
 
 
-def bonus_of(experience, object_index, columns):
-    return first_percept_value(progress(experience), object_index, columns)
+def bonus_of(columns, **options):
+    return first_percept_value(progress(**options), columns)
 
 
 class TestBonus:
     def test_new_objects_pay_for_the_queried_attributes(self):
         for column in (0, 1):
-            bonus = bonus_of(start(), None, [column])
-            np.testing.assert_allclose(bonus, 9 * VALUE[column] / 3)  # after two objects
-        both = bonus_of(start(), 4, [1, 0])
-        np.testing.assert_allclose(both, 9 * VALUE.sum(axis=0) / 3)
+            np.testing.assert_allclose(bonus_of([column]), 9 * VALUE[column] / 3)  # the third
+        np.testing.assert_allclose(bonus_of([1, 0]), 9 * VALUE.sum(axis=0) / 3)
 
     def test_what_is_recorded_pays_nothing(self):
-        assert (bonus_of(start(), 0, [0, 1]) == 0).all()
-        labels = start().labels.copy()
-        labels[4, 1, 0, 0] = 1  # lifted, and known to be red or not
-        bonus = bonus_of(replace(start(), labels=labels), 4, [0])
-        np.testing.assert_allclose(bonus, [9 * 1.0 / 3, 0.0, 0.0])
+        assert (bonus_of([0, 1], fresh=np.zeros((2, 3), bool)) == 0).all()
+        fresh = np.array([[True, False, True], [True, True, True]])  # lifted, and known to be red
+        np.testing.assert_allclose(bonus_of([0], fresh=fresh), [9 * 1.0 / 3, 0.0, 0.0])
 
     def test_memory_pays_for_labels_of_before_as_well(self):
-        for memory in (False, True):
-            experience = start(memory=memory)
-            told = experience.object_labels.copy()
-            told[4, 1] = 0
-            experience = replace(experience, object_labels=told)
-            bonus = bonus_of(experience, 4, [0])
-            np.testing.assert_allclose(bonus, 3 * (VALUE.sum(axis=0) if memory else VALUE[0]))
-            other = bonus_of(experience, 5, [0])
-            np.testing.assert_allclose(other, 3 * VALUE[0])
+        bonus = bonus_of([0], labeled=np.array([False, True]))
+        np.testing.assert_allclose(bonus, 3 * VALUE.sum(axis=0))
 
     def test_more_objects_are_worth_less_each(self):
-        labels = start().labels.copy()
-        labels[3, 0, 0, 0] = 1
-        after = bonus_of(replace(start(), labels=labels), 4, [0])
+        after = bonus_of([0], objects=np.array([[3, 2, 2], [2, 2, 2]]))
         np.testing.assert_allclose(after, [9 * 1.0 / 4, 9 * 2.0 / 3, 0.0])
 
 
@@ -114,28 +99,24 @@ class TestFittedWeights:
         knowledge = knowledge_from(table(lift=(9, 1)))
         for seed in range(5):
             value = np.random.default_rng(seed).uniform(0, 5, (2, 3))
-            one = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=10.0))
-            ten = fitted_weights(progress(start(), value=value, knowledge=knowledge, queries=100.0))
+            one = fitted_weights(progress(value=value, knowledge=knowledge, queries=10.0))
+            ten = fitted_weights(progress(value=value, knowledge=knowledge, queries=100.0))
             assert one.alpha >= 0 <= one.beta
             assert one.delta == 12.0
             assert (ten.alpha, ten.beta) == pytest.approx((10 * one.alpha, 10 * one.beta))
 
     def test_worthless_exploring_is_not_paid(self):
-        weights = fitted_weights(progress(start(), value=np.zeros((2, 3))))
+        weights = fitted_weights(progress(value=np.zeros((2, 3))))
         assert weights == ITRS(0.0, 0.0, 12.0)
 
     def test_a_bonus_of_equation_11_is_found_again(self):
         knowledge = knowledge_from(table(look=(9, 1), lift=(6, 4)))
-        labels = start().labels.copy()
-        labels[3:5, 0, :, 0] = 1  # more experience of red by look
-        experience = replace(start(), labels=labels)
+        instances = np.array([[4, 2, 2], [2, 2, 2]])  # more experience of red by look
         rows = knowledge.posterior.select(range(2), exact=True)[0][:, :2]
         entropy = -(rows * np.log2(rows)).sum(axis=-1).mean(axis=-1)
-        ie = experience.evidence()[:, :2] / 12.0
-        objects = (experience.labels >= 0).any(axis=2).sum(axis=0).T[:, :2]
         value = np.zeros((2, 3))
-        value[:, :2] = (7.0 * entropy - 11.0 * ie) * (objects + 1) / 5.0
+        value[:, :2] = (7.0 * entropy - 11.0 * instances[:, :2] / 12.0) * (TWICE[:, :2] + 1) / 5.0
         weights = fitted_weights(
-            progress(experience, value=value, knowledge=knowledge, queries=5.0)
+            progress(value=value, knowledge=knowledge, queries=5.0, instances=instances)
         )
         assert (weights.alpha, weights.beta) == pytest.approx((7.0, 11.0))

@@ -7,6 +7,7 @@ import pytest
 
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import FORMAT_VERSION, check_log, log_file, read_trials, write_trials
+from meal_bayes.trials import TrialOutcomes
 
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
 
@@ -52,6 +53,21 @@ def test_show(run, log, fails):
     assert "holds 3 trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
 
 
+def test_folders_and_compact_logs_are_read(run, log, torn):
+    write_trials("run/a.mcap", read_trials(log), header=HEADER)
+    outcomes = TrialOutcomes.of(read_trials(log))
+    write_trials("run/b.mcap", [outcomes], header={**HEADER, "seed": 5})
+    assert "(2 files)" in run("log", "info", "run").stdout
+    assert [one["form"] for one in json.loads(run("log", "info", "run", "--json").stdout)["files"]]
+    assert "heavy_blue_beans" in run("log", "show", "run", "--trial", "3").stdout
+    shown = run("log", "show", "run/b.mcap", "--trial", "1").stdout
+    assert "light_blue_rice" in shown
+    assert "truth" in shown
+    assert run("log", "check", "run").exit_code == 0
+    Path("run/c.mcap").write_bytes(torn.read_bytes())
+    assert run("log", "check", "run").exit_code == 1
+
+
 def test_check(run, log, torn):
     sound = run("log", "check", log)
     assert sound.exit_code == 0
@@ -75,9 +91,11 @@ def test_recover(run, log, torn, fails):
 
 
 def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
-    assert "meal-bayes log recover torn.mcap" in fails("log", "show", torn, "--trial", "2")
+    assert "holds 2 trials" in fails("log", "show", torn, "--trial", "2")
     Path("text.mcap").write_text("hello")
-    assert "text.mcap" in fails("log", "info", "text.mcap")
+    told = fails("log", "info", "text.mcap")
+    assert "text.mcap" in told
+    assert "log recover" not in told  # nothing of it is a log
     assert "text.mcap" in fails("log", "recover", "text.mcap")
     monkeypatch.setattr(log_file, "FORMAT_VERSION", FORMAT_VERSION + 1)
     write_trials("new.mcap", read_trials(log), header=HEADER)

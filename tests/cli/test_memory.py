@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.cli import main
 from meal_bayes.trial_log import read_header, read_memory, read_trials
+from meal_bayes.trials import Trial
 
 TRIAL_LOGS = Path(__file__).resolve().parents[1] / "trial_log"
 OWN = ("--dataset", "kitchen.npz")

@@ -36,6 +36,9 @@ def test_recordings_are_an_own_data_set(run, sim):
     assert data.objects == ("object_000", "object_001", "object_002")
     assert data.recordings == 2
     assert "made/simulated_arm.toml" in result.stderr
+    again = run("sim", "record", "--objects", "2", "--recordings", "1", "--out", "made")
+    assert again.exit_code == 2
+    assert "made holds files already" in again.stderr
 
 
 def test_an_answer_is_a_row_of_the_trial_and_repeats(ask):
@@ -46,6 +49,7 @@ def test_an_answer_is_a_row_of_the_trial_and_repeats(ask):
     assert told["success"] is (told["report"] == told["truth"])
     assert told["cost_s"] == pytest.approx(sum(step["cost_s"] for step in told["steps"]))
     assert told == json.loads(second.stdout)
+    assert told["log"] != json.loads(ask("--seed", "7", "--json", "--learn-success").stdout)["log"]
     (trial,) = read_trials(told["log"])
     assert trial.cost == told["cost_s"]
     assert json.loads(ask("--seed", "8", "--json").stdout)["object"] != told["object"]
@@ -79,12 +83,11 @@ def test_a_fault_of_the_body_is_told_and_logged(ask, sim, monkeypatch):
 
 @pytest.mark.long
 def test_live_shows_a_curve(run, sim):
-    result = run("sim", "live", "--trials", "6", "--explore", "4", "--agent", "greedy",
-                 "--learn-success")  # fmt: skip
+    result = run("sim", "live", "--trials", "6", "--agent", "bayes")
     assert result.exit_code == 0
     assert "1-6" in result.stdout
-    assert "random_legal, greedy" in result.stdout
-    assert len(list(Path("logs/sim-live-greedy-seed0").glob("*.mcap"))) == 6
+    assert "bayes" in result.stdout
+    assert len(list(Path("logs").glob("sim-live-bayes-seed0-*/*.mcap"))) == 6
 
 
 def test_without_mujoco_one_line_says_what_to_install(run, monkeypatch):
@@ -93,4 +96,4 @@ def test_without_mujoco_one_line_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda *_: None)
     result = run("sim", "live")
     assert result.exit_code == 2
-    assert "pip install 'meal-bayes[sim]'" in result.stderr
+    assert "pip install '.[sim]'" in result.stderr

@@ -8,7 +8,8 @@ import pytest
 from meal_bayes import viewer
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
-from meal_bayes.viewer import Feed, window
+from meal_bayes.trials import TrialOutcomes
+from meal_bayes.viewer import window
 
 
 @pytest.fixture
@@ -24,18 +25,17 @@ def log(run):
 class Fake:
     """Stands for the viewer's program; it is closed at once."""
 
-    started: ClassVar[list] = []
+    pages: ClassVar[list] = []
+    address, url, running = "http://127.0.0.1:1/?url=x", "rerun+http://127.0.0.1:1/proxy", False
 
-    def __init__(self):
-        self.started.append(type(self))
-        self.address, self.url = "http://127.0.0.1:1/?url=x", "rerun+http://127.0.0.1:1/proxy"
-        self.recording, self.running = Feed(), False
+    def __init__(self, *, web):
+        self.pages.append(web)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *fault):
-        self.recording.close()
+        pass
 
     def wait(self):
         pass
@@ -43,16 +43,12 @@ class Fake:
     wait_until_ready = wait
 
 
-class FakePage(Fake):
-    """Stands for the page."""
-
-
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr(Fake, "started", [])
+    """Whether each viewer that was started is a page."""
+    monkeypatch.setattr(Fake, "pages", [])
     monkeypatch.setattr(viewer, "Viewer", Fake)
-    monkeypatch.setattr(viewer, "WebViewer", FakePage)
-    return Fake.started
+    return Fake.pages
 
 
 @pytest.fixture
@@ -77,23 +73,29 @@ def test_a_file_and_a_folder_are_saved(run, log):
     assert Path("one.rrd").stat().st_size < Path("out/all.rrd").stat().st_size
 
 
-def test_a_window_is_sent_the_trials_and_no_file_is_made(run, log, fake, sent, monkeypatch):
+@pytest.mark.parametrize("web", [False, True])
+def test_trials_are_sent_to_a_window_or_a_page_and_no_file_is_made(
+    run, log, fake, sent, monkeypatch, web
+):
     monkeypatch.setattr("tempfile.TemporaryDirectory", None)
-    assert run("view", log).exit_code == 0
-    assert fake == [Fake]
+    told = run("view", log, *["--web"] * web)
+    assert told.exit_code == 0
+    assert ("open http://127.0.0.1:1/" in told.stdout) == web
+    assert fake == [web]
     assert sent == [("rerun+http://127.0.0.1:1/proxy", 3)]
 
 
-def test_a_page_is_told_where_it_is(run, log, fake):
-    assert "http://127.0.0.1:1/" in run("view", log, "--web").stdout
-    assert fake == [FakePage]
+def test_a_compact_log_shows_its_run(run):
+    trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="greedy")
+    write_trials("c.mcap", [TrialOutcomes.of([trial, trial])], header={"seed": 0})
+    assert run("view", "c.mcap", "--save", "c.rrd").stdout.startswith("c.rrd: 2 trials")
 
 
 def test_recordings_and_pictures_do_not_replace_logs(run, log, fails):
-    for option in ("--save", "--screenshot"):
-        Path("a.rrd").write_bytes((log / "a.mcap").read_bytes())
-        assert "is a trial log" in fails("view", log, option, "a.rrd")
-        assert Path("a.rrd").read_bytes() == (log / "a.mcap").read_bytes()
+    for option, name in (("--save", "a.rrd"), ("--screenshot", "a.png")):
+        Path(name).write_bytes((log / "a.mcap").read_bytes())
+        assert "is a trial log" in fails("view", log, option, name)
+        assert Path(name).read_bytes() == (log / "a.mcap").read_bytes()
 
 
 def test_a_run_is_followed(run, log, fake, monkeypatch):
@@ -129,6 +131,7 @@ def test_a_picture_shows_the_last_behavior(run, log, monkeypatch):
 def test_what_cannot_be_is_one_line(run, log, fails, monkeypatch):
     assert "holds 3 trials; give --trial 0 to 2" in fails("view", log, "--trial", "3",
                                                           "--save", "a.rrd")  # fmt: skip
+    assert "ends in .png" in fails("view", log, "--screenshot", "a.gif")
     assert "ends in .rrd" in fails("view", log, "--save", "a.txt")
     assert "no log none.mcap" in fails("view", "none.mcap")
     assert "one of --save" in fails("view", log, "--save", "a.rrd", "--web")

@@ -1,10 +1,8 @@
 """Small folders in the layouts of the data sets, to be read and to be broken."""
 
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 DOMAIN = """
@@ -81,12 +79,9 @@ def ispy32(tmp_path: Path) -> Path:
     """Write an ISPY32 of two objects in the published layout."""
     write_domain(tmp_path / "own.toml", "ispy32", ["light", "heavy"], [("look", ("rgb",))])
     (tmp_path / "corl_features").mkdir()
-    (tmp_path / "object_list.csv").write_text("tin,1\njar,2\n")
-    (tmp_path / "test_full.csv").write_text("heavy,red,light")
+    (tmp_path / "object_list.csv").write_text("white_water_bottle_full,1\npineapple_cup,2\n")
     rows = [f"{o},{k},{o}.5,{k}" for k in (3, 1, 5, 4, 2) for o in (2, 1)]
     (tmp_path / "corl_features" / "look_rgb.txt").write_text("\n".join(rows))
-    table = {0: list(np.int64([1, 0, 1])), 1: list(np.int64([0, 1, 0]))}
-    (tmp_path / "full_annotations_ijcai2016.pickle").write_bytes(pickle.dumps(table))
     return tmp_path
 
 

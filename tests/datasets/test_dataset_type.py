@@ -45,10 +45,14 @@ def test_arrays_are_read_only() -> None:
     ("changes", "message"),
     [
         ({"labels": [[1, 0]]}, r"expected \(objects, attributes\) = \(2, 2\)"),
-        ({"labels": [[1, 0], [0, 2]]}, "must be 1"),
+        ({"labels": [[1, 0], [0, 2]]}, "the label 2"),
+        ({"labels": np.array([[1, 0], [0, 257]])}, "the label 257"),  # 1 in eight bits
+        ({"labels": [["True", "False"], ["True", "False"]]}, "the label 'True'"),
         ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
         ({"features": {}}, "No features of"),
         ({"features": {("look", "color"): np.zeros((2, 3))}}, "have shape"),
+        ({"features": {("look", "color"): np.full((2, 3, 2), "4_0")}}, "found text"),
+        ({"features": {("look", "color"): np.full((2, 3, 2), 1j)}}, "found complex"),
         (
             {
                 "features": {
@@ -72,6 +76,11 @@ def test_arrays_are_read_only() -> None:
 def test_bad_parts_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(DataError, match=message):
         Dataset(**fields(**changes))
+
+
+def test_labels_that_are_not_known_are_not_false() -> None:
+    labels = [[1.0, np.nan], [None, False]]
+    assert Dataset(**fields(labels=labels)).labels.tolist() == [[1, -1], [-1, 0]]
 
 
 def test_object_index() -> None:

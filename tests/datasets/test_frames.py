@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from meal_bayes.datasets import Dataset, load_dataset
-from meal_bayes.domain import Domain
+from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import DataError, QueryError
 
 
@@ -86,10 +86,10 @@ def spoil(name: str, features: Any, labels: Any) -> tuple[Any, Any]:
         ("context", "Unknown context"),
         ("missing", r"No features of \('lift', 'haptics'\)"),
         ("object", "did you mean 'stone'"),
-        ("twice", "Recording 1 of 'cup' comes twice"),
+        ("twice", "recording 1 of cup again, after row 1"),
         ("text", "are not numbers"),
-        ("nan", "'cup' hold NaN or infinity"),
-        ("label", "is 'yes'; expected 1, 0"),
+        ("nan", "row 1: found NaN or infinity in recording 1 of cup"),
+        ("label", "is 'heavy'.*'yes'|is 'red'.*'yes'"),
         ("column", "did you mean 'rad'"),
     ],
 )
@@ -103,3 +103,28 @@ def test_labels_of_attributes_that_do_not_exist_are_told(own: Path, from_files: 
     domain: Domain = from_files.domain
     with pytest.raises(QueryError, match="did you mean 'heavy'"):
         Dataset.from_frames(domain, frames(own)[0], {"cup": {"heavey": 1}, "stone": {}})
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [[["4_0", "1"]], [[1j, 2]], np.ma.array([[1.0, 2.0]], mask=[[False, True]]), [[None, 1]]],
+)
+def test_what_is_no_real_number_is_no_feature(from_files: Dataset, rows: Any) -> None:
+    """NumPy would read 40, drop the imaginary part, and drop the mask."""
+    features = {**from_files.features, ("look", "color"): {"cup": rows, "stone": [[1, 2]]}}
+    with pytest.raises(DataError, match="numbers"):
+        Dataset.from_frames(
+            from_files.domain, features, from_files.labels, objects=from_files.objects
+        )
+
+
+def test_recordings_of_one_behavior_are_joined_by_their_number(own: Path) -> None:
+    """Equal counts of other recordings were once joined by their order."""
+    (own / "own.toml").write_text(
+        (own / "own.toml").read_text().replace('["haptics"]', '["haptics", "audio"]')
+    )
+    features, labels = frames(own)
+    haptics = features["lift", "haptics"]
+    features["lift", "audio"] = haptics.assign(recording=haptics["recording"] + 1)
+    with pytest.raises(DataError, match=r"audio.*recording '3'"):
+        Dataset.from_frames(load_domain(own / "own.toml"), features, labels)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.feature_file import read_features, read_text, split_line
+from meal_bayes.datasets.feature_file import read_features, read_rows, read_text
 from meal_bayes.errors import DataError
 
 
@@ -31,20 +31,16 @@ def test_numbers_in_every_usual_form_are_read(tmp_path):
     assert rows.values.tolist() == [[-0.5, 1e-3, 2.0, 7.0]]
 
 
-def test_a_quote_in_the_middle_joins_no_cells():
-    assert split_line('"a"b,1') == ['"a"b,1']
-    assert split_line('"a,b",1') == ["a,b", "1"]
+def test_a_quote_in_the_middle_joins_no_cells(tmp_path):
+    (tmp_path / "a.csv").write_text('"a"b,1\n"a,b",1\n')
+    cells = [cells for _, cells in read_rows(tmp_path / "a.csv")]
+    assert cells == [['"a"b,1'], ["a,b", "1"]]
 
 
 def test_endless_files_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
-    (tmp_path / "huge.csv").write_text("object,recording,a\n")
-    os.truncate(tmp_path / "huge.csv", 1 << 40)
-    (tmp_path / "hole.csv").write_text("object,recording,a\n")
-    os.truncate(tmp_path / "hole.csv", 1000)
-    for name, found in (("pipe", "no regular file"), ("huge", "more than"), ("hole", "zero byte")):
-        with pytest.raises(DataError, match=found):
-            read_text(tmp_path / f"{name}.csv")
+    with pytest.raises(DataError, match="no regular file"):
+        read_text(tmp_path / "pipe.csv")
 
 
 @pytest.fixture
@@ -65,27 +61,6 @@ def rewrite(tmp_path):
         return path
 
     return write
-
-
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [("[" * 50_000 + "]" * 50_000, "nested more than"), ('{"a": NaN}', "no number"),
-     ('{"domain": "\\ud800"}', "surrogates")],
-)  # fmt: skip
-def test_its_text_is_read_within_limits(rewrite, text, found):
-    with pytest.raises(DataError, match=found):
-        load_percepts(rewrite(meta=np.frombuffer(text.encode(), np.uint8)))
-
-
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_objects_of_one_name_are_refused(rewrite):
-    with zipfile.ZipFile(rewrite()) as archive:
-        data = archive.read("meta.npy")
-    meta = json.loads(data[data.index(b"{", 100) :])
-    meta["objects"][1] = meta["objects"][0]
-    with pytest.raises(DataError, match="names an object twice"):
-        load_percepts(rewrite(meta=np.frombuffer(json.dumps(meta).encode(), np.uint8)))
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")

@@ -84,14 +84,3 @@ def test_a_spoiled_domain_is_a_data_error(table, path, change, found):
     rewrite(path, domain_table=change(domain_table(table.domain)))
     with pytest.raises(DataError, match=found):
         load_percepts(path)
-
-
-def test_a_domain_of_endless_behaviors_is_refused(table, path):
-    plain = domain_table(table.domain)
-    more = [{"name": f"b{i}", "cost": 1.0} for i in range(1001)]
-    effects = [{"from": "x0", "do": f"b{i}", "to": "x0"} for i in range(1001)]
-    plain["behaviors"] += more
-    plain["diagram"]["effects"] += effects
-    rewrite(path, domain_table=plain)
-    with pytest.raises(DataError, match="at most 1000"):
-        load_percepts(path)

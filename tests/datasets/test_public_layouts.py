@@ -32,7 +32,7 @@ def test_cy101_joins_and_repairs(cy101: Path, caplog: pytest.LogCaptureFixture) 
 
 def test_cy101_key_without_number(cy101: Path, change: Change) -> None:
     change(cy101 / "normalized_data_without_noobject" / "tap_flow.txt", "bear_t3", "bear3")
-    with pytest.raises(DataError, match=r"tap_flow.txt, line 13: found key 'bear3'; expected"):
+    with pytest.raises(DataError, match=r"tap_flow.txt, line 13: found object 'bear3'; expected"):
         load_dataset(cy101 / "own.toml", root=cy101)
 
 
@@ -48,19 +48,21 @@ def test_ispy32_trial_number_is_no_feature(ispy32: Path, caplog: pytest.LogCaptu
     expected = [[[o + 0.5, k] for k in range(1, 6)] for o in (1, 2)]
     np.testing.assert_array_equal(dataset.features["look", "rgb"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 1], [0, 0]])  # light, heavy
-    assert "both heavy and light: tin" in caplog.text
+    assert "both heavy and light: white_water_bottle_full" in caplog.text
     assert "trial number" in caplog.text
 
 
 def test_ispy32_object_beyond_the_list(ispy32: Path, change: Change) -> None:
     change(ispy32 / "corl_features" / "look_rgb.txt", "2,4,2.5,4", "3,4,2.5,4")
-    with pytest.raises(DataError, match=r"look_rgb.txt, line 7: found object '3'; expected 1 to 2"):
+    with pytest.raises(
+        DataError, match=r"look_rgb.txt, line 7: found object '3'; expected an object"
+    ):
         load_dataset(ispy32 / "own.toml", root=ispy32)
 
 
-def test_ispy32_words_and_labels_must_agree(ispy32: Path) -> None:
-    (ispy32 / "test_full.csv").write_text("heavy,light")
-    with pytest.raises(DataError, match="found other than 2 labels 0 or 1 in row 0"):
+def test_ispy32_object_without_labels(ispy32: Path, change: Change) -> None:
+    change(ispy32 / "object_list.csv", "pineapple_cup", "pineaple_cup")
+    with pytest.raises(DataError, match="did you mean 'pineapple_cup'"):
         load_dataset(ispy32 / "own.toml", root=ispy32)
 
 
@@ -79,7 +81,7 @@ def test_roc36_eleventh_row(roc36: Path, change: Change) -> None:
         "heavy_blue_beans,1,9",
         "light_brown_rice,1,9",
     )
-    with pytest.raises(DataError, match=r"line 20: found row 11 of light_brown_rice; expected 10"):
+    with pytest.raises(DataError, match=r"line 20: found recording '11' of light_brown_rice"):
         load_dataset(roc36 / "own.toml", root=roc36)
 
 
@@ -107,7 +109,7 @@ BROKEN_LISTS = [
     ("cy101", "cy101_labels.csv", "bear,", "ball_t,", "line 3: found 'ball_t' again"),
     ("cy101", "cy101_labels.csv", '"soft, round"', "soft, round", "line 2: found 3 columns"),
     ("cy101", "own.toml", '"can"', '"cane"', "did you mean 'can'"),
-    ("ispy32", "object_list.csv", "jar,2", "jar,3", "line 2: found 'jar,3'; expected name,2"),
+    ("ispy32", "object_list.csv", "cup,2", "cup,3", "line 2: found .*cup,3'; expected name,2"),
     ("ispy32", "own.toml", '"light"', '"lights"', "did you mean 'light'"),
     ("roc36", "objects.txt", "heavy_blue_beans", "light_brown_rice", "line 2: found 'light_brown"),
     ("roc36", "objects.txt", "heavy_blue_beans", "beans", "expected weight_color_content"),
@@ -132,7 +134,7 @@ def test_broken_lists_of_objects_and_words(
 
 
 def test_ispy32_without_heavy_and_light(ispy32: Path, change: Change) -> None:
-    change(ispy32 / "own.toml", '"light", "heavy"', '"red"')
+    change(ispy32 / "own.toml", '"light", "heavy"', '"pineapple"')
     assert load_dataset(ispy32 / "own.toml", root=ispy32).labels.tolist() == [[0], [1]]
 
 

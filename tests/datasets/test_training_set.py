@@ -85,7 +85,7 @@ def test_contradiction_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("labels", "message"), [([1, 3], "must be 1"), ([[1, 0], [0, 1]], "expected .1, attributes.")]
+    ("labels", "message"), [([1, 3], "the label 3"), ([[1, 0], [0, 1]], "expected .1, attributes.")]
 )
 def test_bad_labels_are_refused(labels: list, message: str) -> None:
     with pytest.raises(DataError, match=message):

@@ -49,10 +49,3 @@ def spoiled(*path, value):
 def test_tables_that_are_not_well_formed_are_told(table, found):
     with pytest.raises(DomainError, match=found):
         domain_from_table(table)
-
-
-def test_infinite_numbers_in_toml_are_told(tmp_path):
-    path = tmp_path / "own.toml"
-    path.write_text('extends = "roc36"\nasked_minimum = inf\n')
-    with pytest.raises(DomainError, match="expected a whole number"):
-        load_domain(path)

@@ -78,16 +78,8 @@ def test_what_no_table_needs_is_refused(load, content, found):
 
 def test_files_that_never_end_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
-    (tmp_path / "zero.toml").symlink_to("/dev/zero")
-    (tmp_path / "huge.toml").touch()
-    os.truncate(tmp_path / "huge.toml", 1 << 40)
-    for name in ("pipe", "zero", "huge"):
-        with pytest.raises(DomainError, match=r"no regular file|more than 262,144"):
-            load_domain(tmp_path / f"{name}.toml")
+    with pytest.raises(DomainError, match="no regular file"):
+        load_domain(tmp_path / "pipe.toml")
+    (tmp_path / "folder.toml").mkdir()
     with pytest.raises(SettingsError, match="cannot be read"):
-        load_domain(_folder(tmp_path / "folder.toml"))
-
-
-def _folder(path):
-    path.mkdir()
-    return path
+        load_domain(tmp_path / "folder.toml")

@@ -4,8 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.domain import Query, load_domain, read_query
-from meal_bayes.errors import QueryError
+from meal_bayes.errors import DomainError, QueryError
 
+CAFE = "Caf\N{LATIN SMALL LETTER E WITH ACUTE}"
 ROC36, ISPY32, CY101 = (load_domain(name) for name in ("roc36", "ispy32", "cy101"))
 
 
@@ -29,7 +30,7 @@ ROC36, ISPY32, CY101 = (load_domain(name) for name in ("roc36", "ispy32", "cy101
         ("Is it a thing?", ISPY32, ("thing",)),
         ("object, thing", ISPY32, ("object", "thing")),
         ("Is it a plastic container?", CY101, ("plastic", "container")),
-        ("Is it soft \N{EM DASH} or hard?", CY101, ("soft", "hard")),
+        ("Is it soft \N{EM DASH} and hard?", CY101, ("soft", "hard")),
     ],
 )  # fmt: skip
 def test_reading(question, domain, attributes):
@@ -51,6 +52,8 @@ def test_reading(question, domain, attributes):
         ("Is it not heavy?", "says 'not'; ask the plain attribute"),
         ("Isn't it heavy?", 'says "isn\'t"; ask the plain attribute'),
         ("is it without beans", "says 'without'"),
+        ("Is it heavy or light?", "says 'or'; name each attribute"),
+        ("Is it either heavy, or light?", "says 'either'"),
         ("", "No attribute found in ''; expected some of: light"),
         ("What is it?", "No attribute found"),
         ([], "names no attribute; name at least one"),
@@ -63,16 +66,47 @@ def test_bad_questions_teach_in_one_line(question, says):
     assert "\n" not in str(caught.value)
 
 
-def test_case_of_own_attributes_does_not_matter(tmp_path):
-    table = (
-        'name = "mine"\nattributes = ["Red", "Very Heavy"]\n'
-        'behaviors = [{ name = "look", cost = 1 }]\n'
-        '[diagram]\nstates = ["x"]\nstart = "x"\neffects = [{ from = "x", do = "look", to = "x" }]'
-    )
-    path = tmp_path / "mine.toml"
-    path.write_text(table)
-    domain = load_domain(path)
+def test_case_of_own_attributes_does_not_matter():
+    domain = domain_of("Red", "Very Heavy")
     assert read_query("is it red and VERY heavy?", domain).attributes == ("Red", "Very Heavy")
+
+
+def domain_of(*attributes, **options):
+    table = {"name": "own", "extends": "toy", "attributes": attributes, **options}
+    return load_domain(table)
+
+
+def test_words_are_equal_whatever_their_case_and_coding():
+    domain = domain_of(
+        "Caf\N{LATIN SMALL LETTER E WITH ACUTE}", "gro\N{LATIN SMALL LETTER SHARP S}"
+    )
+    for question in ("is it cafe\N{COMBINING ACUTE ACCENT}?", ["CAFE\N{COMBINING ACUTE ACCENT}"]):
+        assert read_query(question, domain).attributes == domain.attributes[:1]
+    assert read_query("GROSS", domain).attributes == domain.attributes[1:]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"synonyms": {"Red": "blue"}},  # would steal the attribute "red"
+        {"synonyms": {"crimson": "red", "Crimson": "blue"}},
+        {"attributes": ["red", "RED"]},
+        {
+            "attributes": [
+                "caf\N{LATIN SMALL LETTER E WITH ACUTE}",
+                "cafe\N{COMBINING ACUTE ACCENT}",
+            ]
+        },
+    ],
+)
+def test_no_word_is_of_two_attributes(options):
+    with pytest.raises(DomainError, match="The word"):
+        domain_of(**{"attributes": ["red", "blue"], **options})
+
+
+def test_an_attribute_with_a_comma_could_not_be_asked():
+    with pytest.raises(DomainError, match="holds a comma"):
+        domain_of("red, or nearly")
 
 
 @given(st.integers(1, 8), st.data())

@@ -1,4 +1,5 @@
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -37,10 +38,6 @@ def test_own_table_loads(tmp_path):
     assert domain.diagram.states == ("x0", "x1", "term")
 
 
-def test_a_byte_order_mark_is_no_text(tmp_path):
-    assert load(tmp_path, "\ufeff" + TABLE).name == "mine"
-
-
 @pytest.mark.parametrize("name", domain_names())
 def test_shipped_tables_load(name):
     domain = load_domain(name)
@@ -72,6 +69,16 @@ def test_one_table_extends_another(tmp_path):
     )
 
 
+def test_a_dictionary_is_a_table(tmp_path):
+    table = tomllib.loads(TABLE)
+    assert load_domain(table) == load(tmp_path, TABLE)
+    assert load_domain({**table, "attributes": ("red", "heavy")}) == load(tmp_path, TABLE)
+    child = load_domain({"extends": str(tmp_path / "mine.toml"), "name": "child"})
+    assert child.attributes == ("red", "heavy")
+    with pytest.raises(DomainError, match="Unknown key 'wings'"):
+        load_domain({**table, "wings": 2})
+
+
 def test_a_circle_of_tables_is_refused(tmp_path):
     (tmp_path / "a.toml").write_text('extends = "b.toml"')
     with pytest.raises(DomainError, match="extends itself"):
@@ -87,7 +94,6 @@ def test_a_circle_of_tables_is_refused(tmp_path):
         ("cost = 5", "cost = inf", "costs inf; give its seconds"),
         ("cost = 5", "cost = '5'", "cost = '5'; expected a number"),
         ('["red", "heavy"]', '["red", "red"]', "'red' is listed twice"),
-        ('["red", "heavy"]', '["red", "Red"]', "'red' is listed twice"),
         ('["red", "heavy"]', '"red"', "attributes = 'red'; expected a list of texts"),
         ('["red", "heavy"]', "[]", "needs at least one attribute"),
         ('to = "x1"', 'to = "x9"', "goes to 'x9'; expected one of"),
@@ -99,7 +105,7 @@ def test_a_circle_of_tables_is_refused(tmp_path):
         ("cost = 5", "cost = 5, coast = 1", "Unknown key 'coast': did you mean 'cost'"),
         ("cost = 5", "cost = 5, answer_accuracy = 1.2", "answer_accuracy 1.2; expected"),
         ('"red" }', '"rad" }', "name 'rad', which is no attribute"),
-        ("crimson =", "heavy =", "synonym 'heavy' is an attribute of its own"),
+        ("crimson =", "heavy =", "The word 'heavy' stands for"),
         ('crimson = "red"', "crimson = 1", "crimson = 1; expected a text"),
         ("[diagram]", "[diagrams]", "has no 'diagram'; add it"),
         ('start = "x0"', 'start = "y"', "start = 'y' is none of the states"),
@@ -120,13 +126,6 @@ def test_a_behavior_that_is_nowhere_legal_is_refused(tmp_path):
     extra = '    { name = "poke", cost = 1 },\n]\n[diagram]'
     with pytest.raises(DomainError, match="'poke' is legal in no state; add an effect"):
         load(tmp_path, TABLE.replace("]\n[diagram]", extra))
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path):
-    path = tmp_path / "bytes.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DomainError, match="is not valid TOML"):
-        load_domain(path)
 
 
 def test_unknown_names_suggest_the_nearest(tmp_path):

@@ -16,14 +16,14 @@ FOUND = {"inputs", "silent", "hangs", "tracebacks", "changed", "peak_mb"}
 def test_it_finds_nothing():
     done = subprocess.run(
         [sys.executable, os.fspath(BENCHMARKS / "fuzz.py"), "--json", "--inputs", "24",
-         "--crafted", "6", "--only", "log", "--only", "toml", "--only", "crafted"],
+         "--only", "log", "--only", "toml"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     facts = json.loads(done.stdout)
     assert facts["told"] == []
     assert {key: facts[key] for key in FOUND - {"peak_mb"}} == {
-        "inputs": 54, "silent": 0, "hangs": 0, "tracebacks": 0, "changed": 0,
+        "inputs": 48, "silent": 0, "hangs": 0, "tracebacks": 0, "changed": 0,
     }  # fmt: skip
     assert 0 < facts["peak_mb"] <= 500
 

@@ -48,7 +48,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def runs(block: Block) -> bool:
-    """Return whether a block runs on its page; the tests of examples run what is a whole file."""
+    """Return whether a block runs on its page; other tests run whole files, and "py" with data."""
     return block.language == "console" or (
         block.language == "python" and block.content not in EXAMPLES
     )
@@ -137,13 +137,13 @@ def test_blocks_are_of_known_languages() -> None:
     """What a shell block does needs another machine, a screen, or the network; it does not run."""
     for page in PAGES:
         for block in blocks(page):
-            assert block.language in {"python", "console", "sh", "text", "toml", "csv"} or (
+            assert block.language in {"python", "py", "console", "sh", "text", "toml", "csv"} or (
                 page == README and block.content.startswith("pip install")
             ), (page, block.content)
 
 
 def test_the_readme_is_short_and_shows_two_commands() -> None:
-    assert len(text_of(README).splitlines()) <= 250
+    assert len(text_of(README).splitlines()) <= 150
     first, second = (block.content.strip() for block in blocks(README)[:2])
     assert (first, second) == (
         "pip install . && meal-bayes demo",
@@ -233,23 +233,7 @@ def test_every_link_leads_to_a_file_of_the_repository() -> None:
     assert [link for link in links if not (link[0].parent / link[1]).exists()] == []
 
 
-def test_every_package_has_a_page_of_its_own() -> None:
-    """A page shows `__all__` of its package, so every public name stands on one."""
-    navigation = text_of(ROOT / "mkdocs.yml")
-    packages = [path.parent for path in PACKAGE.rglob("__init__.py")]
-    assert len(packages) > 15
-    for package in packages:
-        name = ".".join(package.relative_to(PACKAGE.parent).parts)
-        assert f"\n::: {name}\n" in text_of(DOCS / "reference" / f"{name}.md")
-        assert f"reference/{name}.md" in navigation
-        assert "__all__ = [" in text_of(package / "__init__.py")
-
-
-def test_every_decision_is_listed_with_its_date() -> None:
-    table = text_of(DOCS / "decisions" / "index.md")
-    files = sorted(DOCS.glob("decisions/[0-9]*.md"))
-    for number, path in enumerate(files, start=1):
-        title, date = text_of(path).splitlines()[0:3:2]
-        assert title.startswith(f"# {number}. ")
-        assert f"| {number} | {date} | [{title.partition('. ')[2]}]({path.name}) |" in table
-    assert table.count("](") == len(files)
+def test_decisions_are_numbered_and_dated() -> None:
+    text = text_of(DOCS / "decisions.md")
+    numbers = re.findall(r"^## (\d+)\. .+\n\n\d{4}-\d\d-\d\d\n", text, re.MULTILINE)
+    assert [int(number) for number in numbers] == list(range(1, text.count("\n## ") + 1))

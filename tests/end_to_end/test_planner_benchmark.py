@@ -26,7 +26,7 @@ def run(*arguments: str) -> list[dict[str, object]]:
         capture_output=True, encoding="utf-8", check=True, env={**os.environ, "COLUMNS": "90"},
     )  # fmt: skip
     report = json.loads(done.stdout)
-    assert list(report) == ["rows"]
+    assert list(report) == ["rows", "mean_gaps"]
     assert "model" in done.stderr
     return report["rows"]
 

@@ -18,7 +18,7 @@ from meal_bayes.evaluation import (
     successes_within,
     summarize_learning,
 )
-from meal_bayes.trial_log import BatchOutcomes, TrialOutcomes
+from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 TRIALS = 200
 RISING = (0.5, 0.6, 0.7, 0.8, 0.8, 0.8)
@@ -107,7 +107,7 @@ class TestSummary:
         assert (bayes.area_low, bayes.area_high) == pytest.approx((30, 30))
         assert bayes.accuracy_after == pytest.approx(0.7)
 
-    def test_the_interval_is_student_s_at_90_percent(self):
+    def test_the_interval_is_that_of_splits_of_the_same_objects(self):
         gains = np.array([0.0, 0.05, 0.1])
         results = [
             BatchOutcomes(agent, repeat, batch, batch, outcomes_at(0.5 + gain))
@@ -116,7 +116,7 @@ class TestSummary:
             for batch in range(3)
         ]
         bayes = summarize_learning(results)[1]
-        reach = 2.920 * 30 / math.sqrt(3)  # t of two degrees, differences of 0, 30, 60
+        reach = 4.303 * 30 * math.sqrt(1 / 3 + 0.5)  # t of two degrees, differences of 0, 30, 60
         assert bayes.area_high - bayes.area_low == pytest.approx(2 * reach, rel=1e-3)
 
     def test_only_shared_repeats_are_compared(self):

@@ -14,7 +14,8 @@ from meal_bayes.evaluation import summarize
 from meal_bayes.evaluation.collect import WORST, Collected, batch_of
 from meal_bayes.evaluation.report import _best, write_report
 from meal_bayes.learner.api import ask
-from meal_bayes.trial_log import Group, Logs, TrialOutcomes, TrialWriter, write_trials
+from meal_bayes.trial_log import Group, Logs, TrialWriter, write_trials
+from meal_bayes.trials import TrialOutcomes
 
 OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
 AGENTS = ("predefined", "random", "greedy")

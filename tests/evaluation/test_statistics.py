@@ -8,8 +8,12 @@ from hypothesis import strategies as st
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import (
     bootstrap_interval,
+    clustered,
     clustered_se,
+    holm,
     paired_difference,
+    resampled,
+    spent,
     wilson_interval,
 )
 
@@ -97,3 +101,67 @@ def test_wilson_holds_the_fraction(n, data):
 def test_wrong_input_teaches(call, says):
     with pytest.raises(SettingsError, match=says):
         call()
+
+
+class TestSplitsOfTheSameObjects:
+    """Repeats of an online run split one set of objects again and again."""
+
+    OBJECTS, TESTED, SPLITS = 100, 34, 20
+
+    def simulated(self, rng):
+        """Draw differences of two equal agents: objects differ, a third is tested in each split."""
+        own = rng.normal(size=self.OBJECTS)
+        tested = [rng.permutation(self.OBJECTS)[: self.TESTED] for _ in range(self.SPLITS)]
+        return np.array([own[split].mean() for split in tested]) + 0.02 * rng.normal(size=20)
+
+    def test_corrected_intervals_cover_and_plain_ones_do_not(self):
+        rng, ratio = np.random.default_rng(0), self.TESTED / (self.OBJECTS - self.TESTED)
+        corrected = plain = 0
+        for _ in range(400):
+            values = self.simulated(rng)
+            _, _, low, high = resampled(values, ratio).interval()
+            corrected += low <= 0 <= high
+            _, _, low, high = paired_difference(values, 0.0, range(self.SPLITS))
+            plain += low <= 0 <= high
+        assert 0.93 <= corrected / 400 <= 0.97
+        assert plain / 400 < 0.6
+
+    def test_more_splits_do_not_replace_objects(self):
+        found = resampled([0.0, 2.0, 1.0, 1.5], 0.5)
+        assert found.needed(0.0, 0.05) is None
+        assert resampled([9.0, 11.0, 10.0, 10.5], 0.5).needed(7.0, 0.05) > 4
+
+
+def test_intervals_of_proportions_stay_within_0_and_1():
+    assert clustered([1] * 12, range(12), fraction=True).interval().high == 1.0
+    assert clustered([1] * 12, range(12), fraction=True).interval().low < 0.8  # 12 are not many
+    few = clustered([1] * 12, [0, 1, 2] * 4, fraction=True)  # three objects, however many trials
+    assert few.interval().low < 0.3
+    low = clustered([0, 0, 0, 0, 1, 0], range(6), fraction=True)
+    assert 0 < low.interval().low < 1 / 6 < low.interval().high < 1
+
+
+@pytest.mark.parametrize("fraction", [False, True])
+def test_a_level_is_where_the_interval_meets_the_bound(fraction):
+    rng = np.random.default_rng(1)
+    found = clustered(rng.random(40) < 0.7, np.arange(40) // 2, fraction=fraction)
+    _, _, low, high = found.interval(0.9)
+    assert found.level_above(low) == pytest.approx(0.1)
+    assert found.level_below(high) == pytest.approx(0.1)
+    assert found.level_above(high) > 1
+
+
+def test_needed_units_decide_at_80_percent_power():
+    found, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
+    needed = found.needed(0.0, 0.05)
+    draws = rng.normal(found.estimate, found.se * 2, (400, needed))
+    decided = [clustered(one, range(needed)).level_above(0.0) < 0.05 for one in draws]
+    assert 0.7 < np.mean(decided) < 0.95
+
+
+def test_holm_and_looks_keep_the_level_of_a_family():
+    rng = np.random.default_rng(3)
+    levels = rng.random((20_000, 10))  # no effect: levels are uniform
+    false = [(one <= holm(one)).any() for one in levels]
+    assert np.mean(false) <= 0.055
+    assert sum(spent(look) for look in range(1, 30)) <= 0.05

@@ -1,16 +1,16 @@
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import compare, difference, mean, summarize
 from meal_bayes.momdp import belief_of, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
-from meal_bayes.trial_log import TrialOutcomes
+from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 
 DOMAIN = load_domain("toy")
 QUERY = Query(("red", "heavy"))
@@ -61,6 +61,14 @@ def test_abstentions_are_not_right_and_stand_beside():
     assert row.reward == pytest.approx((-107 - 9) / 2)
     alone = summarize(TRIALS[3:])[0]
     assert math.isnan(alone.answered_accuracy)
+
+
+def test_trials_broken_off_enter_no_measure():
+    broken = replace(TRIALS[0], ended="robot error: OSError", report=None, steps=TRIALS[1].steps)
+    row, without = (summarize([TRIALS[0], TRIALS[2], *more])[0] for more in ([broken], []))
+    assert (row.trials, without.trials) == (3, 2)
+    assert row.as_dict() | {"trials": 2} == without.as_dict()
+    assert math.isnan(mean([broken], "cost").estimate)
 
 
 def test_certain_wrong_beliefs_cost_a_finite_nll():

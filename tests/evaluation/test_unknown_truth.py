@@ -11,7 +11,7 @@ from meal_bayes.evaluation.plots import belief_trace
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Logs, write_trials
-from meal_bayes.trial_log.formatting import truth_text, verdict_text
+from meal_bayes.trials import truth_text, verdict_text
 from meal_bayes.viewer.labels import log_line, narrate
 from meal_bayes.viewer.trial_frames import Clock
 

@@ -54,3 +54,11 @@ def test_own_planner(folder, monkeypatch, capsys):
     assert [line.split()[0] for line in lines] == ["random_legal", "predefined_plus", "Cautious"]
     assert names["Cautious"]().sure == 0.95
     assert len(list((folder / "logs").rglob("*.mcap"))) == 3
+
+
+def test_policy_gradient(folder, monkeypatch, capsys):
+    """Trained for two batches, it need not be good yet; `bayes` is."""
+    play(EXAMPLES / "policy_gradient.py", monkeypatch, "100")
+    learner, bayes = capsys.readouterr().out.splitlines()
+    assert learner.startswith("policy gradient: reward ")
+    assert 480 < int(bayes.split()[2]) < 500

@@ -4,6 +4,7 @@ import importlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -18,7 +19,13 @@ import pytest
 from meal_bayes.datasets import make_synthetic, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
+from meal_bayes.experiments import (
+    OfflineConfig,
+    OnlineConfig,
+    parallel,
+    run_offline,
+    run_online,
+)
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.perception import DEFAULT, build_percept_table
 
@@ -78,12 +85,12 @@ def address_in(card):
 
 @pytest.fixture
 def cluster(tmp_path, eventually):
-    """Start a scheduler and two workers; give its address with their processes."""
+    """Start a scheduler and two workers; return its address, and the processes."""
     card = tmp_path / "scheduler.json"
     with ExitStack() as stack:
         words = ("--host", LOCAL, "--port", "0", "--no-dashboard", "--no-show")
         words = (*words, "--scheduler-file", str(card))
-        stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *words))
+        scheduler = stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *words))
         address = eventually(partial(address_in, card), "no scheduler")
         workers = [
             stack.enter_context(
@@ -98,7 +105,7 @@ def cluster(tmp_path, eventually):
         for k in (1, 2):
             log = tmp_path / f"worker{k}" / "output"
             eventually(lambda log=log: "Registered to" in log.read_text(), "no worker")
-        yield address, workers
+        yield address, workers, scheduler
 
 
 @pytest.fixture
@@ -116,7 +123,7 @@ def contents(folder):
 
 @pytest.mark.long
 def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkeypatch, eventually):
-    address, workers = cluster
+    address, workers, _ = cluster
     expected = contents(run_online(config, logs=tmp_path / "here").folder)
     monkeypatch.chdir(tmp_path)
     seen = []
@@ -141,7 +148,7 @@ def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkey
 
 @pytest.mark.long
 def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(cluster, tmp_path):
-    address, _ = cluster
+    address, *_ = cluster
     domain = load_domain("toy")
     dataset = make_synthetic(domain, objects=14, recordings=2, rng=np.random.default_rng(0))
     written = []
@@ -159,7 +166,7 @@ def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(clus
 @pytest.mark.long
 def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatch):
     """Its module lies in a folder that the workers have never heard of."""
-    address, _ = cluster
+    address, *_ = cluster
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "looker_on_dask.py").write_text(LOOKER, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path / "mine")
@@ -173,29 +180,56 @@ def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatc
 
 @pytest.mark.long
 def test_faults_of_the_work_are_told(cluster, config, tmp_path):
-    address, _ = cluster
+    address, *_ = cluster
     wrong = replace(config, success=(("lift", 1.5),), repeats=1)
     with pytest.raises(Exception, match=r"probability 1\.5"):
         run_online(wrong, logs=tmp_path / "logs", cluster=address)
 
 
+@pytest.mark.long
+def test_a_worker_of_other_code_is_refused(cluster, monkeypatch):
+    address, *_ = cluster
+    other = {**parallel.environment(), "numpy": "0.1"}
+    monkeypatch.setattr(parallel, "environment", lambda: other)
+    with pytest.raises(SettingsError, match=r"other code: numpy [\d.]+ \(here 0.1\)"):
+        list(in_parallel(abs, [-1], jobs=1, cluster=address))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_scheduler_that_ends_or_falls_silent_is_one_line(cluster, monkeypatch, ending):
+    address, _, scheduler = cluster
+    monkeypatch.setattr(parallel, "_PATIENCE", 0.5)
+    monkeypatch.setattr(parallel, "_SILENCE", 0.5)
+    results = in_parallel(wait_if_negative, [1, -1], jobs=1, cluster=address)
+    assert next(results) == 1
+    scheduler.send_signal(ending)
+    with pytest.raises(SettingsError, match=f"at {address} has ended or does not answer"):
+        next(results)
+
+
+def wait_if_negative(number):
+    if number < 0:
+        threading.Event().wait()
+    return number
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nonsense://127.0.0.1:1"])
 def test_no_scheduler_is_said_with_the_way_out(monkeypatch, address):
-    monkeypatch.setattr("meal_bayes.experiments.parallel._PATIENCE", "300ms")
-    import dask.distributed  # noqa: PLC0415  an extra
+    import dask  # noqa: PLC0415  an extra
 
-    made = []
-
-    class Noted(dask.distributed.Client):
-        def __init__(self, *arguments, **options):
-            made.append(self)
-            super().__init__(*arguments, **options)
-
-    monkeypatch.setattr("dask.distributed.Client", Noted)
+    monkeypatch.setattr(parallel, "_PATIENCE", 0.3)
     with pytest.raises(SettingsError, match=f"No Dask scheduler answers at {address}; start one"):
         list(in_parallel(abs, [-1], jobs=1, cluster=address))
-    assert [client.status for client in made] == ["closed"]
     assert dask.config.get("scheduler", None) is None  # or the next NetCDF file asks for a client
+
+
+def test_what_accepts_and_says_nothing_is_no_scheduler(monkeypatch):
+    monkeypatch.setattr(parallel, "_PATIENCE", 0.3)
+    with socket.create_server((LOCAL, 0)) as silent:
+        address = f"tcp://{LOCAL}:{silent.getsockname()[1]}"
+        with pytest.raises(SettingsError, match="No Dask scheduler answers"):
+            list(in_parallel(abs, [-1], jobs=1, cluster=address))
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from meal_bayes.agents import AGENTS, Agent, as_agent, origin_of
+from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
@@ -97,29 +97,6 @@ def test_an_edited_planner_runs_again(module, tmp_path, jobs):
     assert len({path.name for path in folder.parent.iterdir()}) == 2
 
 
-def test_other_settings_of_a_planner_are_another_run(module):
-    looker = module(1).Looker
-    digests = [origin_of(as_agent(value)).digest for value in (looker(), looker(0), looker(1))]
-    assert digests[0] == digests[1] != digests[2]
-    assert origin_of(AGENTS["bayes"]).digest == ""
-
-
-def test_a_package_counts_as_a_whole(tmp_path, monkeypatch):
-    package = tmp_path / "house_of_lookers"
-    (package / "rooms").mkdir(parents=True)
-    for path in (package / "__init__.py", package / "rooms" / "__init__.py"):
-        path.write_text("", encoding="utf-8")
-    (package / "rooms" / "helper.py").write_text("LOOKS = 1", encoding="utf-8")
-    (package / "rooms" / "looker.py").write_text(SOURCE.format(looks=1), encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    agent = as_agent(importlib.import_module("house_of_lookers.rooms.looker").Looker)
-    before = origin_of(agent)
-    (package / "rooms" / "helper.py").write_text("LOOKS = 2", encoding="utf-8")
-    assert origin_of(agent).digest != before.digest
-    assert before.modules == ("house_of_lookers",)
-    assert before.folders == (str(tmp_path),)
-
-
 def test_on_the_command_line(module, tmp_path, monkeypatch):
     name = module(2).__name__
     monkeypatch.chdir(tmp_path / "mine")
@@ -151,7 +128,6 @@ def test_an_observation_model_is_a_value(tmp_path):
     run = run_offline(OfflineConfig("cy101", 1, 4, (deaf,)), logs=tmp_path)
     for trial in run.trials():
         np.testing.assert_allclose(trial.last_belief.positive, 0.5)
-    assert origin_of(deaf).digest
 
 
 def test_online_runs_take_them_too(own_data, module, tmp_path):

@@ -1,16 +1,12 @@
 """Processes of our own: as many as there is work, and none left behind."""
 
 import os
-import sys
 import threading
 from pathlib import Path
 
-import cloudpickle
 import pytest
 
 from meal_bayes.experiments.parallel import in_parallel
-
-cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
 
 
 def children() -> set[int]:

@@ -68,7 +68,7 @@ def test_a_damaged_table_is_computed_again(computed):
 
 def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     percepts_for("roc36", "paper")
-    monkeypatch.setattr(percepts, "_code_digest", lambda: "other")
+    monkeypatch.setattr(percepts, "digest_of", lambda *_: "other")
     percepts_for("roc36", "paper")
     monkeypatch.setattr(percepts, "package_version", lambda: "9.0")
     percepts_for("roc36", "paper")
@@ -90,3 +90,12 @@ def test_what_cannot_be_computed_is_told(computed, tmp_path):
     with pytest.raises(SettingsError, match="toy has no public recordings"):
         percepts_for("toy", "paper")
     assert computed == []
+
+
+def test_no_table_is_kept_outside_of_the_cache(tmp_path, monkeypatch):
+    """`data` of a domain of others may be any text, also the path of a folder."""
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
+    for data in (str(tmp_path / "elsewhere"), "../../elsewhere", ".."):
+        (tmp_path / "own.toml").write_text(f'extends = "toy"\nname = "own"\ndata = "{data}"\n')
+        path = table_path(str(tmp_path / "own.toml"), root=tmp_path)
+        assert path.resolve().parent == tmp_path / "cache" / "percepts"

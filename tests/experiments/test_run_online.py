@@ -11,33 +11,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.agents import OnlineLearner, PublishedVariants
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
-from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.online import _true_dynamics
-from meal_bayes.experiments.protocol import Protocol
-from meal_bayes.trial_log import TrialOutcomes, read_header, read_trials
+from meal_bayes.experiments import OnlineConfig, PublishedVariants, run_online
+from meal_bayes.experiments.environment import Environment, true_dynamics
+from meal_bayes.experiments.protocol import Protocol, Recordings
+from meal_bayes.learner import Learner
+from meal_bayes.robots import RecordedRobot
+from meal_bayes.seeds import stream
+from meal_bayes.trial_log import read_header, read_trials
+from meal_bayes.trials import TrialOutcomes
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
 ROOT = Path(__file__).resolve().parents[2]
 
 KILLED = """
 import os, signal, sys
-from meal_bayes.agents import OnlineLearner
 from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.experiments.environment import Environment
 
-train, done = OnlineLearner.train, 0
+train, done = Environment.train, 0
 
-def train_until(self, task):
+def train_until(self, learner, task):
     global done
     done += 1
     if done == int(sys.argv[4]):
         os.kill(os.getpid(), signal.SIGKILL)
-    return train(self, task)
+    return train(self, learner, task)
 
-OnlineLearner.train = train_until
+Environment.train = train_until
 config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
                       agents=("iterative_random_legal", "bayes_memory"), log="full")
 run_online(config, logs=sys.argv[3])
@@ -179,18 +182,18 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost):
     "stop", [8, *(pytest.param(stop, marks=pytest.mark.long) for stop in (1, 20))]
 )
 def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monkeypatch, stop):
-    train, calls = OnlineLearner.train, []
+    train, calls = Environment.train, []
 
-    def failing(self, task):
+    def failing(self, learner, task):
         calls.append(task)
         if len(calls) == stop:
             raise RuntimeError("the power went")
-        return train(self, task)
+        return train(self, learner, task)
 
-    monkeypatch.setattr(OnlineLearner, "train", failing)
+    monkeypatch.setattr(Environment, "train", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_online(config, logs=tmp_path)
-    monkeypatch.setattr(OnlineLearner, "train", train)
+    monkeypatch.setattr(Environment, "train", train)
     assert len(contents(tmp_path)) < len(whole)
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
@@ -277,6 +280,60 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
     assert len(folders) == len(changes)
 
 
+@pytest.mark.parametrize("name", ["bayes", "bayes_memory", "morc_itrs"])
+def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tmp_path, name):
+    """A robot that replays, feedback and refits by hand: `ask` and `tell` are all it takes."""
+    own = replace(config, agents=(name,), repeats=1)
+    run = run_online(own, logs=tmp_path)
+    dataset = load_dataset(config.dataset, root=config.root)
+    domain, seed = dataset.domain, config.seed
+    protocol = Protocol.of(dataset, attributes=1, seed=seed, repeat=0, shares=config.split)
+    recordings = Recordings(dataset, stream(seed, "world", domain.data, 0))
+    learner = Learner(
+        domain, agent=name, seed=seed, reward=100.0, refit_every=None, learn_success=False,
+        horizon=config.horizon, logs=None,
+    )  # fmt: skip
+    learner.fits.settings = replace(  # delta of Eq. 10 is the protocol's
+        learner.fits.settings, count_given=False,
+        unit=float(dataset.recordings * len(protocol.split.train)),
+    )  # fmt: skip
+    learner.fit(protocol.pretraining())
+    found = {}
+    for batch in range(3):
+        for part, tasks in (
+            ("test", protocol.tests()),
+            ("train", protocol.training(batch + 1, 5) if batch < 2 else []),
+        ):
+            for task in tasks:
+                o, (attribute,) = task.object_index, task.query.attributes
+                order = stream(seed, "recordings", *task.key)
+                robot = RecordedRobot(
+                    domain, o, recordings.counts[o],
+                    order if part == "test" else recordings.supply(o),
+                    stream(seed, "robot", *task.key), dataset,
+                )  # fmt: skip
+                truth = bool(dataset.labels[o, domain.attribute_index(attribute)])
+                trial = learner.ask(task, robot, truth={attribute: truth}, learn=part == "train")
+                found.setdefault((batch + (part == "train"), part), []).append(trial)
+                if part == "train":
+                    recordings.use(trial)
+                    if trial.report is not None:  # a verdict implies the one label
+                        learner.tell(trial, {attribute: truth})
+        learner.refit()
+    for (batch, part), trials in found.items():
+        path = run.folder / name / "repeat-000" / f"{batch:02d}-{part}.mcap"
+        logged = list(read_trials(path))
+        assert len(logged) == len(trials)
+        for one, other in zip(trials, logged, strict=True):
+            assert one.task == other.task
+            assert [s.decision.action for s in one.steps] == [
+                s.decision.action for s in other.steps
+            ]
+            np.testing.assert_array_equal(one.last_belief.log_prob, other.last_belief.log_prob)
+            np.testing.assert_array_equal(one.momdp.bonus, other.momdp.bonus)
+            np.testing.assert_array_equal(one.report, other.report)
+
+
 def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
     agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
     run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)
@@ -322,14 +379,9 @@ def test_true_dynamics_keep_the_fractions_of_outcomes(own_data):
     lifts = (Effect("x0", "lift", "x1", 0.6), Effect("x0", "lift", "x0", 0.2))
     others = tuple(e for e in domain.diagram.effects if e.behavior != "lift")
     two = replace(domain, diagram=replace(domain.diagram, effects=(*others, *lifts)))
-    dynamics = _true_dynamics(two, {"lift": 0.4})
+    dynamics = true_dynamics(two, {"lift": 0.4})
     assert [e.probability for e in dynamics.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
-    assert _true_dynamics(two, {}) == two
-
-
-def test_jobs_are_processes(config, tmp_path):
-    with pytest.raises(SettingsError, match="at least 1"):
-        run_online(config, logs=tmp_path, jobs=0)
+    assert true_dynamics(two, {}) == two
 
 
 def test_other_data_under_the_same_path_are_another_run(config, tmp_path):

@@ -51,6 +51,7 @@ def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*yielded nothing:UserWarning")  # a slip of the hand
 def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     data, _ = training
     rng = stream(0, "labels by a coin")
@@ -91,16 +92,13 @@ def test_success_is_learned_from_what_happened(room, training):
 
 
 @pytest.mark.long
-def test_it_learns_live_from_a_single_object(room, tmp_path):
-    done = list(room.learn_live(
-        14, 3, agent="greedy", explore=8, refit_every=5, learn_success=True, logs=tmp_path
-    ))  # fmt: skip
+def test_it_learns_live_from_nothing(room, tmp_path):
+    done = list(room.learn_live(14, 3, logs=tmp_path))
     assert [one.number for one in done] == list(range(1, 15))
-    assert [one.agent for one in done] == ["random_legal"] * 8 + ["greedy"] * 6
     assert all(one.trial is not None for one in done)
     assert len(list(tmp_path.glob("*.mcap"))) == 14
-    explored = [len(one.trial.steps) for one in done[:8]]
-    assert min(explored) > 3
+    assert len(done[0].trial.steps) > 1  # it tries what it knows nothing of
+    assert done[-1].trial.momdp.rows.std() > 0
 
 
 def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, monkeypatch):
@@ -114,7 +112,7 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, mon
         return execute(arm, behavior)
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
-    done = list(room.learn_live(3, 3, agent="greedy", explore=3, logs=tmp_path))
+    done = list(room.learn_live(3, 3, agent="random_legal", logs=tmp_path))
     assert [one.fault for one in done] == ["", "the object fell off the table", ""]
     assert done[1].trial is None
     (broken,) = read_trials(tmp_path / "00002.mcap")

@@ -9,9 +9,8 @@ from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
-from meal_bayes.gym import ENVIRONMENTS, MealEnv, register
+from meal_bayes.gym import ENVIRONMENTS, MealEnv
 
-register()
 SHIPPED = [name for name in ENVIRONMENTS if "Own" not in name]
 
 
@@ -51,22 +50,35 @@ def test_an_agent_scores_what_an_offline_run_says(name, agent):
         ]
 
 
-def test_masked_behaviors_end_the_episode_and_others_do_not():
+def test_masked_behaviors_cost_and_change_nothing():
     env = MealEnv("roc36", agent="greedy", trials=20)
     for seed in range(10):
-        _, info = env.reset(seed=seed)
-        illegal = np.flatnonzero(info["action_mask"] == 0)
-        assert illegal.size
-        after, _, ended, _, _ = env.step(int(illegal[0]))
-        assert ended
-        assert after["state"] == env.observation_space["state"].n - 1
-        env.reset(seed=seed)
+        before, info = env.reset(seed=seed)
+        illegal = int(np.flatnonzero(info["action_mask"] == 0)[0])
+        after, reward, ended, _, _ = env.step(illegal)
+        assert not ended
+        assert reward == -env.trial.momdp.cost[illegal]
+        assert not env.trial.steps
+        assert all(np.array_equal(before[name], after[name]) for name in before)
         after, reward, ended, _, _ = env.step(int(np.flatnonzero(info["action_mask"])[0]))
         assert not ended
         assert reward == pytest.approx(-after["cost"][0])
+        for action in (-1, env.action_space.n):
+            with pytest.raises(SettingsError, match=f"action {action}; expected 0 to"):
+                env.step(action)
         env.step(env.action_space.n - 1)
         with pytest.raises(SettingsError, match="is over"):
             env.step(0)
+
+
+def test_an_agent_that_may_abstain_has_one_more_action():
+    env = MealEnv("roc36", agent="morc", trials=2)
+    _, info = env.reset(seed=0)
+    assert env.actions[-1] == "abstain"
+    _, reward, ended, _, info = env.step(env.action_space.n - 1)
+    assert ended
+    assert reward == 0
+    assert info["success"] is False
 
 
 def test_randomness_is_new_in_every_episode_and_repeats_under_a_seed():
@@ -76,7 +88,7 @@ def test_randomness_is_new_in_every_episode_and_repeats_under_a_seed():
         found = []
         for k in range(6):
             _, info = env.reset(seed=seed if k == 0 else None)
-            look = info["actions"].index("look")
+            look = env.actions.index("look")
             found.append((info["object"], env.step(look)[0]["percepts"].tobytes()))
         return found
 
@@ -86,13 +98,46 @@ def test_randomness_is_new_in_every_episode_and_repeats_under_a_seed():
     assert first != episodes(2)
 
 
+def test_importing_the_module_registers_the_environments():
+    assert set(ENVIRONMENTS) <= set(gymnasium.registry)
+    env = gymnasium.make("meal_bayes.gym:meal_bayes/CY101-v0", agent="greedy", attributes=1)
+    assert env.unwrapped.tasks
+
+
+def test_train_and_test_objects_are_apart_whatever_the_seed():
+    asked = {
+        (name, seed): {task.object_name for task in MealEnv(
+            "roc36", agent="greedy", trials=300, objects=name, seed=seed
+        ).tasks}
+        for name in ("train", "test") for seed in (0, 1)
+    }  # fmt: skip
+    assert asked["train", 0] == asked["train", 1]
+    assert not asked["train", 0] & asked["test", 1]
+    assert (len(asked["train", 0]), len(asked["test", 0])) == (27, 9)
+    one = load_percepts("roc36").objects[:1]
+    env = MealEnv("roc36", agent="greedy", objects=one)
+    assert {task.object_name for task in env.tasks} == set(one)
+    for objects in ("trian", ["no such object"]):
+        with pytest.raises(SettingsError, match="expected one of"):
+            MealEnv("roc36", agent="greedy", objects=objects)
+
+
+def test_rewards_are_scaled():
+    plain, scaled = (MealEnv("roc36", agent="greedy", trials=5, scale=s) for s in (1.0, 0.01))
+    for env in (plain, scaled):
+        env.reset(seed=3)
+    for action in (plain.actions.index("look"), plain.action_space.n - 1):
+        assert scaled.step(action)[1] == pytest.approx(0.01 * plain.step(action)[1])
+    assert scaled.trial.reward == plain.trial.reward
+
+
 def test_a_long_episode_is_truncated():
     env = MealEnv("roc36", agent="greedy", trials=5, max_steps=3)
-    _, info = env.reset(seed=0)
-    look = info["actions"].index("look")
+    env.reset(seed=0)
+    look = env.actions.index("look")
     ended = [env.step(look)[2:4]]
     while not any(ended[-1]):
-        _, _, terminated, truncated, info = env.step(int(np.flatnonzero(env._mask())[0]))
+        _, _, terminated, truncated, _ = env.step(int(np.flatnonzero(env.action_masks())[0]))
         ended.append((terminated, truncated))
     assert ended == [(False, False), (False, False), (False, True)]
 

@@ -79,7 +79,9 @@ OURS = {"object_level": True, "shared_trait": True, "base_rates": True, "levels"
 
 def make_learner(dataset, agent=None, **options):
     agent = agent or Agent("ours", lambda domain, query: OpenLoop(), **OURS)
-    return Learner(dataset.domain, agent=agent, **{"logs": None, **options}).fit(dataset)
+    return Learner(
+        dataset.domain, agent=agent, **{"logs": None, "refit_every": None, **options}
+    ).fit(dataset)
 
 
 @pytest.fixture(scope="session")

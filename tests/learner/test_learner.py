@@ -1,17 +1,19 @@
 """Told trials are conjugate updates: at once, in any order, and taken back exactly."""
 
 import dataclasses
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.agents import knowledge_without
+from meal_bayes.agents import Agent, NoBonus, knowledge_without, load_agent
 from meal_bayes.datasets import TrainingSet, load_percepts
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.perception import ConfusionCounts, fit_and_validate
+from meal_bayes.planners import Predefined
 from meal_bayes.posterior import ConfusionPosterior
 
 ALPHA = "concentration"
@@ -33,7 +35,7 @@ def alpha(learner):
 
 
 VALUES = st.dictionaries(st.sampled_from(["red", "full"]), st.booleans(), min_size=1)
-WORDS = st.lists(st.tuples(st.integers(0, 4), st.none() | VALUES), max_size=10)
+WORDS = st.lists(st.tuples(st.integers(0, 3), st.none() | VALUES), max_size=10)
 
 
 @given(words=WORDS)
@@ -41,7 +43,7 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
     """`evidence == delta * IE` (Eq. 10) after every word; forgetting restores the posterior."""
     learner, trials = met
     fitted, rates = alpha(learner), learner.knowledge().base_rates
-    base = learner.source.instances.copy()
+    base = learner.knowledge().posterior.counts.sum(axis=(2, 3))
     told = {}
     try:
         for number, values in words:
@@ -50,22 +52,15 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
                 del told[number]
             elif values is not None:
                 learner.tell(trials[number], values)
-                told.pop(number, None)
-                told[number] = values  # the later word holds
-            posterior = learner.knowledge().posterior
-            np.testing.assert_array_equal(
-                posterior.counts.sum(axis=(2, 3)), learner.source.instances
-            )
-            labels = {"cup 3": {"red": True, "full": True}}  # a training object's are known
-            for n, value in told.items():
-                labels.setdefault(trials[n].task.object_name, {}).update(value)
+                told[number] = {**told.get(number, {}), **values}
             more = np.zeros_like(base)
-            for n in told:
+            for n, given_labels in told.items():
                 for step in trials[n].steps[:2]:
-                    for name in labels[trials[n].task.object_name]:
+                    for name in given_labels:
                         p = learner.domain.attribute_index(name)
                         more[p, step.decision.action] += step.observation is not None
-            np.testing.assert_array_equal(learner.source.instances - base, more)
+            counts = learner.knowledge().posterior.counts
+            np.testing.assert_array_equal(counts.sum(axis=(2, 3)) - base, more)
     finally:
         for number in told:
             learner.forget(trials[number])
@@ -73,13 +68,13 @@ def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
     np.testing.assert_array_equal(learner.knowledge().base_rates, rates)
 
 
-@given(order=st.permutations(range(5)))
+@given(order=st.permutations(range(4)))
 def test_the_order_of_words_does_not_matter(met, order):
     learner, trials = met
     truth = [{"red": bool(n != 1), "full": n % 2 == 0} for n in range(5)]
     truth[2] = truth[0]  # the same object
     results = []
-    for numbers in (range(5), order):
+    for numbers in (range(4), order):
         for n in numbers:
             learner.tell(trials[n], truth[n])
         results.append(alpha(learner))
@@ -133,14 +128,17 @@ def test_the_next_ask_differs_without_a_refit(dataset, make):
     assert not np.array_equal(before.prior, after.prior)
 
 
-def test_labels_of_an_object_are_believed_of_it_only(dataset, make):
-    learner = make.learner(dataset)
+def test_who_recognizes_an_object_believes_its_labels_of_it_only(dataset, make):
+    learner = make.learner(dataset, make.agent("look", memory=True, **make.ours))
     trial = learner.ask("red", make.arm(), object_name="mug")
     learner.tell(trial, {"red": True})
     assert learner.ask("red", make.arm(), object_name="mug").momdp.prior[0] == 0.99
     for name in (None, "glass"):
         prior = learner.ask("red", make.arm(), object_name=name).momdp.prior
         np.testing.assert_array_equal(prior, learner.knowledge().base_rates[:1])
+    learner.agent = make.agent("look", **make.ours)
+    prior = learner.ask("red", make.arm(), object_name="mug").momdp.prior
+    np.testing.assert_array_equal(prior, learner.knowledge().base_rates[:1])
 
 
 def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
@@ -162,10 +160,12 @@ class TestRefitting:
         learner = make.learner(dataset, make.agent("look", "lift", **make.ours))
         trial = learner.ask("red, full", make.arm(), object_name="mug")
         learner.tell(trial, {"red": False, "full": True})
-        conjugate = learner.source.instances.copy()
+        conjugate = learner.knowledge().posterior.counts.sum(axis=(2, 3))
         learner.refit()
-        np.testing.assert_array_equal(learner.source.instances, conjugate)
-        assert learner.source.perception.classifiers["look"].spaces["color"].rows.shape[0] == 37
+        again = learner.knowledge().posterior.counts.sum(axis=(2, 3))
+        np.testing.assert_array_equal(again, conjugate)
+        perception = learner.fitted(learner.agent).perception
+        assert perception.classifiers["look"].spaces["color"].rows.shape[0] == 37
         learner.forget(trial)
         fresh = make.learner(dataset, make.agent("look", "lift", **make.ours))
         np.testing.assert_array_equal(alpha(learner), alpha(fresh))
@@ -174,8 +174,19 @@ class TestRefitting:
         learner = make.learner(dataset, make.agent("look", **make.ours), refit_every=3)
         for n in range(3):
             trial = learner.ask("red", make.arm(seed=n))
+            before = learner.fitted(learner.agent)
             learner.tell(trial, {"red": False})
-            assert learner.refitted(learner.labeled_trials[0]) == (n == 2)
+            assert (learner.fitted(learner.agent) is not before) == (n == 2)
+
+    def test_when_labelled_instances_have_grown_by_a_fraction(self, dataset, make):
+        learner = make.learner(dataset, make.agent("look", **make.ours), refit_every=0.05)
+        fits = []
+        for n in range(8):  # an instance each; there are 144 labels of instances, then 152
+            before = learner.fitted(learner.agent)
+            learner.tell(learner.ask("red", make.arm(seed=n)), {"red": False})
+            if learner.fitted(learner.agent) is not before:
+                fits.append(n)
+        assert fits == [7]
 
 
 class TestAPerceptTable:
@@ -218,20 +229,128 @@ class TestAPerceptTable:
             make.learner(dataset).ask("red", "cup 1")
 
 
+class TestFromNothing:
+    @pytest.mark.parametrize("agent", ["bayes", "bayes_memory", "morc_itrs"])
+    def test_an_agent_that_explores_learns_from_the_first_label_on(self, dataset, make, agent):
+        learner = Learner(dataset.domain, agent=agent, logs=None)
+        trials = []
+        for n in range(24):
+            red, full = n % 2 == 0, n // 2 % 2 == 0
+            asked = "red" if n % 3 else "full"
+            arm = make.arm(red=red, full=full, seed=n)
+            truth = {asked: red if asked == "red" else full}
+            trials.append(learner.ask(asked, arm, truth=truth))
+            learner.tell(trials[-1], {"red": red, "full": full})
+        assert len(trials[0].steps) > 1  # it tries what it knows nothing of
+        counts = learner.knowledge().posterior.counts
+        assert counts.sum() > 0
+        if agent != "morc_itrs":  # whose exploring ends with its experience
+            assert sum(bool(trial.success) for trial in trials[12:]) >= 9
+
+    def test_one_that_does_not_explore_executes_nothing(self, dataset, make):
+        learner = Learner(dataset.domain, agent="bayes_no_bonus", logs=None)
+        assert len(learner.ask("red", make.arm()).steps) == 1
+
+
+def tables(knowledge, columns):
+    """An observation model of one's own: all percepts are fair coins."""
+    shape = (len(columns), len(knowledge.domain.behaviors), 2)
+    return np.full((*shape, 4), 0.25), np.full(shape, 9.0), None
+
+
+class TestEveryFieldOfAnAgentActs:
+    CHANGES: ClassVar = {
+        "name": "another", "solver": lambda domain, query: Predefined(("lift",)),
+        "object_level": False, "shared_trait": False, "base_rates": False, "levels": 2,
+        "abstain": False, "discount": 0.9, "observation_model": tables, "exploration": NoBonus(),
+        "memory": True, "whiten": False, "trained_by": load_agent("morc"),
+    }  # fmt: skip
+
+    @staticmethod
+    def signature(dataset, make, agent):
+        """What two trials about one object and a third agent-free fact depend on."""
+        learner = make.learner(dataset, agent)
+        first = learner.ask("red", make.arm(), object_name="mug", key="a")
+        learner.tell(first, {"red": True, "full": True})
+        learner.refit()
+        second = learner.ask("full", make.arm(), object_name="mug", key="b")
+        return [
+            (
+                trial.agent, trial.momdp.rows.tobytes(), trial.momdp.precision.tobytes(),
+                trial.momdp.prior.tobytes(), trial.momdp.bonus.tobytes(), trial.momdp.discount,
+                trial.momdp.n_actions, [step.decision.action for step in trial.steps],
+            )
+            for trial in (first, second)
+        ]  # fmt: skip
+
+    def test_no_field_is_forgotten_here(self):
+        assert set(self.CHANGES) == {field.name for field in dataclasses.fields(Agent)}
+
+    @pytest.mark.parametrize("field", sorted(CHANGES))
+    def test_with_a_robot(self, dataset, make, field):
+        ours = load_agent("bayes")
+        changed = dataclasses.replace(ours, **{field: self.CHANGES[field]})
+        one, other = (self.signature(dataset, make, agent) for agent in (ours, changed))
+        assert one != other
+        assert self.signature(dataset, make, ours) == one
+
+
+class TestTheAgentCanBeChanged:
+    def test_another_learns_from_the_same_experience(self, dataset, make):
+        learner = make.learner(dataset, "bayes")
+        trial = learner.ask("red", make.arm())
+        learner.tell(trial, {"red": False})
+        learner.agent = "morc"
+        assert learner.ask("red", make.arm()).momdp.levels == 2
+        fresh = make.learner(dataset, "morc")
+        before = fresh.knowledge().posterior.counts.sum(axis=(2, 3))
+        counts = learner.knowledge().posterior.counts.sum(axis=(2, 3))
+        shown = len(learner.experience.shown(trial.task.key))
+        assert (counts - before)[0].sum() == shown > 0
+        with pytest.raises(SettingsError):
+            learner.agent = "bayse"
+
+
+def test_an_object_may_be_labelled_without_a_trial(dataset, make):
+    learner = make.learner(dataset, make.agent("look", memory=True, **make.ours))
+    learner.tell("mug", {"red": True})
+    assert learner.ask("red", make.arm(), object_name="mug").momdp.prior[0] == 0.99
+
+
+def test_success_rates_are_learned_from_executions(dataset, make):
+    learner = make.learner(dataset, make.agent("lift", "reset", **make.ours))
+    learner.fit(dataset)
+    before = len(learner.experience.instances)
+    for _ in range(8):
+        session = learner.begin("red")
+        session.fail()  # lift
+        session.cancel()
+    learner.refit()
+    lift = next(e for e in learner.knowledge().domain.diagram.effects if e.behavior == "lift")
+    assert lift.probability == pytest.approx(2 * 0.9 / 10)
+    assert len(learner.experience.instances) == before  # equal recordings are given once
+
+
+def test_a_test_trial_is_no_experience(dataset, make):
+    learner = make.learner(dataset, "bayes")
+    trial = learner.ask("red", make.arm(), learn=False)
+    assert not trial.momdp.bonus.any()
+    assert len(learner.experience.executions) == 0
+    assert learner.ask("red", make.arm()).momdp.bonus.any()
+
+
 def test_mistakes_are_told(dataset, make):
     learner = make.learner(dataset)
     trial = learner.ask("red", make.arm())
     for values, error, says in (
         ({"rd": True}, QueryError, "did you mean 'red'"),
-        ({"red": "yes"}, SettingsError, "True, False or None"),
+        ({"red": "yes"}, SettingsError, "1 or True, 0 or False, or None"),
     ):
         with pytest.raises(error, match=says):
             learner.tell(trial, values)
     learner.tell(trial, {"red": None})
     with pytest.raises(SettingsError, match="has no labels"):
         learner.forget(trial)
-    with pytest.raises(SettingsError, match="fit"):
-        Learner(dataset.domain).ask("red", make.arm())
     with pytest.raises(SettingsError, match="differ from"):
         Learner("roc36").fit(dataset)
     for wrong in ({"seed": -1}, {"refit_every": 0}, {"agent": 7}):

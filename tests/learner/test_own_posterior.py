@@ -1,14 +1,20 @@
 """A posterior of one's own, of PyMC or the grid, is the agent's; keys name random streams."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import meal_bayes
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.draws import draw_grid
-from meal_bayes.posterior.idata import to_idata
+from meal_bayes.posterior.idata import save_netcdf, to_idata
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = "pm.sample(100, tune=200, chains=2, cores=1, random_seed=0, progressbar=False)"
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +65,30 @@ class TestAPosteriorOfOnesOwn:
         learner = Learner(table.domain, agent="greedy", logs=None, posterior=own.posterior)
         found = learner.fit(table).knowledge(table.objects[3]).posterior
         np.testing.assert_array_equal(found.mean, own.posterior.mean)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")  # of PyMC, about few draws
+def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
+    """The page of the how-to: names of dimensions, truths and levels are the whole contract."""
+    idata_of = pytest.importorskip("meal_bayes.posterior.hierarchical")
+    page = (ROOT / "docs/how-to/posterior.md").read_text()
+    code = page.split("```py\n")[1].split("```")[0].replace("pm.sample()", SAMPLE)
+    counts, labels = np.zeros((8, 2, 2, 2, 2), np.int64), dataset.labels[:8]
+    for o, i, b in np.ndindex(8, 2, 2):
+        counts[o, i, b, labels[o, i], labels[o, i]] = 3
+    objects = [f"object {o}" for o in range(8)]
+    space = {"np": np, "mb": meal_bayes, "pm": idata_of.pm, "domain": dataset.domain}
+    exec(code, space | {"counts": counts, "objects": objects}, space)
+    own = space["learner"].fits.settings.posterior
+    assert own.counts.sum() == counts.sum()
+    assert (own.mean[:, :2, 1, 1] > 0.6).all()
+    assert (own.mean[:, :2, 0, 1] < 0.4).all()
+    path = save_netcdf(space["idata"], tmp_path / "own.nc")
+    again = Learner(
+        dataset.domain, agent="greedy", logs=None, posterior=path
+    ).fits.settings.posterior
+    np.testing.assert_array_equal(again.mean, own.mean)
 
 
 def test_a_key_names_the_random_stream_of_a_question(table):

@@ -49,21 +49,26 @@ def saved(taught, tmp_path):
     return path
 
 
-def test_everything_comes_back(taught, saved, agent, make):
+def test_everything_comes_back(taught, saved, dataset, agent, make):
     learner, trials = taught
     again = Learner.load(saved, agent=agent, logs=None)
     same(again.knowledge(), learner.knowledge())
     assert (again.seed, again.reward, again.asked) == (5, 70.0, 3)
-    assert [labeled.key for labeled in again.labeled_trials] == [
-        labeled.key for labeled in learner.labeled_trials
-    ]
-    asked = [one.ask("red", make.arm(seed=9), object_name="mug") for one in (learner, again)]
-    learner.asked -= 1
+    for name in ("instances", "levels", "labels", "executions", "feedback", "known"):
+        found = (getattr(one.experience, name).values for one in (again, learner))
+        np.testing.assert_array_equal(*found)
+    assert again.experience.trials == learner.experience.trials
+    assert again.experience.objects == learner.experience.objects
+    np.testing.assert_array_equal(again.experience.tally, learner.experience.tally)
+    np.testing.assert_array_equal(again.experience.attempts, learner.experience.attempts)
+    asked = [one.ask("red", make.arm(seed=9), learn=False, key=9) for one in (learner, again)]
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])
-    assert len(again.labeled_trials) == 1
+    assert [bool(again.experience.labels_by(t.task.key)) for t in trials] == [False, True, False]
+    same_again = make.learner(dataset, agent, seed=5, reward=70.0)
+    assert again.knowledge().posterior.counts.shape == same_again.knowledge().posterior.counts.shape
 
 
 def test_nothing_is_fitted_again(saved, agent, monkeypatch):
@@ -71,7 +76,8 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
         raise AssertionError("fitted again")
 
     monkeypatch.setattr("meal_bayes.learner.fitted.fit_and_validate", fit)
-    assert len(Learner.load(saved, agent=agent, logs=None).labeled_trials) == 3
+    again = Learner.load(saved, agent=agent, logs=None)
+    assert again.knowledge().posterior.counts.sum() > 0
 
 
 def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
@@ -79,7 +85,7 @@ def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
     agent = make.agent("look", **make.ours)
     make.learner(dataset, agent, posterior=own).save(tmp_path / "own.mind")
     again = Learner.load(tmp_path / "own.mind", agent=agent, logs=None)
-    np.testing.assert_array_equal(again.posterior.concentration, own.concentration)
+    np.testing.assert_array_equal(again.fits.settings.posterior.concentration, own.concentration)
     np.testing.assert_array_equal(again.knowledge().posterior.dispersion, own.dispersion)
 
 
@@ -107,6 +113,7 @@ def test_a_classifier_of_one_s_own_is_given_again(dataset, make, tmp_path):
         learner.knowledge().posterior.counts, plain.knowledge().posterior.counts
     )
     learner.tell(learner.ask("red", make.arm()), {"red": False})
+    learner.refit()  # as loading does
     path = tmp_path / "a.mind"
     learner.save(path)
     again = Learner.load(path, agent=make.agent("look", **make.ours), classifier=ours, logs=None)
@@ -145,18 +152,21 @@ def text(**changes):
     return change
 
 
-def labeled(percept=(), more=0):
-    """Change the first percept of the first labeled, or its levels."""
+def array(name, edit):
+    """Change an array."""
 
     def change(members):
-        meta = json.loads(members["learner.json"])
-        first = meta["labeled_trials"][0]
-        first["percepts"][0].update(percept)
-        name, buffer = f"fitted/{first['levels']}.npy", io.BytesIO()
-        np.save(buffer, np.load(io.BytesIO(members[name])) + np.int8(more))
-        members.update({"learner.json": json.dumps(meta).encode(), name: buffer.getvalue()})
+        values, buffer = np.load(io.BytesIO(members[f"{name}.npy"])), io.BytesIO()
+        edit(values)
+        np.save(buffer, values)
+        members[f"{name}.npy"] = buffer.getvalue()
 
     return change
+
+
+def entry(name, column, value):
+    """Change one entry of a table."""
+    return array(name, lambda values: values.__setitem__((0, column), value))
 
 
 def state(edit):
@@ -170,33 +180,37 @@ def state(edit):
     return change
 
 
-def row(**entry):
-    return state(lambda found: found["rows"]["table"].update({"x": entry}))
-
-
 HOSTILE = {
     "format": text(format=99),
     "no format": text(format=None),
     "domain": text(domain={"name": "x"}),
     "domain text": text(domain="x"),
-    "objects": text(objects=["a"]),
-    "objects number": text(objects=7),
+    "an object less": lambda members: members.update({"objects": b'"cup 0"'}),
+    "an object twice": lambda members: members.update({"objects": b"\n".join([b'"a"'] * 14)}),
+    "a number for an object": lambda members: members.update({"objects": b"7"}),
+    "keys that are none": lambda members: members.update({"trials": b"{}"}),
     "seed": text(seed="x"),
     "seed below": text(seed=-1),
     "reward": text(reward=[1]),
-    "labeled_trials": text(labeled_trials=7),
-    "a labeled": text(labeled_trials=[{}]),
-    "a level too high": labeled(more=9),
-    "a row that is not there": labeled({"row": 99}),
-    "a behavior that is not there": labeled({"behavior": "fly"}),
+    "growth": text(growth=7),
+    "a level too high": entry("levels", 0, 99),
+    "a label that is none": entry("labels", 0, 7),
+    "an object that is not there": entry("instances", 0, 99),
+    "a behavior that is not there": entry("instances", 1, 99),
+    "features that are not there": entry("instances", 3, 9999),
+    "an instance that is not there": entry("executions", 2, 9999),
+    "an attribute that is not there": entry("feedback", 2, 9),
+    "a trial that is not there": entry("feedback", 0, 9),
+    "features that are no numbers": array("features/0", lambda values: values.fill(np.nan)),
     "another class": state(lambda found: found["perception"].update({"class": "system"})),
     "no perception": state(lambda found: found.pop("perception")),
     "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),
     "text for perception": state(lambda found: found.update({"perception": "x"})),
-    "text for counts": state(lambda found: found["rows"].update({"table": {"x": "y"}})),
-    "an array of objects": row(array="1", dtype="|O", axes=1),
-    "an array that is not there": row(array="../labels", dtype="|i1", axes=2),
-    "labels for counts": row(array="1", dtype="|i1", axes=2),
+    "text for counts": state(lambda found: found.update({"counted": "y"})),
+    "an array of objects": state(lambda found: found["seen"].update({"dtype": "|O"})),
+    "an array that is not there": state(lambda found: found["seen"].update({"array": "../x"})),
+    "labels for knowledge": state(lambda found: found.update({"knowledge": found["seen"]})),
+    "fewer percepts than instances": state(lambda found: found.update({"levels": found["seen"]})),
     "nested": lambda members: members.update({"learner.json": b"[" * 100_000}),
     "no text": lambda members: members.pop("learner.json"),
     "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,7 +51,7 @@ def test_the_dense_filter_is_the_factored_filter(name, levels):
     for _ in range(30):
         belief, dense, truth = initial_belief(momdp), flat.start, rng.integers(4)
         while belief.x != momdp.terminal and belief.percept_counts.sum() < 10:
-            action = int(rng.integers(momdp.n_behaviors))
+            action = int(rng.choice(np.flatnonzero(momdp.legal[belief.x])))
             next_x = int(rng.choice(momdp.terminal + 1, p=momdp.transition[action, belief.x]))
             comes = rng.random() < momdp.observation_probability[action, belief.x, next_x]
             z = rng.choice(levels**2, p=percept_probabilities(momdp, action)[truth])
@@ -69,7 +71,9 @@ def test_the_dense_filter_is_the_factored_filter(name, levels):
 def test_rewards_are_equation_4():
     momdp = momdp_of("toy", 2)
     flat, e = flatten(momdp), momdp.n_behaviors
-    np.testing.assert_array_equal(flat.reward[:-1, :e], np.tile([-1.0, -5.0, -2.0], (8, 1)))
+    legal = np.repeat(momdp.legal[:-1], 4, axis=0)
+    costs = np.where(legal, [-1.0, -5.0, -2.0], [-102.0, -106.0, -103.0])  # below every report
+    np.testing.assert_array_equal(flat.reward[:-1, :e], costs)
     for state in range(8):
         expected = np.where(np.arange(4) == state % 4, 100.0, -100.0)
         np.testing.assert_array_equal(flat.reward[state, e:], expected)
@@ -77,23 +81,32 @@ def test_rewards_are_equation_4():
     np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
 
 
-def test_illegal_loops_of_the_published_code_are_free():
-    momdp = momdp_of("roc36_published", 1)
+@pytest.mark.parametrize("name", ["toy", "roc36_published"])
+def test_illegal_behaviors_end_below_every_report(name):
+    momdp = momdp_of(name, 1)
+    flat, illegal = flatten(momdp), np.repeat(~momdp.legal[:-1], 2, axis=0)
+    behaviors = flat.reward[:-1, : momdp.n_behaviors]
+    assert (behaviors[illegal] < momdp.incorrect).all()
+    np.testing.assert_array_equal(flat.transition[: momdp.n_behaviors, :-1, -1].T[illegal], 1.0)
+    assert (behaviors[~illegal] >= -momdp.cost.max()).all()
+
+
+def test_abstaining_is_the_last_action_and_worth_nothing():
+    momdp = replace(momdp_of("toy", 2), abstain=True)
     flat = flatten(momdp)
-    crush, grasp = (momdp.behavior_names.index(name) for name in ("crush", "grasp"))
-    assert flat.reward[0, grasp] == 0.0  # illegal in x0
-    assert flat.reward[2, grasp] == -momdp.cost[grasp]  # legal in x1
-    assert flat.reward[0, crush] == -momdp.cost[crush]
+    assert flat.action_names[-1] == "abstain"
+    assert not flat.reward[:, -1].any()
+    assert (flat.transition[-1, :, -1] == 1).all()
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(SettingsError, match="dense arrays end at"):
+    with pytest.raises(SettingsError, match="5 attributes"):
         flatten(momdp_of("ispy32", 5))
     with pytest.raises(SettingsError, match="precision=inf"):
         flatten(momdp_of("toy", 1, precision=4.0))
     latent_classes = np.full((1, 2, 4), 0.25)
     rows = np.full((1, 3, 4, 2), 0.5)
-    with pytest.raises(SettingsError, match="one latent class a truth"):
+    with pytest.raises(SettingsError, match="latent_classes"):
         flatten(
             build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
         )

@@ -1,17 +1,16 @@
-"""Written .pomdp files are the problem that `flatten` gives; reading survives anything."""
+"""Written .pomdp files are the problem that `flatten` gives."""
 
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from planner_reference import load_reference
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.errors import OutputError, SettingsError
-from meal_bayes.momdp import FlatPOMDP, build_momdp, exchange, flatten
+from meal_bayes.momdp import FlatPOMDP, build_momdp, flatten
 from meal_bayes.momdp.pomdp_file import write_pomdp
-from meal_bayes.momdp.pomdp_reader import read_pomdp
-from meal_bayes.momdp.reference import load_reference
 
 
 def momdp_of(name, n, levels=2, seed=0, **options):
@@ -36,6 +35,38 @@ def diagram_of(*effects):
     )
 
 
+def read_pomdp(path) -> FlatPOMDP:
+    """Read what is written, by the authors too: a statement a line, one entry or * for all."""
+    words, tables = {}, {}
+    for line in path.read_text().splitlines():
+        keyword, *rest = line.partition("#")[0].split(":")
+        if keyword in ("T", "O", "R"):
+            if not tables:
+                names = [words[k] for k in ("actions", "states", "observations")]
+                a, s, z = map(len, names)
+                kinds = {"T": (0, 1, 1), "O": (0, 1, 2), "R": (0, 1)}
+                shapes = {"T": (a, s, s), "O": (a, s, z), "R": (a, s)}
+                tables = {key: np.zeros(shape) for key, shape in shapes.items()}
+            *places, last = (part.split() for part in rest)
+            place = [word for part in (*places, last[:-1]) for word in part]
+            index = tuple(
+                slice(None) if word == "*" else names[kind].index(word)
+                for word, kind in zip(place, kinds[keyword], strict=False)
+            )
+            assert place[2:] == ["*", "*"] or keyword != "R"
+            tables[keyword][index] = float(last[-1])
+        elif keyword.strip():
+            words[keyword] = rest[0].split()
+    assert words["values"] == ["reward"]
+    for rows in (tables["T"], tables["O"]):  # the authors' files have 12 digits
+        np.testing.assert_allclose(rows.sum(axis=-1), 1.0, atol=1e-9)
+    return FlatPOMDP(
+        tuple(words["states"]), tuple(words["actions"]), tuple(words["observations"]),
+        tables["T"], np.broadcast_to(tables["O"][:, None], (a, s, s, z)), tables["R"].T,
+        np.array(words["start"], dtype=float), float(words["discount"][0]),
+    )  # fmt: skip
+
+
 def written(momdp, folder, **options) -> FlatPOMDP:
     write_pomdp(momdp, folder / "own.pomdp", **options)
     return read_pomdp(folder / "own.pomdp")
@@ -43,8 +74,15 @@ def written(momdp, folder, **options) -> FlatPOMDP:
 
 @pytest.mark.parametrize("name", ["A1", "A2", "A3"])
 def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
-    ours = written(load_reference(reference)[name], tmp_path)
+    """But for illegal behaviors: theirs may end a trial by one, at its cost."""
+    momdp = replace(load_reference(reference)[name], abstain=False)
+    ours = written(momdp, tmp_path)
     theirs = read_pomdp(reference / f"roc36_{name}.pomdp")
+    illegal = np.nonzero(np.repeat(~momdp.legal[:-1], 2 ** len(momdp.query), axis=0))
+    np.testing.assert_array_equal(theirs.reward[illegal], -momdp.cost[illegal[1]])
+    reward = theirs.reward.copy()
+    reward[illegal] = ours.reward[illegal]
+    theirs = replace(theirs, reward=reward)
     for field in ("state_names", "action_names", "observation_names", "discount"):
         assert getattr(ours, field) == getattr(theirs, field)
     for field in ("transition", "observation", "reward", "start"):  # theirs have 12 digits
@@ -57,6 +95,8 @@ def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
 )
 def test_what_is_written_is_the_flat_problem(tmp_path, name, n, levels):
     momdp = momdp_of(name, n, levels)
+    bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
+    momdp = replace(momdp, bonus=bonus)
     ours, flat = written(momdp, tmp_path), flatten(momdp)
     for field in ("transition", "reward", "start"):
         np.testing.assert_allclose(getattr(ours, field), getattr(flat, field), atol=1e-15)
@@ -81,15 +121,9 @@ def test_every_observation_tells_x(tmp_path, name):
     assert (ours.observation[reinit, :, 0, -1] == 1).all()  # back at x0
 
 
-def test_a_shaped_reward(tmp_path):
-    momdp = momdp_of("toy", 2)
-    momdp = replace(momdp, bonus=np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape))
-    np.testing.assert_array_equal(written(momdp, tmp_path).reward, flatten(momdp).reward)
-
-
-def test_forbidden_behaviors_are_worth_less_than_any_report(tmp_path):
+def test_illegal_behaviors_are_worth_less_than_any_report(tmp_path):
     momdp = momdp_of("roc36_published", 1)
-    ours, e = written(momdp, tmp_path, forbid_illegal=True), momdp.n_behaviors
+    ours, e = written(momdp, tmp_path), momdp.n_behaviors
     illegal = np.repeat(~momdp.legal[:-1], 2, axis=0)  # (S-1,E)
     assert (ours.reward[:-1, :e][illegal] < ours.reward[:-1, e:].min()).all()
     assert (ours.transition[:, :-1, -1].T[:, :e][illegal] == 1).all()
@@ -103,8 +137,7 @@ def test_forbidden_behaviors_are_worth_less_than_any_report(tmp_path):
     ("momdp", "found"),
     [
         (momdp_of("toy", 1, precision=4.0), "precision=inf"),
-        (momdp_of("roc36_published", 1), "'x1' from 'x0' with a percept in 100%.*Forbid"),
-        (momdp_of("ispy32", 9), "9 attributes make a file of .*e\\+06 numbers; files end"),
+        (momdp_of("ispy32", 9), "9 attributes make .*e\\+06 numbers"),
         (
             diagram_of(
                 Effect("x0", "look", "x1"),
@@ -127,24 +160,6 @@ def test_what_a_file_cannot_hold_is_told(tmp_path, momdp, found):
     with pytest.raises(SettingsError, match=found):
         write_pomdp(momdp, tmp_path / "own.pomdp")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_many_attributes_without_percepts_are_told(tmp_path):
-    names = tuple(f"attribute{i}" for i in range(12))
-    diagram = TransitionDiagram(("x0", "term"), "x0", (Effect("x0", "go", "x0"),))
-    domain = Domain("own", names, (Behavior("go", 1.0),), diagram)
-    momdp = build_momdp(domain, Query(names), np.full((12, 1, 2, 2), 0.5))
-    with pytest.raises(SettingsError, match="12 attributes"):
-        write_pomdp(momdp, tmp_path / "own.pomdp")
-
-
-def test_latent_classes_are_named_in_the_file(tmp_path):
-    domain = load_domain("toy")
-    momdp = build_momdp(
-        domain, Query(("red",)), np.full((1, 3, 4, 2), 0.5), latent_classes=np.full((1, 2, 4), 0.25)
-    )
-    with pytest.raises(SettingsError, match="several latent classes"):
-        write_pomdp(momdp, tmp_path / "own.pomdp")
 
 
 def test_odd_names_become_identifiers(tmp_path):
@@ -216,7 +231,3 @@ def test_a_file_is_written_line_by_line(tmp_path):
     finally:
         tracemalloc.stop()
     assert peak < 0.4 * (tmp_path / "own.pomdp").stat().st_size
-
-
-def test_the_size_that_is_told_is_the_limit():
-    assert exchange.LARGEST == 1_000_000

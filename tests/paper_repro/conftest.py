@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.cli.reproduce import import_package
-from meal_bayes.trial_log import TrialOutcomes
+from meal_bayes.trials import TrialOutcomes
 
 TRIALS, OBJECTS = 2000, 20
 FOLDER = Path(__file__).resolve().parents[2] / "paper_repro"

@@ -19,7 +19,17 @@ from paper_repro import frame
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
-NEED_RECORDINGS = {"table2", "table4", "fig10", "fig11", "fig12", "eq10"}
+NEED_RECORDINGS = {
+    "table2",
+    "table3",
+    "table4",
+    "eq7",
+    "fig10",
+    "fig11",
+    "fig12",
+    "eq10",
+    "pomdpsol",
+}
 
 
 def reproduce(*arguments, cwd=ROOT, **variables):
@@ -44,7 +54,7 @@ def test_all_items_quickly(tmp_path):
     assert {*found, *told["skipped"]} == set(frame.items())
     assert set(told["skipped"]) <= NEED_RECORDINGS
     if "MEAL_BAYES_DATA_URL" in os.environ:
-        assert not told["skipped"]
+        assert set(told["skipped"]) <= {"pomdpsol"}  # where no pomdpsol is
     for item, one in found.items():
         assert one["tables"][0]["rows"], item
         assert one["verdict"], item
@@ -65,7 +75,7 @@ def test_without_the_items_one_line_says_where_they_are(tmp_path):
     assert "checkout" in done.stderr
     done = reproduce("table5", "--quick", "--scripts", FOLDER, cwd=tmp_path)
     assert done.returncode == 0
-    assert "reproduced (2 stand, 5 by construction)" in done.stdout
+    assert "reproduced (2 stand, 6 by construction)" in done.stdout
     assert "| shake | no | 0.060 | 0.059 |" in done.stdout
 
 
@@ -99,7 +109,7 @@ def test_online_items_that_are_not_run_say_so(in_checkout, tmp_path):
     assert found["verdict"] == "not run"
     assert found["statements"]
     for one in found["statements"]:
-        assert (one["recorded"], one["published"], one["repeats"]) == (None, None, 0)
+        assert one["outcome"] is None
 
 
 def test_missing_recordings_are_told_in_a_line(in_checkout, tmp_path, monkeypatch):

@@ -1,33 +1,42 @@
 """The rules by which a statement stands, falls, or is undecided."""
 
 import doctest
-import math
 
+import numpy as np
 import pytest
 
-from meal_bayes.evaluation import Interval
+from meal_bayes.evaluation import Effect
 from paper_repro import frame, online, statements
 from paper_repro.statements import (
+    CONSTRUCTED,
     FALLS,
+    OURS,
+    RECORDED,
     STANDS,
+    THEIRS,
     UNDECIDED,
-    Evidence,
     above,
-    at_least,
     below,
     best,
     constructed,
     every,
     fact,
-    joined,
-    mean_interval,
+    judged,
+    placed,
     verdict,
     within,
 )
 
+KEYS = {"text", "where", "protocol", "central", "looks", "outcome", "rule", "method", "estimate",
+        "interval", "units", "level", "needed"}  # fmt: skip
 
-def interval(mean, reach):
-    return Interval(mean, reach / 2, mean - reach, mean + reach)
+
+def effect(mean, se=0.5, **options):
+    return Effect(mean, se, 20, **options)
+
+
+def outcome(evidence, level=0.05):
+    return evidence.judge(level)["outcome"]
 
 
 @pytest.mark.parametrize("module", [frame, statements, online])
@@ -37,112 +46,101 @@ def test_examples_hold(module):
     assert found.failed == 0
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "outcome"), [(0.1, 2, STANDS), (-2, -0.1, FALLS), (-1, 2, UNDECIDED),
-                                 (0, 0, UNDECIDED)],
-)  # fmt: skip
-def test_a_difference_is_decided_by_its_whole_interval(low, high, outcome):
-    found = Interval((low + high) / 2, 1.0, low, high)
-    assert above(found, 0, 10).outcome == outcome
-    turned = Interval(-found.estimate, 1.0, -high, -low)
-    assert below(turned, 0, 10).outcome == outcome
-    assert below(turned, 0, 10).interval == turned
+@pytest.mark.parametrize(("mean", "kind"), [(2, STANDS), (-2, FALLS), (0.5, UNDECIDED)])
+def test_a_difference_is_decided_by_its_whole_interval(mean, kind):
+    assert outcome(above(effect(mean), 0)) == kind
+    assert outcome(below(effect(-mean), 0)) == kind
+    told = above(effect(mean), 0).judge(0.05)
+    assert (told["interval"][0] > 0) == (kind == STANDS)
+    assert (told["interval"][1] < 0) == (kind == FALLS)
 
 
 @pytest.mark.parametrize(
-    ("mean", "outcome"), [(1.0, STANDS), (3.0, FALLS), (1.5, UNDECIDED), (2.2, UNDECIDED)]
+    ("mean", "kind"), [(1.0, STANDS), (4.0, FALLS), (1.8, UNDECIDED), (2.5, UNDECIDED)]
 )
-def test_a_number_stands_within_its_margin(mean, outcome):
-    assert within(interval(mean, 0.6), 0.3, 2.0, 10).outcome == outcome
+def test_a_number_stands_within_its_margin(mean, kind):
+    assert outcome(within(effect(mean, 0.3), 0.2, 2.0)) == kind
 
 
-def test_needed_repeats_would_decide():
-    found = above(interval(1.0, 3.0), 0, 20)
-    assert found.needed == 180
-    shorter = interval(1.0, 3.0 * math.sqrt(20 / (found.needed + 1)))
-    assert above(shorter, 0, found.needed).outcome == STANDS
-    assert above(interval(0.0, 0.0), 0, 20).needed is None  # no number decides a tie
-    assert above(Interval(1.0, math.nan, math.nan, math.nan), 0, 1).outcome == UNDECIDED
+def test_what_would_decide_is_told_in_units():
+    told = above(effect(0.5), 0).judge(0.05)
+    assert told["needed"].endswith(" objects")
+    assert int(told["needed"].split()[0]) > 20
+    fixed = above(effect(0.5, fixed=0.2, unit="splits"), 0).judge(0.05)
+    assert fixed["needed"] is None  # more splits are not more objects
+    assert above(effect(0.0), 0).judge(0.05)["needed"] is None
+    assert above(effect(2.0), 0).judge(0.05)["needed"] is None
 
 
 def test_best_is_ahead_of_every_other_one():
-    clear, tie, behind = interval(3, 1), interval(0.5, 1), interval(-3, 1)
-    assert best({"a": clear, "b": clear}, 10).outcome == STANDS
-    assert best({"a": clear, "b": tie}, 10).outcome == UNDECIDED
-    found = best({"a": clear, "b": behind, "c": tie}, 10, ("own",))
-    assert (found.outcome, found.interval) == (FALLS, behind)  # with the sign of its mean
-    assert found.agents == ("own", "b")
+    clear, tie, behind = effect(3), effect(0.2), effect(-3)
+    assert outcome(best({"a": clear, "b": clear}, of="it")) == STANDS
+    assert outcome(best({"a": clear, "b": tie}, of="it")) == UNDECIDED
+    told = best({"a": clear, "b": behind, "c": tie}, of="it").judge(0.05)
+    assert (told["outcome"], told["estimate"]) == (FALLS, -3)
+    assert told["rule"] == "it: the lead over b is above 0"
 
 
-@pytest.mark.parametrize(("count", "outcome"), [(1, STANDS), (3, FALLS), (2, UNDECIDED)])
-def test_at_least_so_many_parts(count, outcome):
-    parts = [above(interval(mean, 1), 0, 10) for mean in (2, 0.5, -2)]
-    found = at_least(count, parts, of="parts")
-    assert found.outcome == outcome
-    assert (found.needed is None) == (outcome != UNDECIDED)
+def test_many_parts_pay_for_the_one_that_falls():
+    close = effect(-1.2)  # p = .027
+    assert outcome(above(close, 0)) == FALLS
+    assert outcome(every([above(close, 0), above(effect(3), 0)])) == UNDECIDED
 
 
-def test_a_statement_is_written_with_five_keys():
-    open_ = above(interval(1, 2), 0, 10)
-    (one,) = joined({"a": open_}, {"a": above(interval(3, 2), 0, 40)})
-    told = one.as_dict()
-    assert told == {"text": "a", "recorded": UNDECIDED, "published": STANDS, "repeats": 10,
-                    "needed": open_.needed}  # fmt: skip
-    (never,) = joined({"a": None}, None)
-    assert never.as_dict() == {"text": "a", "recorded": None, "published": None, "repeats": 0,
-                               "needed": None}  # fmt: skip
+def test_a_family_is_judged_by_holm():
+    close = {f"{n}": above(effect(1.2), 0) for n in range(4)}  # p = .027 each
+    rows = judged({RECORDED: close}, ["*"], "Fig. 1")
+    assert [row["outcome"] for row in rows] == [UNDECIDED] * 4
+    assert rows[0]["level"] == pytest.approx(0.05 / 4)
+    alone = judged({RECORDED: {"1": above(effect(1.2), 0)}, THEIRS: close}, ["*"], "Fig. 1")
+    assert alone[0]["outcome"] == STANDS
+
+
+def test_no_effect_gives_few_false_outcomes_over_fig_10_s_family():
+    rng, false = np.random.default_rng(0), 0
+    for _ in range(400):
+        drawn = rng.normal(0, 0.5, 30)
+        family = {f"{n}": above(Effect(one, 0.5, 200), 0) for n, one in enumerate(drawn)}
+        false += any(row["outcome"] != UNDECIDED for row in judged({RECORDED: family}, ["*"], ""))
+    assert false / 400 <= 0.08  # 5 %, and three standard errors of 400 families
+
+
+def test_every_statement_is_written_with_all_that_it_rests_on():
+    evidence = {
+        THEIRS: {"a": above(effect(1), 0), "b": fact(holds=True, rule="it does")},
+        RECORDED: {"a": placed(np.arange(10.0), 4.0, of="x"), "c": constructed("fitted")},
+    }
+    rows = judged(evidence, ["a"], "Fig. 1")
+    assert all(set(row) == KEYS for row in rows)
+    assert [row["central"] for row in rows] == [True, False, True, False]
+    assert {row["looks"] for row in rows} == {1}
+
+
+@pytest.mark.parametrize(("printed", "kind"), [(4.5, STANDS), (40.0, FALLS)])
+def test_a_single_trial_is_judged_by_its_place(printed, kind):
+    found = placed([*range(10), np.nan], printed, of="x")
+    assert found.outcome == kind
+    assert outcome(placed([1.0], printed, of="x")) == UNDECIDED
+
+
+def row(text, protocol, kind, *, central=True):
+    return {"text": text, "protocol": protocol, "outcome": kind, "central": central}
 
 
 @pytest.mark.parametrize(
-    ("own", "code", "begins"),
+    ("rows", "begins"),
     [
-        ([STANDS, STANDS], [None, None], "reproduced (2 stand)"),
-        ([STANDS, FALLS], [STANDS, STANDS], "reproduced only in the published protocol"),
-        ([STANDS, FALLS], [FALLS, STANDS], "not reproduced (1 stands, 1 falls; in the published"),
-        ([STANDS, FALLS], [None, None], "not reproduced (1 stands, 1 falls)"),
-        ([STANDS, UNDECIDED], [STANDS, STANDS], "undecided (1 stands, 1 undecided; in"),
-        ([statements.CONSTRUCTED], [None], "by construction (1 by construction)"),
-        ([STANDS, statements.CONSTRUCTED], [None, None], "reproduced (1 stands, 1 by constr"),
-        ([None], [STANDS], "not run on recordings"),
-        ([None], [None], "not run"),
-        ([], [], "nothing to judge"),
+        ([row("a", RECORDED, STANDS), row("b", RECORDED, STANDS)], "reproduced (2 stand)"),
+        ([row("a", RECORDED, STANDS), row("a", THEIRS, FALLS)], "reproduced (1 stands)"),
+        ([row("number", THEIRS, FALLS), row("a", RECORDED, STANDS)], "reproduced in part"),
+        ([row("a", RECORDED, FALLS), row("b", RECORDED, UNDECIDED)], "not reproduced (1 falls"),
+        ([row("a", RECORDED, UNDECIDED)], "undecided"),
+        ([row("a", RECORDED, STANDS), row("b", RECORDED, FALLS, central=False)], "reproduced (1"),
+        ([row("a", RECORDED, CONSTRUCTED)], "by construction (1 by construction)"),
+        ([row("a", RECORDED, None)], "not run"),
+        ([row("a", OURS, FALLS)], "nothing to judge"),
+        ([], "nothing to judge"),
     ],
 )
-def test_verdicts_follow_from_the_outcomes(own, code, begins):
-    found = [{"recorded": a, "published": b} for a, b in zip(own, code, strict=True)]
-    assert verdict(found).startswith(begins)
-
-
-def test_runs_go_on_until_decided_or_the_steps_end():
-    ran = []
-
-    def run(agent, count):
-        ran.append((agent, count))
-        return count
-
-    def judge(found):
-        decided = fact(holds=True, rule="it does")
-        if found["a"] < 20:
-            decided = Evidence(UNDECIDED, "more", agents=("a",))
-        return {"of a": decided, "of b": Evidence(UNDECIDED, "never", agents=("b",)),
-                "of d": Evidence(UNDECIDED, "too far", needed=41, agents=("d",))}  # fmt: skip
-
-    found, evidence = frame.until_decided("abcd", (10, 20, 40), run, judge)
-    assert found == {"a": 20, "b": 40, "c": 10, "d": 10}
-    assert evidence["of a"].outcome == STANDS
-    assert evidence["of b"].outcome == UNDECIDED
-    assert len(ran) == 7
-
-
-def test_what_was_fitted_is_no_evidence():
-    (one,) = joined({"fitted": constructed("a rate was chosen")}, None)
-    assert one.as_dict()["recorded"] == "by construction"
-    assert every([fact(holds=True, rule="a"), fact(holds=False, rule="b")]).outcome == FALLS
-
-
-def test_all_right_is_not_certain():
-    """The rule of three: nobody knows a rate from twelve successes."""
-    found = mean_interval([1.0] * 12, range(12))
-    assert (found.estimate, found.low, found.high) == (1.0, 0.75, 1.0)
-    assert mean_interval([0.0] * 6, range(6)).high == 0.5
-    assert mean_interval([37.1] * 6, range(6)).low == 37.1  # no rate
+def test_a_verdict_rests_on_the_central_statements(rows, begins):
+    assert verdict(rows).startswith(begins)

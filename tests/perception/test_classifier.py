@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from held_out import held_out_log_odds, permuted, yes_counts
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.linear_model import LogisticRegression
@@ -21,12 +22,11 @@ from meal_bayes.perception import (
     Kernels,
     build_percept_table,
     fit_and_score,
+    fit_and_validate,
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.classifier import Clones
-from meal_bayes.perception.cross_validation import fit_and_validate
-from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
+from meal_bayes.perception.classifier import Machines
 
 BY_HEART = KNeighborsClassifier(1)
 
@@ -59,8 +59,9 @@ class Indifferent(ClassifierMixin, BaseEstimator):
 
 def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     dataset = make(3, objects=12)
-    clones = Clones((Remembers().fit(rows := np.eye(3), np.array([1, 0, 1])),))
-    assert clones.decide(rows)[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
+    every, truth = np.ones(3, bool), np.array([[True], [False], [True]])
+    spy = Machines.trained(Remembers(), [np.eye(3)], truth, every)
+    assert spy.decide([np.eye(3)])[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
     settings = with_classifier(Remembers(), positive_youden_only=False)
     table = build_percept_table(dataset, perception=settings)
     sensing = table.log_odds[:, :, :2]
@@ -82,7 +83,7 @@ def test_permuted_labels_cannot_be_told(estimator):
         made = make_synthetic(load_domain("toy"), objects=90, recordings=2, dimensions=4, rng=rng)
         dataset = permuted(made, rng)
         table = build_percept_table(dataset, perception=with_classifier(estimator))
-        own.append(held_out_counts(table.log_odds.astype(float), dataset.labels).kappa()[:, :2])
+        own.append(yes_counts(table.log_odds.astype(float), dataset.labels).kappa()[:, :2])
         without = replace(with_classifier(estimator), positive_youden_only=False)
         table = build_percept_table(dataset, perception=without, objects=dataset.objects[:1])
         side.append(table_counts(table, 0).kappa()[:, :2])
@@ -104,7 +105,7 @@ def test_any_classifier_learns(make, estimator):
     dataset = make(1, objects=24, signal=8.0)
     settings = with_classifier(estimator)
     log_odds = held_out_log_odds(dataset, settings=settings)
-    assert held_out_counts(log_odds, dataset.labels).kappa()[:, :2].max(axis=1).min() > 0.5
+    assert yes_counts(log_odds, dataset.labels).kappa()[:, :2].max(axis=1).min() > 0.5
 
 
 def test_what_was_fitted_perceives_as_its_counts_say(make):

@@ -52,6 +52,13 @@ def test_constant_features_are_dropped():
     np.testing.assert_allclose(space.gram(), fit_space(raw, "rbf").gram(), atol=1e-12)
 
 
+def test_units_do_not_matter_to_what_is_kept():
+    tiny = fit_space(1e-12 * features(), "rbf")
+    assert len(tiny.kept) == 4
+    small = fit_space(1e-6 * features(), "rbf")
+    np.testing.assert_allclose(tiny.gram(), small.gram(), atol=1e-3)
+
+
 @pytest.mark.parametrize("kernel", ["rbf", "polynomial"])
 @pytest.mark.parametrize("raw", [np.zeros((5, 3)), np.ones((1, 2)), np.full((2, 1), -4.0)])
 def test_modalities_that_never_vary_are_harmless(raw, kernel):

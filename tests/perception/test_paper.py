@@ -6,11 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from sklearn.svm import SVC
 
-from meal_bayes.datasets import TrainingSet
-from meal_bayes.perception import DEFAULT, PAPER, build_percept_table, fit_perception
-from meal_bayes.perception.paper import KappaPool, fit_sigmoid
+from meal_bayes.perception import DEFAULT, PAPER, build_percept_table
+from meal_bayes.perception.classifier import KappaPool, fit_sigmoid
 
 
 def log_odds(probability):
@@ -45,19 +43,6 @@ def test_the_sigmoid_is_platts(seed, n):
 
     expected = minimize(loss, [0.0, 0.0], method="BFGS", options={"gtol": 1e-8}).x
     np.testing.assert_allclose(fit_sigmoid(decisions, truth), expected, atol=2e-2, rtol=1e-2)
-
-
-def test_machines_are_those_of_scikit_learn(make):
-    dataset = make(1, signal=4.0)
-    perception = fit_perception(dataset, TrainingSet.everything(dataset), settings=PAPER)
-    classifier = perception.classifiers["lift"]
-    space, dual, bias = classifier.spaces["b"], classifier.fit.dual[1], classifier.fit.bias[1]
-    truth = np.repeat(dataset.labels == 1, 2, axis=0)
-    for p in range(2):
-        machine = SVC(C=10, kernel="precomputed", tol=1e-2).fit(space.gram(), truth[:, p])
-        kernel = space.similarity(space.standardize(dataset.features["lift", "b"].reshape(20, -1)))
-        expected = machine.decision_function(kernel)
-        np.testing.assert_allclose(kernel @ dual[p] + bias[p], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("perception", [DEFAULT, PAPER], ids=["default", "paper"])

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from held_out import held_out_log_odds, permuted, yes_counts
 from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import Instance, TrainingSet, load_dataset
@@ -18,8 +19,7 @@ from meal_bayes.perception import (
 )
 from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.modality import fit_space, widened, with_joint
-from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
-from meal_bayes.perception.recordings import all_recordings_of
+from meal_bayes.perception.recordings import gather
 from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, positive_youden_only=False)
@@ -52,7 +52,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     )
     objects = np.repeat(np.arange(8), 2)
     truth = np.repeat(dataset.labels == 1, 2, axis=0)
-    gathered = all_recordings_of(dataset, TrainingSet.everything(dataset), ALL)
+    gathered = gather(dataset, TrainingSet.everything(dataset), ALL)
     _, widths = learned_widths(gathered.values(), ALL, range(8))
     assert len(set(widths)) > 1  # so that each table has its own
     for held_out in range(8):
@@ -185,6 +185,6 @@ def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     kappa = []
     for seed in range(1 if name == "cy101" else 2):
         shuffled = permuted(dataset, np.random.default_rng(seed))
-        counts = held_out_counts(held_out_log_odds(shuffled), shuffled.labels)
+        counts = yes_counts(held_out_log_odds(shuffled), shuffled.labels)
         kappa.append(counts.kappa()[np.ix_(asked, sensing)].mean())
     assert abs(np.mean(kappa)) < 0.03

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from held_out import held_out_log_odds
 from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import Dataset, TrainingSet, load_percepts, save_percepts
@@ -10,12 +11,11 @@ from meal_bayes.perception import (
     PAPER,
     Kernels,
     build_percept_table,
-    cross_validate,
     fit_and_score,
+    fit_and_validate,
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.quality import held_out_log_odds
 
 SETTINGS = pytest.mark.parametrize(
     "settings", [DEFAULT, PAPER, with_classifier(GaussianNB())], ids=["default", "paper", "own"]
@@ -60,7 +60,7 @@ def test_tables_hold_what_is_there(ragged, settings, tmp_path):
 
 @SETTINGS
 def test_every_recording_that_is_there_counts_once(ragged, settings):
-    counts = cross_validate(ragged, TrainingSet.everything(ragged), settings=settings)
+    counts = fit_and_validate(ragged, TrainingSet.everything(ragged), settings=settings)[1]
     shown = counts.counts.sum(axis=(3, 4))  # (O,P,E)
     np.testing.assert_array_equal(shown, ragged.recording_counts[:, None].repeat(2, axis=1))
     finite = ~np.isnan(held_out_log_odds(ragged, settings=settings)).any(axis=-1)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from held_out import held_out_log_odds, permuted, yes_counts
 
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, table_counts
 from meal_bayes.perception.leave_out import each_group, kernel_problem, leave_out
-from meal_bayes.perception.quality import held_out_counts, held_out_log_odds, permuted
 
 SIGNED = replace(DEFAULT, nonnegative=False)  # slopes of both signs, so that the leak shows fully
 LEAKY = replace(SIGNED, nested=False)
@@ -45,7 +45,7 @@ def test_second_level_leak_permuted_labels_cannot_be_told(make):
         for seed in range(20):
             dataset = permuted(make(seed, objects=12, recordings=3), np.random.default_rng(seed))
             log_odds = held_out_log_odds(dataset, settings=settings)[:, :, :2]
-            found.append(held_out_counts(log_odds, dataset.labels).kappa().mean())
+            found.append(yes_counts(log_odds, dataset.labels).kappa().mean())
         return np.mean(found)
 
     assert abs(kappa(DEFAULT)) < 0.15  # standard error .03, and leaving out costs a little

@@ -7,14 +7,14 @@ import pytest
 
 from meal_bayes.datasets import TrainingSet, load_dataset
 from meal_bayes.errors import SettingsError
-from meal_bayes.perception import DEFAULT, PAPER, fit_perception
+from meal_bayes.perception import DEFAULT, PAPER, fit_and_validate
 from meal_bayes.perception.modality import FeatureSpace
-from meal_bayes.perception.recordings import BehaviorRecordings, all_recordings_of
+from meal_bayes.perception.recordings import BehaviorRecordings, gather
 from meal_bayes.perception.width import WIDTHS, _losses, learned_widths
 
 
 def recordings_in(dataset):
-    return list(all_recordings_of(dataset, TrainingSet.everything(dataset), DEFAULT).values())
+    return list(gather(dataset, TrainingSet.everything(dataset), DEFAULT).values())
 
 
 def on_a_line(truth_of, objects=40):
@@ -77,9 +77,9 @@ def test_what_the_settings_say_is_taken(make):
     assert (factor, without.tolist()) == (1.25, [1.25, 1.25])
     assert learned_widths(recordings_in(dataset), PAPER)[0] == 1.0  # its kernels have no width
     unit, wide = (
-        fit_perception(
+        fit_and_validate(
             dataset, TrainingSet.everything(dataset), settings=replace(DEFAULT, width=width)
-        )
+        )[0]
         for width in (1.0, 1.25)
     )
     for modality, space in unit.classifiers["look"].spaces.items():

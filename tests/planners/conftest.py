@@ -154,15 +154,11 @@ class Expectimax:
         return out
 
     def stop(self, x: int, seen: Counts) -> float:
-        """Value of ending now: best report, or the cheapest illegal behavior."""
+        """Value of ending now: best report, or abstaining."""
         m = self.momdp
         right = math.prod(max(b, 1 - b) for b in self.positive(seen))
         value = m.incorrect + (m.correct - m.incorrect) * right
-        ends = [m.cost[e] for e in range(m.n_behaviors) if self._ends(x, e)]
-        return max(value, -min(ends)) if m.abstain and ends else value
-
-    def _ends(self, x: int, e: int) -> bool:
-        return not self.momdp.legal[x, e] and self.momdp.transition[e, x, -1] == 1
+        return max(value, 0.0) if m.abstain else value
 
     def value(self, x: int, seen: Counts) -> float:
         """Optimal value."""
@@ -232,7 +228,7 @@ class Expectimax:
                 known[x, seen] = -math.inf  # as long as it is being computed
                 rng = np.random.default_rng(seed)
                 action = policy.decide(History(self.belief(x, seen)), rng).action
-                if action >= self.momdp.n_behaviors or self._ends(x, action):
+                if action >= self.momdp.n_behaviors:
                     known[x, seen] = self.stop(x, seen)
                 else:
                     known[x, seen] = self.edge(x, seen, action, value)

@@ -73,24 +73,14 @@ def test_an_x_without_vectors_reports():
     assert decision.action == 3 + 1
 
 
-@pytest.mark.parametrize(("abstain", "expected"), [(False, 3), (True, LIFT)])
-def test_illegal_behaviors_only_where_abstaining_is_allowed(abstain, expected):
-    """Only at x1: lift ends the trial there, look too."""
-    momdp = momdp_of(1, objective=Objective(abstain=abstain))
+@pytest.mark.parametrize("abstain", [False, True])
+def test_illegal_behaviors_are_never_taken(abstain):
+    """At x1: lift and look are not legal there."""
+    momdp = momdp_of(1, objective=Objective(abstain=abstain, correct=10.0, incorrect=-30.0))
     belief = initial_belief(momdp).at(1)
     decision = decide(momdp, belief, [[77.0, 77.0], [66.0, 66.0]], [1, 1], [LIFT, LOOK])
-    assert decision.action == expected
-
-
-def test_illegal_behaviors_that_stay_are_never_taken():
-    domain = load_domain("roc36_published")
-    rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
-    momdp = build_momdp(
-        domain, Query(domain.attributes[:1]), rows, objective=Objective(abstain=True)
-    )
-    stays = int(np.flatnonzero(~momdp.legal[0])[0])
-    decision = decide(momdp, initial_belief(momdp), [[999.0, 999.0]], [0], [stays])
-    assert decision.action >= momdp.n_behaviors
+    assert decision.action == (momdp.abstention if abstain else momdp.n_behaviors)
+    assert decision.values[-1] == (0.0 if abstain else -10.0)
 
 
 def test_used_up_percepts_end_a_loop():

@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 import pytest
 from planner_bound import upper_bound
-from planner_rollouts import simulate
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
@@ -14,6 +13,7 @@ from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History
 from meal_bayes.planners.factored.grid import informative_pairs
 from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 
@@ -70,8 +70,7 @@ def any_momdp(seed):
 def attainable(momdp, x, b, depth):
     """Value of the best plan of so many executions, by the definition: never above the optimum."""
     best = float(momdp.report_reward(np.maximum(b, 1 - b)))
-    if momdp.abstain and not momdp.legal[x].all():
-        best = max(best, -float(momdp.cost[~momdp.legal[x]].min()))
+    best = max(best, 0.0) if momdp.abstain else best
     attributes = np.arange(len(b))
     for e in np.flatnonzero(momdp.legal[x]) if depth else ():
         rows = momdp.confusion[:, e]

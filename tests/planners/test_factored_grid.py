@@ -10,6 +10,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.factored.grid import (
+    informative_pairs,
     make_axis,
     make_scratch,
     make_table,
@@ -53,7 +54,9 @@ def test_expectations_are_those_over_every_percept(momdp, table):
     scratch = make_scratch(table, 4)
     for e, b in product(range(2), beliefs_of(table)[::7]):
         expected = sum(p * bilinear(table, 1, after) for p, after in possible(momdp, e, b))
-        assert value_after(table, momdp.confusion, 1, e, b, scratch) == pytest.approx(expected)
+        assert value_after(
+            table, momdp.confusion, informative_pairs(momdp), 1, e, b, scratch
+        ) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("shaped", [False, True])
@@ -89,7 +92,15 @@ def one_step_ahead(momdp, problem, table, x, b):
         bonus = (1 - b) @ momdp.bonus[:, e, 0] + b @ momdp.bonus[:, e, 1]
         value = step["bonus_scale"] * bonus - step["cost"]
         for p, to, senses in problem.dynamics.outcomes(x, e):
-            after = value_after(table, momdp.confusion, to, e if senses else -1, b, scratch)
+            after = value_after(
+                table,
+                momdp.confusion,
+                informative_pairs(momdp),
+                to,
+                e if senses else -1,
+                b,
+                scratch,
+            )
             value += step["discount"] * p * after
         best = max(best, value)
     return best
@@ -106,7 +117,7 @@ def test_a_finer_table_keeps_the_layout_that_kernels_are_compiled_for(momdp, att
 def test_values_between_points(momdp, table):
     scratch = make_scratch(table, 4)
     for b in np.random.default_rng(4).random((20, 2)):
-        found = value_after(table, momdp.confusion, 0, -1, b, scratch)
+        found = value_after(table, momdp.confusion, informative_pairs(momdp), 0, -1, b, scratch)
         assert found == pytest.approx(bilinear(table, 0, b))
 
 
@@ -114,7 +125,10 @@ def test_finer_axes_keep_the_values(momdp, table):
     finer = refine(table, 0, make_axis(momdp, 0, 3))
     scratch = make_scratch(table, 4)
     for b in np.random.default_rng(5).random((20, 2)):
-        one, other = (value_after(t, momdp.confusion, 1, -1, b, scratch) for t in (table, finer))
+        one, other = (
+            value_after(t, momdp.confusion, informative_pairs(momdp), 1, -1, b, scratch)
+            for t in (table, finer)
+        )
         assert one == pytest.approx(other)
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planner_rollouts import simulate
 
 from meal_bayes.momdp import Objective
 from meal_bayes.planners import POMCP, Factored, Greedy, OpenLoop
+from meal_bayes.planners.rollout import simulate
 
 ENDLESS = {"percepts tell less and less", "independent percepts"}  # trials are as long as may be
 QUICK = "recordings run out"  # the others are `long`

@@ -12,8 +12,8 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
-from meal_bayes.planners import History
-from meal_bayes.planners.point_based.pbvi import PBVI
+from meal_bayes.planners import Factored, History
+from meal_bayes.planners.point_based.alpha_vectors import AlphaVectorPolicy, AlphaVectors
 from meal_bayes.planners.point_based.sarsop import Sarsop
 
 HEADER = (
@@ -58,7 +58,10 @@ def solve(momdp, **settings):
 
 def test_a_policy_comes_back_as_it_was_written(program, tmp_path):
     momdp = momdp_of("roc36", 2, objective=Objective(abstain=True))
-    ours = PBVI(points=30, rounds=2, sweeps=20).solve(momdp, np.random.default_rng(0))
+    rng, n_e = np.random.default_rng(0), momdp.n_behaviors
+    vectors = rng.uniform(-100, 200, (3 * n_e, 4))
+    alpha = AlphaVectors(vectors, np.repeat(np.arange(3), n_e), np.tile(np.arange(n_e), 3))
+    ours = AlphaVectorPolicy(momdp, alpha)
     (tmp_path / "own.policy").write_text(policy_text(ours.alpha, len(momdp.x_names)))
     kept = tmp_path / "problem.pomdpx"
     path = program(
@@ -75,11 +78,10 @@ def test_a_policy_comes_back_as_it_was_written(program, tmp_path):
     assert not Path(folder).exists()
     assert kept.read_text().startswith("<?xml")
     assert theirs.lower_bound == pytest.approx(ours.lower_bound, rel=1e-5)
-    rng = np.random.default_rng(0)
     for x in range(momdp.terminal):
         history = History(initial_belief(momdp).at(x))
         one, other = (policy.decide(history, rng) for policy in (ours, theirs))
-        np.testing.assert_allclose(one.values, other.values, rtol=1e-5)
+        np.testing.assert_allclose(one.values, other.values, atol=1e-2)
 
 
 def test_the_program_is_found(program, monkeypatch):
@@ -181,26 +183,15 @@ def test_what_the_format_cannot_hold_is_told(program):
             solve(momdp, program=path)
 
 
-@pytest.mark.parametrize(
-    ("momdp", "forbidden"),
-    [
-        (momdp_of("toy", objective=Objective(abstain=True)), False),
-        (momdp_of("toy", objective=Objective(abstain=False)), True),
-        (
-            momdp_of("roc36_published", objective=Objective(abstain=True)),
-            True,
-        ),  # illegal behaviors end nothing there
-    ],
-)
-def test_illegal_behaviors_are_priced_where_no_planner_may_abstain(
-    program, tmp_path, momdp, forbidden
-):
-    kept = tmp_path / "kept"
+@pytest.mark.parametrize("abstain", [False, True])
+def test_illegal_behaviors_are_priced_below_every_report(program, tmp_path, abstain):
+    momdp, kept = momdp_of("toy", objective=Objective(abstain=abstain)), tmp_path / "kept"
     path = program(f"pathlib.Path({str(kept)!r}).write_text(pathlib.Path(args[-1]).read_text())")
     with pytest.raises(SettingsError, match="wrote no policy"):
         solve(momdp, program=path)
     prices = [float(part.split("<")[0]) for part in kept.read_text().split("<ValueTable>")[1:]]
-    assert (min(prices) < momdp.incorrect) is forbidden
+    assert min(prices) < momdp.incorrect
+    assert (" abstain<" in kept.read_text()) is abstain
 
 
 @pytest.mark.parametrize("change", [{"seconds": 0}, {"precision": -1}, {"patience": float("inf")}])
@@ -215,5 +206,5 @@ def test_the_real_program_agrees():
     if program is None:
         pytest.skip("no pomdpsol here; set MEAL_BAYES_POMDPSOL to compare with it")
     momdp = momdp_of("toy", 2, objective=Objective(abstain=True))
-    ours = PBVI().solve(momdp, np.random.default_rng(0))
-    assert solve(momdp, program=program).lower_bound == pytest.approx(ours.lower_bound, abs=0.5)
+    ours = Factored().solve(momdp, np.random.default_rng(0)).upper_bound
+    assert ours - 0.5 < solve(momdp, program=program).lower_bound < ours

@@ -128,6 +128,46 @@ def test_a_posterior_read_back_is_the_agents(fitted, tmp_path):
     np.testing.assert_allclose(found.concentration, expected.concentration)
 
 
+def test_names_count_and_not_the_order(fitted, tmp_path):
+    domain, counts, draws = fitted
+    made = saved(counts, draws, tmp_path / "p.nc")
+    expected = ConfusionPosterior.from_idata(tmp_path / "p.nc", domain)
+    turned = {"truth": ["true", "false"], "level": ["yes", "no"], "attribute": ["heavy", "red"]}
+    groups = {
+        group: made[group].sel(turned).transpose(..., "truth", "behavior")
+        for group in ("posterior", "observed_data")
+    }
+    found = ConfusionPosterior.from_idata(groups, domain)
+    for name in ("prior", "counts", "concentration", "dispersion"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize(
+    ("variable", "change", "says"),
+    [
+        ("mean", lambda m: m - 0.5, "probabilities that sum to 1"),
+        ("mean", lambda m: 2 * m, "probabilities that sum to 1"),
+        ("mean", lambda m: m.assign_coords(truth=["0", "1"]), "truths 'false', 'true'"),
+        ("dispersion", lambda s: -s, "above 0"),
+        ("dispersion", lambda s: s * np.nan, "above 0"),
+    ],
+)
+def test_rows_that_mean_nothing_are_refused(fitted, tmp_path, variable, change, says):
+    domain, counts, draws = fitted
+    made = saved(counts, draws, tmp_path / "p.nc")
+    posterior = {name: made["posterior"][name] for name in ("mean", "dispersion")}
+    groups = {"posterior": {**posterior, variable: change(posterior[variable])}}
+    with pytest.raises(DataError, match=says):
+        ConfusionPosterior.from_idata({**groups, "observed_data": made["observed_data"]}, domain)
+
+
+def test_a_file_that_is_none_is_told(fitted, tmp_path):
+    (tmp_path / "p.nc").write_text("no netCDF")
+    for name in ("p.nc", "q.nc"):
+        with pytest.raises(DataError, match="is no posterior in netCDF"):
+            ConfusionPosterior.from_idata(tmp_path / name, fitted[0])
+
+
 def test_what_is_no_posterior_is_told(fitted):
     domain, counts, draws = fitted
     with pytest.raises(DataError, match="holds no posterior of confusion matrices"):

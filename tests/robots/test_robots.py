@@ -9,7 +9,7 @@ import pytest
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.robots import CheckedRobot, Execution, RecordedRobot
+from meal_bayes.robots import Boundary, Execution, RecordedRobot
 
 RECORDINGS = 4
 OBJECTS = 6
@@ -18,6 +18,20 @@ OBJECTS = 6
 def dataset_of(domain: Domain) -> Dataset:
     rng = np.random.default_rng(0)
     return make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
+
+
+class CheckedRobot:
+    """A robot behind its boundary."""
+
+    def __init__(self, robot: RecordedRobot, domain: Domain, *, object_index: int) -> None:
+        self.robot, self.names = robot, domain.behavior_names
+        self.boundary = Boundary(domain, object_index=object_index)
+
+    def start(self) -> int:
+        return self.boundary.start(self.robot.start())
+
+    def execute(self, behavior: int) -> Execution:
+        return self.boundary.execute(behavior, self.robot.execute(self.names[behavior]))
 
 
 Maker = Callable[..., CheckedRobot]

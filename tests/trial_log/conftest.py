@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import Decision, TreeEdge
+from meal_bayes.trials import Step, Task, Trial
 
 
 def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4) -> MOMDP:

@@ -6,7 +6,6 @@ import random
 import numpy as np
 import pytest
 
-from meal_bayes.agents.trial import Trial
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log import TrialWriter, check_log, encode, read_trials, salvage
@@ -23,6 +22,7 @@ from meal_bayes.trial_log.schema import (
     StepMessage,
     TrialMessage,
 )
+from meal_bayes.trials import Trial
 
 
 def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: data):

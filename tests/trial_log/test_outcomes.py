@@ -18,7 +18,6 @@ from meal_bayes.trial_log import (
     Follower,
     Logs,
     OutcomeWriter,
-    TrialOutcomes,
     check_log,
     count_whole,
     log_file,
@@ -33,9 +32,10 @@ from meal_bayes.trial_log import (
 )
 from meal_bayes.trial_log.compact import decode_outcomes, encode_outcomes
 from meal_bayes.trial_log.names import drafts_of
-from meal_bayes.trial_log.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.trial_log.schema import OutcomesMessage
 from meal_bayes.trial_log.writer import ROWS
+from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
 COLUMNS = [*TEXTS, *INTEGERS, *REALS]
 

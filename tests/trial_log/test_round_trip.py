@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from meal_bayes.agents.trial import Step, Task, Trial
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import Belief, belief_of, initial_belief
@@ -23,6 +22,7 @@ from meal_bayes.trial_log import (
     write_trials,
 )
 from meal_bayes.trial_log.schema import MOMDP_MEMORY
+from meal_bayes.trials import Step, Task, Trial
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
 FINITE = st.floats(-1e300, 1e300)  # their sums are finite too
@@ -72,6 +72,7 @@ def any_trials(draw, make):
     n, levels = draw(st.integers(1, 2)), draw(st.sampled_from([2, 4]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     momdp = make.momdp(load_domain("toy"), n, rng, levels)
+    momdp = dataclasses.replace(momdp, abstain=draw(st.booleans()))
     bits = st.lists(st.booleans(), min_size=n, max_size=n).map(np.array)
     x = st.integers(0, momdp.terminal)
     percept = st.lists(st.integers(0, levels - 1), min_size=n, max_size=n)

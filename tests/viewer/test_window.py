@@ -4,7 +4,9 @@ import contextlib
 import io
 import os
 import subprocess
+import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,14 @@ import pytest
 from matplotlib import image as png
 
 from meal_bayes.trial_log import read_header, read_trials
-from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording
+from meal_bayes.viewer import (
+    Viewer,
+    ViewerError,
+    send_recording,
+    take_picture,
+    window,
+    write_recording,
+)
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 TRIAL = {
@@ -30,11 +39,16 @@ RUN = {
 EVIDENCE = "percepts behind each confusion matrix"  # where the log tells of them
 
 
+def vulkan_drivers() -> int:
+    """Count the Vulkan drivers, also those in software."""
+    folders = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
+    return sum(len(list(folder.glob("*.json"))) for folder in folders)
+
+
 @pytest.fixture(scope="module")
 def vulkan() -> None:
-    """Skip loudly where there is no Vulkan driver, also none in software."""
-    folders = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
-    if not any(list(folder.glob("*.json")) for folder in folders if folder.is_dir()):
+    """Skip loudly where there is no Vulkan driver."""
+    if not vulkan_drivers():
         reason = "no Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers"
         if os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1":
             pytest.fail(f"required but missing: {reason}")
@@ -149,13 +163,33 @@ def test_what_it_is_started_with(monkeypatch):
 
 def test_a_viewer_that_cannot_open_a_window_says_what_to_do(monkeypatch, tmp_path):
     fake = tmp_path / "rerun"
-    fake.write_text("#!/bin/sh\necho 'No graphics adapter was found' >&2\nexit 3\n")
-    fake.chmod(0o755)
+    fake.touch(0o755)
     monkeypatch.setattr(window, "viewer_program", lambda: fake)
-    for display, said in (("", "no display"), (":0", "no graphics driver")):
-        monkeypatch.setenv("DISPLAY", display)
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Viewer() as viewer, pytest.raises(ViewerError, match=rf"{said}.*--web"):
+    monkeypatch.setenv("DISPLAY", "")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    for complaint, said in (("No graphics adapter", "mesa-vulkan-drivers"), ("x", "no display")):
+        fake.write_text(f"#!/bin/sh\necho '{complaint}' >&2\nexit 3\n")
+        with Viewer() as viewer, pytest.raises(ViewerError, match=f"{said}.*--web"):
             viewer.wait()
         with Viewer() as viewer, pytest.raises(ViewerError, match=said):
             viewer.client()
+
+
+@pytest.mark.skipif(vulkan_drivers() > 0, reason="this machine has a Vulkan driver")
+def test_a_picture_without_vulkan_names_the_driver(tmp_path):
+    write_recording([], tmp_path / "a.rrd", {})
+    with pytest.raises(ViewerError, match="mesa-vulkan-drivers"):
+        take_picture(tmp_path / "a.rrd")
+
+
+def test_the_page_is_served_to_this_machine_only_and_ends_with_the_command(eventually, running):
+    command = [sys.executable, "-m", "meal_bayes", "view", str(SAMPLE), "--web"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        address = process.stdout.readline().removeprefix("open ").strip()
+        with urllib.request.urlopen(address, timeout=60) as answer:
+            assert b"re_viewer" in answer.read()
+        task = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        (child,) = map(int, task.read_text().split())
+        assert listening(child) == {"0100007F"}  # 127.0.0.1, as the kernel writes it
+        process.kill()
+    eventually(lambda: not running(child), "the viewer outlives the command")

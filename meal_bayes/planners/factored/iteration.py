@@ -13,9 +13,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import (
     Table,
-    axis_reach,
     even_axis,
-    informative_pairs,
     make_axis,
     make_table,
     refine,
@@ -186,18 +184,3 @@ class ValueIteration:
 def _inner_points(n: int, points: int) -> int:
     """Return how many uncertain beliefs each of n axes of the estimate has."""
     return min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))
-
-
-def spans_percepts(momdp: MOMDP, points: int) -> bool:
-    """Test whether the even axes of an estimate reach as far as a percept moves the log-odds.
-
-    Where the sharpest behavior moves an attribute further in the mean, beliefs soon lie between the
-    last point and certainty, where the estimate is a straight line and says little.
-    """
-    moving = informative_pairs(momdp)
-    n = int(moving.any(axis=1).sum())
-    if not n:
-        return True
-    false, true = np.clip(np.moveaxis(momdp.confusion, 2, 0), 1e-300, None)  # (N,E,K)
-    shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=2)  # (N,E)
-    return bool(np.where(moving, shift, 0.0).max() <= axis_reach(_inner_points(n, points)))

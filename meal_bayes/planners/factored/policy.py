@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp import MOMDP, Belief, answer_value, initial_belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored.grid import (
     Floats,
@@ -117,32 +117,37 @@ class FactoredPolicy:
         Certified, unless percepts run out and shaping takes pay away for them.
         """
         momdp, x = self.iteration.momdp, self.iteration.momdp.start
-        report = float(momdp.report_reward(np.maximum(momdp.prior, 1 - momdp.prior)))
-        ending = max(report, float(self.iteration.problem.dynamics.exit_value[x]))
+        ending = answer_value(momdp, initial_belief(momdp))
         free = compile_momdp(momdp, price=0.0)
-        ahead = float(_values_ahead(free, self.bound, x, momdp.prior).max())
+        ahead = float(
+            _values_ahead(free, self.bound, self.iteration.edges.moves, x, momdp.prior).max()
+        )
         return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
-        return _values_ahead(self.iteration.problem, self.bound, x, prob)
+        iteration = self.iteration
+        return _values_ahead(iteration.problem, self.bound, iteration.edges.moves, x, prob)
 
     def value_at(self, x: int, prob: Floats) -> float:
         """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
         confusion = self.iteration.problem.percepts.rows
         scratch = make_scratch(self.bound, confusion.shape[3])
-        return float(value_after(self.bound, confusion, x, -1, np.array(prob), scratch))
+        return float(
+            value_after(
+                self.bound, confusion, self.iteration.edges.moves, x, -1, np.array(prob), scratch
+            )
+        )
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate."""
         belief, prob = history.belief, history.belief.positive
         iteration, table = self._left(belief)
         momdp, problem = iteration.momdp, iteration.problem
-        ahead = _values_ahead(problem, table, belief.x, prob)
+        ahead = _values_ahead(problem, table, iteration.edges.moves, belief.x, prob)
         if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
             ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
-        exit_value = float(problem.dynamics.exit_value[belief.x])
-        return Decision.exact(*choose(momdp, belief, ahead, exit_value))
+        return Decision.exact(*choose(momdp, belief, ahead))
 
     def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
         """Return iteration and table without the behaviors whose percepts have run out."""
@@ -175,7 +180,9 @@ def _rounded_up(table: Table) -> Table:
     return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 
-def _values_ahead(problem: Compiled, table: Table, x: int, prob: Floats) -> Floats:
+def _values_ahead(
+    problem: Compiled, table: Table, moves: NDArray[np.bool_], x: int, prob: Floats
+) -> Floats:
     """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
     dynamics, percepts, step = problem.dynamics, problem.percepts, problem.dynamics.step[x]
     out = -step["cost"]
@@ -183,5 +190,5 @@ def _values_ahead(problem: Compiled, table: Table, x: int, prob: Floats) -> Floa
         bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
         out += step["bonus_scale"] * bonus
     scratch = make_scratch(table, percepts.rows.shape[3])
-    add_values_ahead(dynamics, percepts, table, x, np.array(prob), scratch, out)
+    add_values_ahead(dynamics, percepts, table, moves, x, np.array(prob), scratch, out)
     return np.where(step["legal"], out, -np.inf)

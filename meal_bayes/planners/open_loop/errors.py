@@ -16,7 +16,7 @@ from meal_bayes.planners.kernels import entry_kernel, kernel
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
 _MERGED = 16  # outcomes are merged to 1/16 of the capacity
-_WIDEST = 12.0  # log likelihood ratios beyond are merged
+_WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is nothing
 SPAN = 16.0  # log-odds covered by the error tables
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
 
@@ -126,8 +126,12 @@ def _merge(weights, i, m, scratch):
     for b in range(most):
         for c in range(classes):
             bins[c, b] = 0.0
+    widest = 1e-9
     for a in range(m):
-        b = int((_log_ratio(scratch.truths, a) + _WIDEST) * (most / (2.0 * _WIDEST)))
+        widest = max(widest, abs(_log_ratio(scratch.truths, a)))
+    widest = min(widest, _WIDEST)
+    for a in range(m):
+        b = int((_log_ratio(scratch.truths, a) + widest) * (most / (2.0 * widest)))
         b = max(0, min(most - 1, b))
         for c in range(classes):
             bins[c, b] += outcomes[c, a]
@@ -154,19 +158,19 @@ def _enumerate(percepts, weights, counts, plan, i, scratch):
     for e in range(counts.shape[1]):
         if counts[plan, e] == 0 or not percepts.informative[i, e]:
             continue
-        left = percepts.limit[e] - scratch.total[e]
-        k = int(min(float(counts[plan, e]), left, _MERGED - 1.0))
-        if k <= 0:
-            continue
-        if m * (k + 1) > held:
-            m = _merge(weights, i, m, scratch)
-        for c in range(classes):
-            _count_yes(percepts, i, c, e, k, scratch)
-            for a in range(m - 1, -1, -1):
-                u = outcomes[c, a]
-                for j in range(k, -1, -1):
-                    outcomes[c, a * (k + 1) + j] = u * bins[c, j]
-        m *= k + 1
+        left = min(float(counts[plan, e]), percepts.limit[e] - scratch.total[e])
+        while left > 0.0:
+            k = int(min(left, _MERGED - 1.0))
+            left = left - k if percepts.known[e] else 0.0  # else the next depend on these
+            if m * (k + 1) > held:
+                m = _merge(weights, i, m, scratch)
+            for c in range(classes):
+                _count_yes(percepts, i, c, e, k, scratch)
+                for a in range(m - 1, -1, -1):
+                    u = outcomes[c, a]
+                    for j in range(k, -1, -1):
+                        outcomes[c, a * (k + 1) + j] = u * bins[c, j]
+            m *= k + 1
     return m
 
 

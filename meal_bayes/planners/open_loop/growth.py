@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.planners.compiled import Dynamics
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
-_SURE = 0.6  # Pr(right) from which a plan must repay its cost
-_RETURN = 0.5  # and gain at least this fraction of the cost of its next step
+CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 
 class Ways(NamedTuple):
@@ -46,6 +45,28 @@ class Ways(NamedTuple):
                 return path
             x = int(self.target[x, a])
         return path
+
+
+class Growth(NamedTuple):
+    """What percepts say, and how many a plan has so far.
+
+    Attributes
+    ----------
+    bhattacharyya : (N,E,U) log coefficient of u percepts, 0 where they carry no information.
+    rate : (N,) its greatest fall a second.
+    limit : (E,) percepts that a trial can have.
+    incorrect, gap : r- and r+ - r-.
+    counts : (E,) percepts of the plan.
+    log_r : (2,N) sum of the log coefficients, of the plan and of what may follow.
+    """
+
+    bhattacharyya: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    limit: NDArray[np.float64]
+    incorrect: float
+    gap: float
+    counts: NDArray[np.int64]
+    log_r: NDArray[np.float64]
 
 
 def find_ways(dynamics: Dynamics) -> Ways:
@@ -86,84 +107,140 @@ def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...])
 
 
 @kernel
-def _probable(bhattacharyya, counts, chance, b):
-    """Estimate Pr(right report) after a plan's percepts (E,) by their Bhattacharyya coefficient.
+def _log_affinity(bhattacharyya, i, e, k):
+    """Return the log Bhattacharyya coefficient of k percepts; beyond the table in proportion."""
+    last = bhattacharyya.shape[2] - 1
+    return bhattacharyya[i, e, min(k, last)] * max(1.0, k / last)
 
-    Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of about
-    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2, its lower bound; coefficients multiply.
+
+@kernel
+def _right(log_r, rate, seconds, chance, b):
+    """Estimate Pr(right report) after percepts of log coefficient log_r, and rate a second more.
+
+    Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of at least
+    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2; coefficients multiply.
     """
-    right, last = 1.0, bhattacharyya.shape[2] - 1
-    for i in range(bhattacharyya.shape[0]):
-        log_r = 0.0
-        for e in range(counts.shape[0]):
-            k = counts[e]
-            if k > 0:
-                log_r += bhattacharyya[i, e, min(k, last)] * max(1.0, k / last)
-        p = chance[b, i]
-        error = 0.5 - 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * p * (1.0 - p) * np.exp(2.0 * log_r)))
-        right *= 1.0 - error
+    right = 1.0
+    for i in range(log_r.shape[0]):
+        p, r = chance[b, i], log_r[i] - seconds * rate[i]
+        right *= 0.5 + 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * p * (1.0 - p) * np.exp(2.0 * r)))
     return right
 
 
 @kernel
-def _next_percept(ways, here, bhattacharyya, chance, b, counts, right):
-    """Choose the percept (or two or three of it) that adds most log Pr(right) per second.
+def _next_percept(ways, here, growth, chance, b):
+    """Choose the percepts that add most log Pr(right) a second -> behavior (-1 for none), how many.
 
-    Returns behavior (-1 for none), how many of it, and the rate.
+    Of a behavior that may be repeated, as many as raise what a second brings: they share its way.
     """
-    n, best, best_e, best_k = counts.shape[1], 1e-12, -1, 1
+    bhattacharyya, counts, log_r, rate = (
+        growth.bhattacharyya,
+        growth.counts,
+        growth.log_r,
+        growth.rate,
+    )
+    best, best_e, best_k, n = 1e-12, -1, 1, counts.shape[0]
+    right = _right(log_r[0], rate, 0.0, chance, b)
     for e in range(n):
         if ways.hop[here, e] < 0:
             continue
-        end = ways.end[here, e]
-        repeats = 3 if ways.end[end, e] == end and ways.hop[end, e] == e else 1
-        for k in range(1, repeats + 1):
-            for other in range(n):
-                counts[1, other] = counts[0, other] + ways.observation_counts[here, e, other]
-            counts[1, e] += k - 1
-            gained = _probable(bhattacharyya, counts[1], chance, b)
+        end, k, last = ways.end[here, e], 1, 0.0
+        while True:
+            if counts[e] + k > growth.limit[e]:
+                break
+            for i in range(log_r.shape[1]):
+                log_r[1, i] = log_r[0, i]
+                for o in range(n):
+                    more = ways.observation_counts[here, e, o]
+                    if more > 0 or o == e:
+                        more += k - 1 if o == e else 0
+                        log_r[1, i] += _log_affinity(bhattacharyya, i, o, counts[o] + more)
+                        log_r[1, i] -= _log_affinity(bhattacharyya, i, o, counts[o])
             price = ways.cost[here, e] + (k - 1) * ways.cost[end, e] + 1e-6
-            rate = np.log(gained / right) / price
-            if rate > best:
-                best, best_e, best_k = rate, e, k
-    return best_e, best_k, best
+            gain = np.log(_right(log_r[1], rate, 0.0, chance, b) / right) / price
+            if gain > best:
+                best, best_e, best_k = gain, e, k
+            if gain <= last or ways.end[end, e] != end or ways.hop[end, e] != e:
+                break
+            last, k = gain, k + 1
+    return best_e, best_k
+
+
+@kernel
+def _best_ahead(growth, chance, b, base, reward, spare):
+    """Bound what a plan can still come to, if every second were the best for each attribute.
+
+    `base` is its value with a wrong report, `reward` what a right one adds; more than `spare`
+    seconds cannot pay. Within a cell of seconds, the first are paid and the last have been of use.
+    """
+    best = -np.inf
+    for cell in range(CELLS):
+        seconds = spare * (cell + 1) / CELLS
+        right = _right(growth.log_r[0], growth.rate, seconds, chance, b)
+        best = max(best, base + reward * right - spare * cell / CELLS)
+    return best
+
+
+@kernel
+def _count(growth, a):
+    """Count one more percept of a behavior."""
+    for i in range(growth.log_r.shape[1]):
+        k = growth.counts[a]
+        growth.log_r[0, i] += _log_affinity(growth.bhattacharyya, i, a, k + 1)
+        growth.log_r[0, i] -= _log_affinity(growth.bhattacharyya, i, a, k)
+    growth.counts[a] += 1
+
+
+@kernel
+def _begin(growth, e):
+    """Forget all percepts; return whether those of a behavior can say anything."""
+    useful = False
+    for other in range(growth.counts.shape[0]):
+        growth.counts[other] = 0
+    for i in range(growth.log_r.shape[1]):
+        growth.log_r[0, i] = 0.0
+        useful = useful or growth.bhattacharyya[i, e, 1] < 0.0
+    return useful and growth.limit[e] >= 1.0
 
 
 @entry_kernel
-def grow_plans(ways, bhattacharyya, limit, chance, gap, counts, out):
+def grow_plans(ways, growth, chance, out, ends):
     """Grow a plan for each x, belief (B,N) and first percept -> out (X,B,E,L), padded by -1.
 
-    Rows hold the behaviors executed. To fix the first percept in turn keeps expensive beginnings in
-    play. A plan is grown until it is more right than not and a step costs twice what it gains.
-    `bhattacharyya` (N,E,U) is the log coefficient, 0 where percepts carry no information;
-    `counts` (2,E) is scratch.
+    Rows hold the behaviors executed; `ends` marks beginnings that end with the percept gone for. To
+    fix the first percept in turn keeps expensive beginnings in play. A plan is grown until nothing
+    that could follow would pay, or it is full. Returns the length of the longest.
     """
     size, n_beliefs, n, length = out.shape
+    log_r, rate, gap, longest = growth.log_r[0], growth.rate, growth.gap, 1
     for row in range(size * n_beliefs * n):
         x, b, e = row // (n_beliefs * n), row // n % n_beliefs, row % n
-        useful = 0.0
-        for i in range(bhattacharyya.shape[0]):
-            useful += bhattacharyya[i, e, 1]
-        if ways.hop[x, e] < 0 or useful == 0.0:
+        if not _begin(growth, e) or ways.hop[x, e] < 0:
             continue
-        for other in range(n):
-            counts[0, other] = 0
-        here, filled, k, goal = x, 0, 1, e
-        while goal >= 0:
+        here, filled, k, goal, cost, scale = x, 0, 1, e, 0.0, 1.0
+        best = growth.incorrect + gap * _right(log_r, rate, 0.0, chance, b)
+        while goal >= 0 and filled < length:
             for _ in range(k):
+                cost += scale * ways.cost[here, goal]
+                scale *= ways.discount[here, goal]
                 arrived = False
                 while not arrived and filled < length:
                     a = ways.hop[here, goal]
                     arrived = a == goal and ways.senses[here, a]
-                    counts[0, a] += ways.senses[here, a]
+                    if ways.senses[here, a]:
+                        _count(growth, a)
                     out[x, b, e, filled] = a
+                    ends[x, b, e, filled] = arrived
                     filled += 1
                     here = ways.target[here, a]
-            right = _probable(bhattacharyya, counts[0], chance, b)
-            goal, k, rate = _next_percept(ways, here, bhattacharyya, chance, b, counts, right)
-            enough = right > _SURE and rate * gap * right < _RETURN
-            if enough or filled == length or (goal >= 0 and counts[0, goal] + k > limit[goal]):
+            base, reward = scale * growth.incorrect - cost, scale * gap
+            best = max(best, base + reward * _right(log_r, rate, 0.0, chance, b))
+            spare = base + reward - best
+            if spare <= 0.0 or _best_ahead(growth, chance, b, base, reward, spare) <= best:
                 break
+            goal, k = _next_percept(ways, here, growth, chance, b)
+        longest = max(longest, filled)
+    return longest
 
 
 @entry_kernel

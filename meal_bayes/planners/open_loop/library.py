@@ -19,14 +19,14 @@ from meal_bayes.planners.open_loop.errors import (
     make_scratch,
     tabulate_errors,
 )
-from meal_bayes.planners.open_loop.growth import Ways, find_ways, follow, grow_plans
+from meal_bayes.planners.open_loop.growth import Growth, Ways, find_ways, follow, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans, plan_scratch
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED = 16  # times N, up to N = 5: beliefs at which plans compete to be kept
 _MANY = 5
 _ROUNDS = 6  # of moving them apart
-_LENGTH = 24  # behaviors of a plan
+_LENGTH = 96  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
 _CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
@@ -82,11 +82,10 @@ class Diagram:
                     path, here = (*path, *way), int(self.ways.end[here, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
-        every = np.full((len(rows), _LENGTH), -1)
+        every = np.full((len(rows), max(map(len, rows))), -1)
         for row, path in zip(every, rows, strict=True):
             row[: len(path)] = path
-        ends = np.array([len(path) for path in rows]) - 1
-        return _cheapest(_summed_up(self, np.array(start), every, ends[:, None]))
+        return _cheapest(_summed_up(self, np.array(start), every, _last(every)))
 
 
 _known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
@@ -184,16 +183,21 @@ def _grown(
     problem: Compiled, diagram: Diagram, beliefs: Floats, bhattacharyya: Floats
 ) -> Candidates:
     """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
-    size, n = problem.dynamics.step.shape
+    step, percepts = problem.dynamics.step, problem.percepts
+    size, n = step.shape
     path = np.full((size, len(beliefs), n, _LENGTH), -1)
-    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)
-    buffer = np.zeros((2, n), np.int64)
-    limit, gap = problem.percepts.limit, problem.gap
-    grow_plans(diagram.ways, bhattacharyya, limit, chance, gap, buffer, path)
-    start = np.repeat(np.arange(size), len(beliefs) * n)
-    row = _distinct(np.column_stack([start, path.reshape(-1, _LENGTH)]) + 1)
-    ends = np.arange(_LENGTH)[None]
-    return _summed_up(diagram, start[row], path.reshape(-1, _LENGTH)[row], ends)
+    ends = np.zeros(path.shape, np.bool_)
+    chance = (beliefs * percepts.truth[:, 1]).sum(axis=2)
+    cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
+    rate = (-bhattacharyya[..., 1] / cost).max(axis=1)  # (N,)
+    growth = Growth(
+        bhattacharyya, rate, percepts.limit, problem.incorrect, problem.gap,
+        np.zeros(n, np.int64), np.zeros((2, len(rate))),
+    )  # fmt: skip
+    length = grow_plans(diagram.ways, growth, chance, path, ends)
+    start, shape = np.repeat(np.arange(size), len(beliefs) * n), (-1, length)
+    beginnings = ends[..., :length].reshape(shape)
+    return _summed_up(diagram, start, path[..., :length].reshape(shape), beginnings)
 
 
 def _promising(
@@ -241,19 +245,25 @@ def _distinct(rows: Integers) -> NDArray[np.intp]:
     return np.unique(keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True)[1]
 
 
-def _summed_up(diagram: Diagram, start: Integers, path: Integers, ends: Integers) -> Candidates:
-    """Sum up paths (R,L) from start (R,), cut behind the steps `ends` (R or 1,T) that they have."""
+def _summed_up(
+    diagram: Diagram, start: Integers, path: Integers, ends: NDArray[np.bool_]
+) -> Candidates:
+    """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`."""
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
     plan = records((rows, length), PLAN)
     reached = np.zeros((rows, length), np.int64)
     counts, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
+    path = np.ascontiguousarray(path)  # so that one signature is compiled
     follow(diagram.dynamics.step, diagram.ways, start, path, plan, counts, executions, reached)
-    r, t = np.nonzero(
-        np.take_along_axis(path, np.broadcast_to(ends, (rows, ends.shape[1])), 1) >= 0
-    )
-    t = np.broadcast_to(ends, (rows, ends.shape[1]))[r, t]
-    cut = np.where(np.arange(length) <= t[:, None], path[r], -1)
+    r, t = np.nonzero(ends)
+    cut = np.full((len(r), _LENGTH), -1)
+    cut[:, :length] = np.where(np.arange(length) <= t[:, None], path[r], -1)
     return Candidates(start[r], cut, plan[r, t], counts[r, t], executions[r, t])
+
+
+def _last(path: Integers) -> NDArray[np.bool_]:
+    """Mark the last steps of paths (R,L)."""
+    return np.asarray(np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1)
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
@@ -273,7 +283,8 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             goal = int(gain.argmax()) if gain.max() > 0 else -1
         start.append(x)
         paths.append((*path, *(-1,) * _LENGTH)[:_LENGTH])
-    return _summed_up(diagram, np.array(start), np.array(paths), np.arange(_LENGTH)[None])
+    every = np.array(paths)
+    return _summed_up(diagram, np.array(start), every, every >= 0)
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
@@ -306,7 +317,8 @@ def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
             paths.append(path[k:] + [-1] * k)
             here = int(ways.target[here, a])
     path = np.array(paths)
-    return _summed_up(diagram, np.array(start), path, (path >= 0).sum(axis=1)[:, None] - 1)
+    path = path[:, : int((path >= 0).sum(axis=1).max())]
+    return _summed_up(diagram, np.array(start), path, _last(path))
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:

@@ -39,9 +39,8 @@ class OpenLoopPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior of the best plan."""
         belief = history.belief
-        exit_value = float(self.problem.dynamics.exit_value[belief.x])
         values = plan_values(self.problem, self.plans, belief).value
-        return Decision.exact(*choose(self.momdp, belief, values, exit_value))
+        return Decision.exact(*choose(self.momdp, belief, values))
 
 
 def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:

@@ -180,7 +180,7 @@ def _locate(model, plans, prob, scratch):
 
 
 @kernel
-def _is_idle(model, x, a, total):
+def is_idle(model, x, a, total):
     """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
         return False
@@ -237,7 +237,7 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
             if value > out[a]:
                 out[a], scratch.best[a], best = value, start + top, max(best, value)
     for a in range(out.shape[0]):
-        if useful and _is_idle(model, x, a, scratch.total):
+        if useful and is_idle(model, x, a, scratch.total):
             out[a] = -np.inf
     return best
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, best_report, initial_belief, report_value
-from meal_bayes.planners.solver import Decision, History
+from meal_bayes.momdp import MOMDP, answer_value, initial_belief
+from meal_bayes.planners.solver import Decision, History, choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,8 @@ class AlphaVectors:
 
     Raises
     ------
-    SettingsError : arrays whose lengths differ, or no vector at all.
+    SettingsError
+        Arrays whose lengths differ, or no vector at all.
     """
 
     vectors: NDArray[np.float64]
@@ -41,14 +42,14 @@ class AlphaVectors:
 class AlphaVectorPolicy:
     """Policy that starts the best plan of several, each an alpha vector.
 
-    Reports need no vector, as their value is exact. The vectors of illegal behaviors are left out,
-    unless the MOMDP lets a planner abstain and they end the trial. A behavior that keeps x and
-    whose percepts have run out (`limit`, which vectors know nothing of) is passed over. Truths are
-    in the query's bit order, actions numbered as in the MOMDP.
+    Answers need no vector, as their value is exact, and those of illegal behaviors are left out. A
+    behavior that keeps x and whose percepts have run out (`limit`, which vectors know nothing of)
+    is passed over. Truths are in the query's bit order, actions numbered as in the MOMDP.
 
     Raises
     ------
-    SettingsError : vectors of another MOMDP.
+    SettingsError
+        Vectors of another MOMDP.
     """
 
     momdp: MOMDP
@@ -72,9 +73,8 @@ class AlphaVectorPolicy:
                     f"Alpha vectors with {name} from {numbers.min()} to {numbers.max()}; the MOMDP "
                     f"has {count} (they may belong to another one)."
                 )
-        ends = momdp.transition[:, :, momdp.terminal].T == 1  # (X,E)
         allowed = np.zeros((len(momdp.x_names), momdp.n_actions), dtype=bool)
-        allowed[:, : momdp.n_behaviors] = momdp.legal | (ends & momdp.abstain)
+        allowed[:, : momdp.n_behaviors] = momdp.legal
         kept = allowed[alpha.x, alpha.action]
         rows = [np.flatnonzero(kept & (alpha.x == x)) for x in range(momdp.terminal)]
         set_frozen(self, _here=tuple((alpha.vectors[r], alpha.action[r]) for r in rows))
@@ -89,19 +89,15 @@ class AlphaVectorPolicy:
         belief = initial_belief(self.momdp)
         vectors, _ = self._here[belief.x]
         planned = float((vectors @ belief.joint).max(initial=-np.inf))
-        return max(planned, report_value(self.momdp, belief))
+        return max(planned, answer_value(self.momdp, belief))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the best plan, or the best report."""
+        """Choose the best plan, or the best answer."""
         momdp, belief = self.momdp, history.belief
         vectors, actions = self._here[belief.x]
-        values = np.full(momdp.n_behaviors + 1, -np.inf)
+        values = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(values, actions, vectors @ belief.joint)
         used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
         stays = momdp.transition[:, belief.x, belief.x] == 1
-        values[:-1][used_up & stays] = -np.inf
-        values[-1] = report_value(momdp, belief)
-        action = int(values.argmax())
-        if values[action] <= values[-1]:
-            action = best_report(momdp, belief)
-        return Decision.exact(action, np.where(np.isneginf(values), np.nan, values))
+        values[used_up & stays] = -np.inf
+        return Decision.exact(*choose(momdp, belief, values))

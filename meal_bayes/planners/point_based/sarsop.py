@@ -29,18 +29,21 @@ _HOME = "https://github.com/AdaCompNUS/sarsop"
 class Sarsop:
     """Settings; the precision that it reaches in its time depends on the machine.
 
-    Where the MOMDP lets no planner abstain, illegal behaviors are priced below every report.
-
     Attributes
     ----------
-    seconds : of solving; by default the paper's budget.
-    precision : gap between its bounds at which it ends before that.
-    program : by default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
-    patience : s that reading the problem and writing the policy may need besides.
+    seconds : float
+        s of solving; by default the paper's budget.
+    precision : float
+        Gap between its bounds at which it ends before that.
+    program : str | Path | None
+        By default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
+    patience : float
+        s that reading the problem and writing the policy may need besides.
 
     Raises
     ------
-    SettingsError : a time or precision that is not above 0.
+    SettingsError
+        A time or precision that is not above 0.
     """
 
     seconds: float = 5.0
@@ -60,17 +63,17 @@ class Sarsop:
 
         Raises
         ------
-        SettingsError : no such program; a problem that its format cannot hold; a program that
-            fails or does not come to an end.
-        DataError : a policy that is not well formed, or of another problem.
+        SettingsError
+            No such program; a problem that its format cannot hold; a program that fails or does not
+            come to an end.
+        DataError
+            A policy that is not well formed, or of another problem.
         """
         program = _find(self.program)
         if momdp.discount >= 1:
             raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
-        exits = ~momdp.legal.T & (momdp.transition[:, :, momdp.terminal] == 1)
-        forbid = not (momdp.abstain and exits[:, :-1].any())
         with temporary_folder() as folder:
-            write_pomdpx(momdp, folder / "problem.pomdpx", forbid_illegal=forbid)
+            write_pomdpx(momdp, folder / "problem.pomdpx")
             command = [
                 program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
                 "--output", "out.policy", "problem.pomdpx",
@@ -94,7 +97,7 @@ def _find(program: str | Path | None) -> str:
     if found is None:
         raise SettingsError(
             f"No program {str(named)!r} here. Build pomdpsol ({_HOME}) and put it on the PATH, or "
-            f"name it in {_VARIABLE}; or plan with PBVI, which needs no other program."
+            f"name it in {_VARIABLE}; or plan with Factored, which needs no other program."
         )
     return str(Path(found).resolve())
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meal_bayes.momdp import MOMDP, Belief, report_value
+from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import dynamics_of
 from meal_bayes.planners.open_loop.library import diagram_of
@@ -28,7 +28,7 @@ def certain_behavior(momdp: MOMDP, belief: Belief) -> Decision | None:
     value = momdp.report_reward(1.0 - least)
     value = ways.discount[belief.x] * value - ways.cost[belief.x]
     best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
-    ending = max(report_value(momdp, belief), float(dynamics.exit_value[belief.x]))
+    ending = answer_value(momdp, belief)
     if best <= ending:
         return None
     values = np.full(momdp.n_behaviors + 1, np.nan)

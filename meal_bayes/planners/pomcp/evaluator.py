@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, stop_value
+from meal_bayes.planners.open_loop.values import (
+    Plans,
+    evaluate_plans,
+    is_idle,
+    stop_value,
+    true_chance,
+)
 
 
 class LeafEvaluator(NamedTuple):
@@ -42,13 +48,14 @@ def add_node(model, evaluator, tree, child, x, a):
     node.stop = stop_value(model, x, prob)
     for i in range(prob.shape[0]):
         evaluator.scratch.shown[i] = tree.level[child, i] + 1
-    node.value = evaluate_plans(
-        model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
-    )
+        evaluator.scratch.chance[i] = true_chance(model.percepts, prob, i)
     if table.value.shape[0] > 0:
-        chance, nothing = evaluator.scratch.chance, -table.size[0]
-        estimate = value_after(table, model.percepts.rows, x, nothing, chance, evaluator.reading)
-        node.value = max(node.value, estimate)
+        estimate = _estimate(model, evaluator, x, -table.size[0])
+        node.value = max(node.stop, estimate)
+    else:
+        node.value = evaluate_plans(
+            model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
+        )
     count_percept(evaluator.scratch, tree.level[child], a, -1.0)
 
 
@@ -56,28 +63,35 @@ def add_node(model, evaluator, tree, child, x, a):
 def open_node(model, evaluator, tree, node):
     """Create the edges of a visited node; values are -inf where a behavior cannot help."""
     x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
-    evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+    tabled = table.value.shape[0] > 0
+    if tabled:
+        for i in range(scratch.chance.shape[0]):
+            scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
+    else:
+        evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
     for a in range(tree.edge.shape[1]):
-        value = scratch.value[a]
-        if value > -np.inf and table.value.shape[0] > 0:
+        value = -np.inf if tabled else scratch.value[a]
+        if tabled and model.dynamics.step[x, a].legal and not is_idle(model, x, a, scratch.total):
             mean = 0.0
             for k in range(model.dynamics.branch.shape[2]):
                 branch = model.dynamics.branch[x, a, k]
                 behavior = a if branch.senses else -table.size[0]
-                mean += branch.p * value_after(
-                    table,
-                    model.percepts.rows,
-                    branch.x,
-                    behavior,
-                    scratch.chance,
-                    evaluator.reading,
-                )
+                mean += branch.p * _estimate(model, evaluator, branch.x, behavior)
             reward = step_reward(model, x, a, scratch.chance, scratch.total)
-            value = max(value, reward + model.dynamics.step[x, a].discount * mean)
+            value = reward + model.dynamics.step[x, a].discount * mean
         edge = tree.edge[node, a]
         edge.visits, edge.first, edge.count = 0, -1, 0
         edge.value = value
         tree.node[node].value = max(tree.node[node].value, value)
+
+
+@kernel
+def _estimate(model, evaluator, x, behavior):
+    """Return the table's value at x after a percept of a behavior (none below 0)."""
+    return value_after(
+        evaluator.table, model.percepts.rows, model.percepts.informative, x, behavior,
+        evaluator.scratch.chance, evaluator.reading,
+    )  # fmt: skip
 
 
 @kernel

@@ -15,18 +15,17 @@ departs from textbook POMCP, each because the textbook fails here:
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, report_value
+from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
-from meal_bayes.planners.factored.iteration import spans_percepts
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library, retabulate
@@ -37,9 +36,12 @@ from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
 from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
 from meal_bayes.planners.pomcp.search import ENUMERATE, search
 from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
+from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
 _CHUNK = 8  # simulations between two looks at the clock, at first
+_FINE = 2  # attributes up to which tables are within 0.1 % of the optimum (A1, A2)
+_EPISODES, _TRIAL_SIMULATIONS = 64, 8  # in which leaves are compared
 _BACKUPS = ("expected", "sampled")
 
 
@@ -132,13 +134,32 @@ class POMCPPolicy:
         return plan_library(self.momdp, self.problem)
 
     @cached_property
+    def estimate(self) -> Table:
+        """The table of the leaf, or an empty one where plans know better.
+
+        Plans are worth no less than they say; a table on a coarse grid may promise what nobody can
+        earn. So where grids are coarse both leaves play the same simulated episodes, and the one
+        that earned more is taken.
+        """
+        if self.tables is None:
+            return _EMPTY
+        if len(self.momdp.query) <= _FINE:
+            return self.tables.estimate
+        settings = replace(self.settings, simulations=_TRIAL_SIMULATIONS, milliseconds=None)
+        earned = []
+        for table in (self.tables.estimate, _EMPTY):
+            trial = POMCPPolicy(self.momdp, settings)
+            trial.plans, trial.tables, trial.estimate = self.plans, self.tables, table
+            rng = np.random.Generator(np.random.PCG64(0))
+            earned.append(simulate(self.momdp, trial, _EPISODES, rng).value)
+        return self.tables.estimate if earned[0] >= earned[1] else _EMPTY
+
+    @cached_property
     def tables(self) -> FactoredPolicy | None:
-        """The tables of the leaf; None where the marginals are not the state, or too many."""
+        """Factored value iteration; None where the marginals are not the state, or too many."""
         momdp, points = self.momdp, self.settings.points
         known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
         if not points or not known or not momdp.class_is_truth:
-            return None
-        if not spans_percepts(momdp, points):  # plans know better than so coarse a grid
             return None
         try:
             return Factored(points).solve(momdp, np.random.default_rng(0))
@@ -154,8 +175,17 @@ class POMCPPolicy:
         if certain is not None:
             return certain
         scratch = plan_values(self.problem, self.plans, belief)
-        settled = self._settled(belief, scratch.value)
-        return settled or self._search(end, belief, scratch, rng)
+        lower = scratch.value.copy()
+        decision = self._settled(belief, lower) or self._search(end, belief, scratch, rng)
+        return replace(decision, gap=self._gap(belief, lower, decision))
+
+    def _gap(self, belief: Belief, lower: NDArray[np.float64], decision: Decision) -> float | None:
+        """Bound what the best action may be worth more; None where no upper bound is known."""
+        if self.tables is None:
+            return None
+        upper = self.tables.upper_bounds(belief.x, belief.positive).max()
+        worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
+        return float(max(0.0, upper - worth))
 
     def _settled(self, belief: Belief, lower: NDArray[np.float64]) -> Decision | None:
         """Decide by bounds alone, where an action is worth at least what any other is at most."""
@@ -163,8 +193,8 @@ class POMCPPolicy:
         left = np.isfinite(lower)  # what can help
         if left.sum() > 1 and self.tables is None:
             return None
-        action, values = choose(self.momdp, belief, lower, self._exit_value(x))
-        chosen = action if action < len(lower) and self.momdp.legal[x, action] else -1
+        action, values = choose(self.momdp, belief, lower)
+        chosen = action if action < len(lower) else -1
         if self.tables is not None:
             upper = np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf)
         elif chosen < 0 and left.any():
@@ -174,9 +204,6 @@ class POMCPPolicy:
         others = np.append(upper, values[-1])
         others[chosen] = -np.inf
         return Decision.exact(action, values) if values[chosen] >= others.max() else None
-
-    def _exit_value(self, x: int) -> float:
-        return float(self.problem.dynamics.exit_value[x])
 
     def _search(
         self, end: float | None, belief: Belief, scratch: Scratch, rng: np.random.Generator
@@ -199,7 +226,7 @@ class POMCPPolicy:
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0], tree.edge["first"][0] = lower, 0, -1
         values = tree.edge["value"][0]
-        action, values = choose(momdp, belief, values, self._exit_value(belief.x))
+        action, values = choose(momdp, belief, values)
         visits = tree.edge["visits"][0]
         errors = no_errors(values)
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
@@ -209,7 +236,7 @@ class POMCPPolicy:
 
     def _prepare(self, belief: Belief, scratch: Scratch) -> tuple[Tree, LeafEvaluator, Sampled]:
         """Create a tree of its root, the leaf evaluators, and the buffers of sampled MOMDPs."""
-        table = _EMPTY if self.tables is None else self.tables.estimate
+        table = self.estimate
         reading = grid.make_scratch(table, self.momdp.levels)
         tree = self._planted(belief)
         sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
@@ -225,7 +252,7 @@ class POMCPPolicy:
             nodes = min(nodes, (settings.simulations + 1) * width + 1)
         nodes += branches * ENUMERATE + 1  # that an expansion may take
         tree = make_tree(nodes, momdp.n_behaviors, *belief.log_prob.shape)
-        stop = max(report_value(momdp, belief), self._exit_value(belief.x))
+        stop = answer_value(momdp, belief)
         tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.log_prob), -1
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
         return tree

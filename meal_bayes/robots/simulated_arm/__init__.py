@@ -13,7 +13,9 @@ from importlib.util import find_spec
 from meal_bayes.errors import SettingsError
 
 if find_spec("mujoco") is None:
-    raise SettingsError("The simulated robot needs MuJoCo: pip install 'meal-bayes[sim]'.")
+    raise SettingsError(
+        "The simulated robot needs MuJoCo: pip install '.[sim]' in a checkout of meal_bayes."
+    )
 
 from meal_bayes.robots.simulated_arm.arm import SimulatedArm
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters, attributes_of, draw_object

@@ -27,9 +27,12 @@ class SimulatedArm:
 
     Parameters
     ----------
-    parameters : the object. Only the builder of the physics reads them.
-    seed, path : name the random streams: where the object lies, and the noise of the sensors.
-    on_frame : called 30 times a simulated second, with the scene.
+    parameters : ObjectParameters
+        The object. Only the builder of the physics reads them.
+    seed, path : int | str
+        Name the random streams: where the object lies, and the noise of the sensors.
+    on_frame : OnFrame | None
+        Called 30 times a simulated second, with the scene.
     """
 
     def __init__(
@@ -67,7 +70,8 @@ class SimulatedArm:
 
         Raises
         ------
-        RobotError : the object is gone, the gripper jams, or the physics broke down.
+        RobotError
+            The object is gone, the gripper jams, or the physics broke down.
         """
         if behavior not in BEHAVIORS:
             raise SettingsError(unknown("behavior", behavior, BEHAVIORS))

@@ -73,7 +73,8 @@ def observe_state(scene: Scene) -> str:
 
     Raises
     ------
-    RobotError : the gripper jams.
+    RobotError
+        The gripper jams.
     """
     place, home = scene.object_place, scene.home
     if scene.held():

@@ -26,7 +26,8 @@ def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = 
 
     Parameters
     ----------
-    empty : leave the object out, as the robot remembers the table.
+    empty : bool
+        Leave the object out, as the robot remembers the table.
     """
     model, data = scene.model, scene.data
     camera = model.camera("front").id

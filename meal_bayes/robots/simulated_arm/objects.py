@@ -24,14 +24,22 @@ class ObjectParameters:
 
     Attributes
     ----------
-    half_width, half_depth : m, along x (where the fingers close) and y.
-    height : m.
-    shell_mass, content_mass : kg.
-    stiffness : N/m, of each side wall and of the lid.
-    friction : sliding coefficient against fingers and table.
-    color : name; `rgb` is its shade, each in [0, 1].
-    content : one of `CONTENTS`.
-    n_balls : balls inside; 0 without loose content.
+    half_width, half_depth : float
+        m, along x (where the fingers close) and y.
+    height : float
+        m.
+    shell_mass, content_mass : float
+        kg.
+    stiffness : float
+        N/m, of each side wall and of the lid.
+    friction : float
+        Sliding coefficient against fingers and table.
+    color : str
+        Name; `rgb` is its shade, each in [0, 1].
+    content : str
+        One of `CONTENTS`.
+    n_balls : int
+        Balls inside; 0 without loose content.
     """
 
     half_width: float

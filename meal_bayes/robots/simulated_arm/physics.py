@@ -40,11 +40,16 @@ class Motion:
 
     Attributes
     ----------
-    seconds : duration, s.
-    y, z, width : m, the command at the end; None keeps it.
-    recorded : whether the channels are recorded.
-    press : N, limit of the downward force; None is the gantry's own.
-    wave : (m, Hz), amplitude and frequency.
+    seconds : float
+        Duration, s.
+    y, z, width : float | None
+        m, the command at the end; None keeps it.
+    recorded : bool
+        Whether the channels are recorded.
+    press : float | None
+        N, limit of the downward force; None is the gantry's own.
+    wave : tuple[float, float] | None
+        (m, Hz), amplitude and frequency.
     """
 
     seconds: float
@@ -61,9 +66,12 @@ class Scene:
 
     Parameters
     ----------
-    parameters : the object; only the model's builder reads them.
-    rng : where the object lies, and how it is turned.
-    on_frame : called `FRAMES_PER_SECOND` times a simulated second.
+    parameters : ObjectParameters
+        The object; only the model's builder reads them.
+    rng : np.random.Generator
+        Where the object lies, and how it is turned.
+    on_frame : OnFrame | None
+        Called `FRAMES_PER_SECOND` times a simulated second.
     """
 
     def __init__(
@@ -147,7 +155,8 @@ class Scene:
 
         Raises
         ------
-        RobotError : the object fell off the table or came apart, or the state is not finite.
+        RobotError
+            The object fell off the table or came apart, or the state is not finite.
         """
         steps = round(motion.seconds / self.model.opt.timestep)
         begin = self.data.ctrl.copy()

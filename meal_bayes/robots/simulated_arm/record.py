@@ -29,8 +29,10 @@ class Recorded:
 
     Attributes
     ----------
-    recordings : the features of each recording, without the behaviors that never succeeded.
-    happened : counts of (state, behavior, next state).
+    recordings : tuple[Recording, ...]
+        The features of each recording, without the behaviors that never succeeded.
+    happened : Happened
+        Counts of (state, behavior, next state).
     """
 
     name: str
@@ -51,7 +53,8 @@ def record_object(
 
     Parameters
     ----------
-    alter : changes what was drawn, for experiments on one parameter.
+    alter : Callable[[ObjectParameters], ObjectParameters] | None
+        Changes what was drawn, for experiments on one parameter.
     """
     parameters, happened = draw_object(seed, population, number), Happened()
     if alter is not None:

@@ -18,8 +18,10 @@ class Noise(NamedTuple):
 
     Attributes
     ----------
-    white : of each sample, 500 a second.
-    bias : of an error that is constant during one behavior.
+    white : float
+        Of each sample, 500 a second.
+    bias : float
+        Of an error that is constant during one behavior.
     """
 
     white: float

@@ -1,0 +1,67 @@
+"""`meal-bayes compare`: who is ahead in the logs of a run, by one model of all outcomes."""
+
+from pathlib import Path
+
+import click
+
+from meal_bayes.cli.console import output, print_json
+from meal_bayes.cli.options import json_option, seed_option
+
+
+@click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--measure", type=click.Choice(["success", "cost", "reward"]), default="success",
+    show_default=True, help="What is compared.",
+)  # fmt: skip
+@click.option("--reference", metavar="AGENT", help="Compared with; the first one by default.")
+@click.option(
+    "--margin", type=click.FloatRange(0, min_open=True), metavar="M",
+    help="Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
+)  # fmt: skip
+@click.option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.png",
+    help="Draw the effects.",
+)  # fmt: skip
+@seed_option()
+@json_option
+def compare(
+    logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None,
+    out: Path | None, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
+
+    Effects are shrunk towards each other; `ahead` is the probability of being better than the
+    reference, `equivalent` that of differing by less than the margin.
+    """
+    from rich.table import Table
+
+    from meal_bayes.evaluation.canvas import save
+    from meal_bayes.evaluation.outcome_model import compare_outcomes, plot_effects
+    from meal_bayes.trial_log import Logs
+    from meal_bayes.trials import TrialOutcomes
+
+    repeats: dict[str, int] = {}
+    parts, again = [], []
+    for group in Logs(*logs).groups():
+        place = next((one for one in group.file.parts if one.startswith("repeat-")), "")
+        parts.append(group.outcomes)
+        again += [repeats.setdefault(place, len(repeats))] * len(group.outcomes)
+    rows = compare_outcomes(
+        TrialOutcomes.join(parts), measure=measure, reference=reference, repeats=again,
+        margin=margin, seed=seed,
+    )  # fmt: skip
+    if out is not None:
+        save(plot_effects(rows), out)
+    if as_json:
+        print_json({"effects": [row.as_dict() for row in rows]})
+        return
+    table = Table(title=f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
+    for name in ("agent", "trials", "plain", "effect", "95 %", "ahead", "equivalent"):
+        table.add_column(name)
+    for row in rows:
+        table.add_row(
+            row.agent, str(row.trials), f"{row.plain:+.3f}", f"{row.effect:+.3f}",
+            f"{row.low:+.3f} to {row.high:+.3f}", f"{row.ahead:.3f}", f"{row.equivalent:.3f}",
+        )  # fmt: skip
+    output().print(table)

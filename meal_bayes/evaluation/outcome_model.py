@@ -1,0 +1,270 @@
+"""One hierarchical model of the outcomes of many agents: who is ahead, by how much, how surely.
+
+A measure of a trial depends on the agent, the object, the attributes asked and the repeat, and an
+agent may do better or worse with one object or in one repeat than with others:
+
+    eta = mean + agent + object + attributes + repeat + (agent x object) + (agent x repeat)
+
+each term normal with a spread that is learned. Effects of agents are shrunk towards each other,
+which is what makes many comparisons at once honest [Gelman2012]. Successes are binomial on the
+logistic scale, costs and rewards normal. Trials enter as sums over cells of equal terms, so that
+NUTS (PyMC) takes seconds for thousands of trials.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation.statistics import MASS, Measures
+from meal_bayes.evaluation.summary import measured
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Trial, TrialOutcomes
+
+MARGINS = {"success": 0.02, "cost": 2.0, "reward": 10.0}  # regions of practical equivalence
+_LOGISTIC = math.pi / 8  # of averaging a logistic over a normal: expit(m / sqrt(1 + pi v / 8))
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class AgentEffect(Measures):
+    """What the model says of an agent beside the reference.
+
+    Attributes
+    ----------
+    agent, reference, measure : what is compared.
+    trials : of the agent.
+    plain : mean less the reference's, of all trials.
+    effect : the same by the model, shrunk: over new objects and repeats, at the attributes asked.
+    low, high : its 95 % credible interval.
+    ahead : Pr(better than the reference); better is less for costs.
+    equivalent : Pr(the effect is smaller than the margin).
+    margin : the region of practical equivalence reaches this far on both sides of 0.
+    """
+
+    agent: str
+    reference: str
+    measure: str
+    trials: int
+    plain: float
+    effect: float
+    low: float
+    high: float
+    ahead: float
+    equivalent: float
+    margin: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Cells:
+    """Trials that share all terms of the model, summed.
+
+    Attributes
+    ----------
+    terms : (C,) index of the level, by the name of its term; several columns for attributes.
+    sizes : levels of each term.
+    trials, total : (C,) how many trials, and the sum of their measure.
+    spread : standard deviation of the measure within cells; nan for successes.
+    agents : names.
+    """
+
+    terms: dict[str, Index]
+    sizes: dict[str, int]
+    trials: NDArray[np.int64]
+    total: Array
+    spread: float
+    agents: tuple[str, ...]
+
+    @classmethod
+    def of(cls, outcomes: TrialOutcomes, measure: str, repeats: ArrayLike | None = None) -> "Cells":
+        """Sum trials over cells."""
+        values = measured(outcomes, measure)
+        known = ~np.isnan(values)
+        if not known.any():
+            raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
+        own, values = outcomes.rows(known), values[known]
+        again = np.zeros(len(known), int) if repeats is None else np.asarray(repeats)
+        columns: dict[str, Any] = {
+            "agent": own.agent, "object": own.object_name, "repeat": again[known],
+        }  # fmt: skip
+        coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
+        names, attributes = np.unique(own.attribute.astype(str), return_inverse=True)
+        rows = np.column_stack(
+            [*(code for _, code in coded.values()), attributes.reshape(len(own), -1)]
+        )
+        cells, inverse = np.unique(rows, axis=0, return_inverse=True)
+        inverse = inverse.ravel()
+        total = np.bincount(inverse, values)
+        residual = values - (total / np.bincount(inverse))[inverse]
+        free = len(values) - len(cells)
+        spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
+        agent, thing, repeat = cells[:, 0], cells[:, 1], cells[:, 2]
+        sizes = {name: len(levels) for name, (levels, _) in coded.items()}
+        terms = {
+            **dict(zip(columns, (agent, thing, repeat), strict=True)),
+            "attribute": cells[:, 3:],
+            "agent object": agent * sizes["object"] + thing,
+            "agent repeat": agent * sizes["repeat"] + repeat,
+        }
+        sizes |= {"attribute": len(names), "agent object": sizes["agent"] * sizes["object"],
+                  "agent repeat": sizes["agent"] * sizes["repeat"]}  # fmt: skip
+        used = {name: index for name, index in terms.items() if sizes[name] > 1}
+        if sizes["repeat"] == 1:
+            used.pop("agent repeat", None)
+        return cls(used, sizes, np.bincount(inverse), np.asarray(total, float),
+                   math.nan if measure == "success" else max(spread, 1e-9),
+                   tuple(coded["agent"][0].tolist()))  # fmt: skip
+
+
+def compare_outcomes(
+    trials: Iterable[Trial] | TrialOutcomes,
+    *,
+    measure: str = "success",
+    reference: str | None = None,
+    repeats: ArrayLike | None = None,
+    margin: float | None = None,
+    draws: int = 500,
+    seed: int = 0,
+) -> list[AgentEffect]:
+    """Compare all agents with one of them by the hierarchical model of their outcomes.
+
+    Parameters
+    ----------
+    trials : Iterable[Trial] | TrialOutcomes
+        Of two agents or more.
+    measure : str
+        "success", "cost" or "reward".
+    reference : str | None
+        The agent that others are compared with; the first one by default.
+    repeats : ArrayLike | None
+        (n,) the repeat of each trial, where objects were split anew.
+    margin : float | None
+        Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.
+    draws : int
+        Of the posterior, in each of two chains.
+    seed : int
+        Of the sampler.
+
+    Returns
+    -------
+    list[AgentEffect]
+        A row for each other agent.
+
+    Raises
+    ------
+    SettingsError
+        A measure that is unknown or that no trial has, an unknown reference, a single agent.
+    """
+    outcomes = TrialOutcomes.of(trials)
+    if measure not in MARGINS:
+        raise SettingsError(f"Unknown measure {measure!r}; expected {', '.join(MARGINS)}.")
+    names = outcomes.agents
+    base = names[0] if reference is None and names else reference
+    if len(names) < 2 or base not in names:
+        raise SettingsError(
+            f"Found the agents {', '.join(names) or 'none'}; expected two or more, and the "
+            f"reference {base!r} among them; give the logs of each."
+        )
+    cells = Cells.of(outcomes, measure, repeats)
+    levels = population_means(cells, sample(cells, draws=draws, seed=seed))
+    reach = MARGINS[measure] if margin is None else margin
+    plain = {name: float(np.nanmean(measured(outcomes.of_agent(name), measure))) for name in names}
+    rows = []
+    for name in names:
+        if name == base:
+            continue
+        effect = levels[:, cells.agents.index(name)] - levels[:, cells.agents.index(base)]
+        low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
+        better = effect < 0 if measure == "cost" else effect > 0
+        rows.append(AgentEffect(
+            name, base, measure, int((outcomes.agent == name).sum()), plain[name] - plain[base],
+            float(effect.mean()), float(low), float(high), float(better.mean()),
+            float((np.abs(effect) < reach).mean()), reach,
+        ))  # fmt: skip
+    return rows
+
+
+def sample(cells: Cells, *, draws: int = 500, seed: int = 0) -> dict[str, Array]:
+    """Draw from the posterior by NUTS: arrays (draws, ...) by name, with two chains joined.
+
+    Returns
+    -------
+    dict[str, Array]
+        `mean`, the effect of each term by its name, and its spread by `spread of <name>`.
+    """
+    from meal_bayes.posterior import hierarchical  # noqa: PLC0415  takes seconds
+
+    pm: Any = hierarchical.pm  # type: ignore[attr-defined]  # PyMC, once its folders are set
+    scale = 1.0
+    centre = 0.0
+    if not math.isnan(cells.spread):  # costs and rewards are measured in their own spread
+        centre = float(cells.total.sum() / cells.trials.sum())
+        scale = float(np.sqrt(np.average((cells.total / cells.trials - centre) ** 2,
+                                         weights=cells.trials))) or 1.0  # fmt: skip
+    with pm.Model() as model:
+        eta = pm.Normal("mean", 0.0, 1.5)
+        for name, index in cells.terms.items():
+            spread = pm.HalfNormal(f"spread of {name}", 0.7)
+            standard = pm.Normal(f"standard {name}", 0.0, 1.0, shape=cells.sizes[name])
+            effect = pm.Deterministic(name, spread * standard)
+            eta = eta + (effect[index] if index.ndim == 1 else effect[index].mean(axis=1))
+        if math.isnan(cells.spread):
+            pm.Binomial("successes", cells.trials, logit_p=eta, observed=cells.total)
+        else:
+            noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale)
+            means = (cells.total / cells.trials - centre) / scale
+            pm.Normal("means", eta, noise / np.sqrt(cells.trials), observed=means)
+        trace = pm.sample(
+            draws, tune=draws, chains=2, cores=1, target_accept=0.9, progressbar=False,
+            random_seed=int(stream(seed, "outcomes").integers(2**31)), model=model,
+            compute_convergence_checks=False,
+        )  # fmt: skip
+    found = {str(name): value.to_numpy().reshape(2 * draws, *value.shape[2:])
+             for name, value in trace.posterior.items()}  # fmt: skip
+    out = {name: scale * value for name, value in found.items() if not name.startswith("standard")}
+    out["mean"] = out["mean"] + centre
+    return out
+
+
+def population_means(cells: Cells, posterior: dict[str, Array]) -> Array:
+    """Return the mean measure of every agent, (draws, agents), over new objects and repeats.
+
+    Attributes are those asked. Objects and repeats are averaged over their normal terms: the
+    logistic of a normal has a closed form, to a hundredth (probit approximation).
+    """
+    attributes = np.zeros((len(posterior["mean"]), 1))
+    if "attribute" in cells.terms:
+        asked = posterior["attribute"][:, cells.terms["attribute"]]  # (draws, C, N)
+        attributes = asked.mean(axis=2)
+    eta = posterior["mean"][:, None, None] + posterior["agent"][:, :, None] + attributes[:, None]
+    if math.isnan(cells.spread):
+        drawn = ("object", "repeat", "agent object", "agent repeat")
+        variance = sum(posterior[f"spread of {name}"] ** 2 for name in drawn if name in cells.terms)
+        shrink = np.sqrt(1.0 + _LOGISTIC * np.asarray(variance, float))
+        eta = expit(eta / (shrink[:, None, None] if shrink.ndim else shrink))
+    weights = cells.trials if attributes.shape[1] > 1 else None
+    return np.asarray(np.average(eta, axis=2, weights=weights))
+
+
+def plot_effects(rows: Sequence[AgentEffect], ax: Any = None) -> Any:
+    """Plot effects with their credible intervals and the region of practical equivalence."""
+    from meal_bayes.evaluation.canvas import axes_to_draw  # noqa: PLC0415  loads Matplotlib
+
+    with axes_to_draw(ax, height=1.2 + 0.3 * len(rows)) as to:
+        place = np.arange(len(rows))[::-1]
+        effect = np.array([row.effect for row in rows])
+        reach = np.abs(np.array([[row.low, row.high] for row in rows]).T - effect)
+        to.axvspan(-rows[0].margin, rows[0].margin, color="0.9")
+        to.axvline(0.0, color="0.5", lw=0.8)
+        to.errorbar(effect, place, xerr=reach, fmt="o", ms=4, lw=1.2)
+        to.plot([row.plain for row in rows], place, "x", color="0.4", ms=5)
+        to.set_yticks(place, [f"{row.agent}, Pr {row.ahead:.2f}" for row in rows])
+        to.set_xlabel(f"{rows[0].measure} less {rows[0].reference}'s")
+        return to

@@ -1,0 +1,171 @@
+"""Units of an experiment, run by processes here or on a cluster, and shared with other commands.
+
+A unit is claimed by a lock of the file system, which the system releases when its holder ends,
+however it ends, on this machine or another: no claim is stale. Results do not rest on claims, as
+drafts have unique names and equal units are equal files; where a file system has no locks, two
+processes may do the same work twice.
+"""
+
+import contextlib
+import logging
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from filelock import FileLock, Timeout
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.files import check_folder
+from meal_bayes.trial_log import remove_drafts
+
+log = logging.getLogger("meal_bayes.experiments")
+
+_POLL = 0.2  # s between looks at claims of others
+
+
+class Unit(Protocol):
+    """A part of an experiment that one process runs from beginning to end."""
+
+    @property
+    def path(self) -> Path:
+        """The log that it writes, or the folder of its logs."""
+
+    @property
+    def size(self) -> int:
+        """Of how many trials or batches it consists."""
+
+    @property
+    def done(self) -> int:
+        """How many of them are whole on the disk."""
+
+    def run(self) -> None:
+        """Run what is not done; another process may have done all of it meanwhile."""
+
+
+AnyUnit = TypeVar("AnyUnit", bound=Unit)
+
+
+def run_units(
+    units: Sequence[AnyUnit],
+    warm_up: Callable[[list[AnyUnit]], None],
+    *,
+    jobs: int,
+    cluster: str | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+) -> None:
+    """Run all units that are not done; any number of processes may do so at a time.
+
+    What another process has claimed is left to the end and waited for.
+
+    Parameters
+    ----------
+    units : Sequence[AnyUnit]
+        Units that depend on nothing but their own values.
+    warm_up : Callable[[list[AnyUnit]], None]
+        Compiles what units need, once, before every process would; called with those to be run.
+    jobs : int
+        Processes.
+    cluster : str, optional
+        Address of a Dask scheduler, instead of processes here; see `in_parallel`.
+    on_progress : Callable[[int, int], None], optional
+        Called with (parts done, parts in all).
+    on_note : Callable[[str], None], optional
+        Called with a line that says who is waited for; logged as a warning by default.
+
+    Raises
+    ------
+    SettingsError
+        If there are no processes to run them, or no cluster.
+    OutputError
+        If a folder cannot be written.
+    """
+    if jobs < 1:
+        raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
+    left = {unit.path: unit.size - unit.done for unit in units}
+    total = sum(unit.size for unit in units)
+    done = total - sum(left.values())
+    report = on_progress or (lambda *_: None)
+    report(done, total)
+    todo = [unit for unit in units if left[unit.path]]
+    for folder in {unit.path.parent for unit in todo}:
+        check_folder(folder)
+    if todo:
+        warm_up(todo)
+    announced = set[str]()
+    while todo:
+        held: list[AnyUnit] = []
+        numbered = enumerate(todo)
+        for number, holder in in_parallel(_run_claimed, numbered, jobs=jobs, cluster=cluster):
+            unit = todo[number]
+            if holder is None:
+                done += left[unit.path]
+                report(done, total)
+                continue
+            held.append(unit)
+            if holder not in announced:
+                announced.add(holder)
+                (on_note or log.warning)(f"{unit.path} is being made by {holder}; waiting for it")
+        todo = held
+        while todo and all(map(_is_held, todo)):
+            time.sleep(_POLL)
+
+
+def _run_claimed(numbered: tuple[int, Unit]) -> tuple[int, str | None]:
+    """Run a unit that nobody else holds; return its number, and who holds it."""
+    number, unit = numbered
+    with claimed(unit.path) as claim:
+        if isinstance(claim, str):
+            return number, claim
+        unit.run()
+        if claim:  # else another process may still be writing its drafts
+            for path in unit.path.glob("*.mcap") if unit.path.is_dir() else [unit.path]:
+                remove_drafts(path)
+    return number, None
+
+
+@contextlib.contextmanager
+def claimed(path: Path) -> Iterator[str | bool]:
+    """Lock a path while the block runs.
+
+    Yields
+    ------
+    str or bool
+        Who holds it, where that is another process; otherwise whether the file system has locks.
+    """
+    file = path.with_name(f"{path.name}.claim")
+    lock = FileLock(file, blocking=False, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        yield _holder(file)
+        return
+    except OSError as fault:
+        log.info("no locks on this file system (%s)", fault)
+        yield False
+        return
+    try:
+        since = datetime.now(UTC).isoformat(sep=" ", timespec="seconds")
+        holder = f"process {os.getpid()} on {platform.node()} since {since}"
+        file.write_text(holder, encoding="utf-8")
+        yield True
+    finally:
+        file.unlink(missing_ok=True)  # before the lock goes, as then it may be another's
+        lock.release()
+
+
+def _holder(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8") or "another process"
+    except OSError:  # it is done by now
+        return "another process"
+
+
+def _is_held(unit: Unit) -> bool:
+    with claimed(unit.path) as claim:
+        return isinstance(claim, str)

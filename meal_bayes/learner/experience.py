@@ -1,0 +1,349 @@
+"""The only record of what a robot did and was told: executions, instances, labels.
+
+Everything else is a view of it: the training set D of Algorithm 2, evidence (Eq. 10), labels by
+object, success rates. Rows are added at the end, at constant cost, and are written as they are.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.datasets import Dataset, Instance, PerceptTable, TrainingSet
+from meal_bayes.domain import Domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner.rows import Rows
+
+Key = tuple[str | int, ...]
+Labels = NDArray[np.int8]
+Context = tuple[str, str]  # (behavior, modality)
+
+GIVEN = 0  # in place of the levels of its percepts: the instance was not gathered in a trial
+UNNUMBERED = 1 << 20  # recordings of a robot's own, after those that a data set numbers
+
+
+class Experience:
+    """Executions, instances and labels, of E behaviors and P attributes.
+
+    Attributes
+    ----------
+    objects, trials : dict
+        Names of objects and keys of trials, with their numbers.
+    instances : Rows (n,5)
+        Object, behavior, recording, row of its features (-1: none), levels K of its percepts, or
+        0 where it was not gathered in a trial but given.
+    levels : Rows (n,P)
+        Percepts at the time they came; -1 unknown.
+    labels : Rows (n,P)
+        Of the trials in which an instance was shown; -1 unknown.
+    executions : Rows (m,4)
+        Trial, behavior, instance (-1: nothing perceived), and success: 1, 0, or -1 where failing
+        and succeeding look the same.
+    feedback : Rows (l,4)
+        Trial, object, attribute, and value; -1 where a label was withdrawn.
+    features : dict
+        Rows (r,D) of each (behavior, modality).
+    known : Rows (O,P)
+        Labels of objects, the latest of each; -1 unknown.
+    tally : (2,P) int array
+        Objects known to be false, and true.
+    attempts : (E,2) int array
+        Executions that failed, and that succeeded.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        p, e = len(domain.attributes), len(domain.behaviors)
+        self.domain = domain
+        self.objects: dict[str, int] = {}
+        self.trials: dict[Key, int] = {}
+        self.instances, self.levels, self.labels = Rows(int, 5), Rows(np.int8, p), Rows(np.int8, p)
+        self.executions, self.feedback = Rows(int, 4), Rows(int, 4)
+        self.features: dict[Context, Rows] = {}
+        self.known = Rows(np.int8, p)
+        self.tally, self.attempts = np.zeros((2, p), np.int64), np.zeros((e, 2), np.int64)
+        self._places: dict[tuple[int, int, int], int] = {}  # (object, behavior, recording)
+        self._shown: dict[int, list[int]] = {}  # instances of each trial
+        self._gathered: dict[int, list[int]] = {}  # and of each object
+
+    def __repr__(self) -> str:
+        """Return how much there is."""
+        labels = int((self.feedback.values[:, 3] >= 0).sum())
+        return f"{len(self.instances)} recordings of {len(self.objects)} objects, {labels} labels"
+
+    def object(self, name: str) -> int:
+        """Return the number of an object, a new one where it was not met before."""
+        if name not in self.objects:
+            self.objects[name] = len(self.objects)
+            self.known.append(np.full(len(self.domain.attributes), -1))
+        return self.objects[name]
+
+    def trial(self, key: Key) -> int:
+        """Return the number of a trial, a new one where it is not known."""
+        return self.trials.setdefault(key, len(self.trials))
+
+    def give(self, dataset: Dataset) -> None:
+        """Add the recordings and labels of a data set; those that are there are not added again."""
+        for o, name in enumerate(dataset.objects):
+            number = self.object(name)
+            fresh = [
+                self._instance(number, e, r, dataset.instance(o, behavior.name, r).features, GIVEN)
+                for e, behavior in enumerate(dataset.domain.behaviors)
+                for r in range(int(dataset.recording_counts[o, e]))
+                if behavior.modalities and (number, e, r) not in self._places
+            ]
+            self.labels.values[fresh] = dataset.labels[o]
+            columns = np.flatnonzero(dataset.labels[o] >= 0)
+            self._know(number, columns, dataset.labels[o, columns])
+
+    def execute(
+        self,
+        trial: Key,
+        object_name: str,
+        behavior: int,
+        *,
+        success: int,
+        instance: Instance | None = None,
+        levels: Labels | None = None,
+        k: int = 2,
+    ) -> None:
+        """Add an execution, and its instance if it is a new one.
+
+        Parameters
+        ----------
+        trial : tuple
+            Key of the trial.
+        object_name : str
+            Name of the object.
+        behavior : int
+            Its position.
+        success : int
+            1 succeeded, 0 failed, -1 not known.
+        instance : Instance, optional
+            What was perceived; of a replayed recording its number tells whether it is new.
+        levels : (P,) array, optional
+            Its percept levels, of 0 to K - 1; -1 unknown.
+        k : int
+            K.
+        """
+        number, place = self.trial(trial), -1
+        if levels is not None:
+            o = self.object(object_name)
+            features = None if instance is None else instance.features
+            replayed = instance is not None and instance.object_index >= 0
+            r = instance.recording if replayed and instance is not None else UNNUMBERED
+            if not replayed:
+                r += len(self._gathered.get(o, ()))
+            found = self._places.get((o, behavior, r))
+            place = self._instance(o, behavior, r, features, k) if found is None else found
+            self.levels.values[place] = levels
+            self._shown.setdefault(number, []).append(place)
+        self.executions.append((number, behavior, place, success))
+        if success >= 0:
+            self.attempts[behavior, success] += 1
+
+    def label(self, trial: Key, object_name: str, labels: Labels) -> NDArray[np.intp]:
+        """Add labels (P,) of a trial's object; -1 says nothing.
+
+        Returns
+        -------
+        rows : (k,) array
+            Instances that labels may now be other of.
+        """
+        number, o = self.trial(trial), self.object(object_name)
+        columns = np.flatnonzero(labels >= 0)
+        changed = (self.known.values[o, columns] != labels[columns]).any()
+        for p in columns:
+            self.feedback.append((number, o, p, labels[p]))
+        shown = self.shown(trial)
+        self.labels.values[shown[:, None], columns] = labels[columns]
+        self._know(o, columns, labels[columns])
+        return self.gathered(o) if changed else shown
+
+    def forget(self, trial: Key) -> NDArray[np.intp]:
+        """Withdraw the labels of a trial; return the instances as `label` does."""
+        number = self.trials[trial]
+        rows = self.feedback.values
+        own = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
+        for o, p in dict.fromkeys(map(tuple, own[:, 1:3].tolist())):
+            self.feedback.append((number, o, p, -1))
+            latest = self._latest(o, p)
+            self._know(o, np.array([p]), np.array([next(reversed(latest.values()), -1)], np.int8))
+            for place in self._shown.get(number, ()):
+                others = [t for t, shown in self._shown.items() if place in shown and t in latest]
+                self.labels.values[place, p] = latest[others[-1]] if others else -1
+        return self.gathered(int(own[0, 1]) if len(own) else -1)
+
+    @property
+    def sizes(self) -> dict[Context, int]:
+        """Number of features of each (behavior, modality) that was perceived."""
+        return {context: kept.values.shape[1] for context, kept in self.features.items()}
+
+    def labels_for(self, names: Iterable[str]) -> Labels | None:
+        """Return the labels (O,P) of objects by name; None where nothing was told."""
+        if not self.objects:
+            return None
+        nothing = np.full(self.tally.shape[1], -1, np.int8)
+        known = self.known.values
+        return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
+
+    def executions_of(self, trial: Key) -> int:
+        """Count the executions of a trial."""
+        number = self.trials.get(trial, -1)
+        return int((self.executions.values[:, 0] == number).sum()) if number >= 0 else 0
+
+    def shown(self, trial: Key) -> NDArray[np.intp]:
+        """Return the instances of a trial."""
+        return np.array(self._shown.get(self.trials.get(trial, -1), ()), np.intp)
+
+    def gathered(self, o: int) -> NDArray[np.intp]:
+        """Return the instances of an object, by its number."""
+        return np.array(self._gathered.get(o, ()), np.intp)
+
+    def labels_by(self, trial: Key) -> dict[str, bool]:
+        """Return the labels that were given in a trial, by attribute."""
+        rows = self.feedback.values
+        own = rows[rows[:, 0] == self.trials.get(trial, -1)]
+        latest = {int(p): int(value) for p, value in own[:, 2:].tolist()}
+        return {self.domain.attributes[p]: v == 1 for p, v in latest.items() if v >= 0}
+
+    def labels_of(self, rows: Any, *, memory: bool) -> Labels:
+        """Return the labels (k,P) of instances: with memory those of the object, in any trial."""
+        if memory:
+            return np.asarray(self.known.values[self.instances.values[rows, 0]])
+        return np.asarray(self.labels.values[rows])
+
+    def labelled(self, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
+        """Count the labelled instances of object, behavior, attribute, (O,E,P).
+
+        Parameters
+        ----------
+        memory : bool
+            As in `labels_of`.
+        given : bool
+            Count those that were not gathered in trials, too.
+        """
+        instances = self.instances.values
+        rows = np.arange(len(instances)) if given else np.flatnonzero(instances[:, 4] != GIVEN)
+        counts = np.zeros((len(self.objects), *self.attempts.shape[:1], self.tally.shape[1]), int)
+        labels = self.labels_of(rows, memory=memory) >= 0
+        np.add.at(counts, (instances[rows, 0], instances[rows, 1]), labels)
+        return counts
+
+    def data(self, *, memory: bool) -> tuple[Dataset, NDArray[np.intp], TrainingSet]:
+        """Return D: the instances with features as a data set, where each row is, and their labels.
+
+        Returns
+        -------
+        dataset : Dataset
+            Ragged; of all objects that were met.
+        rows : (k,) array
+            Instances, in the order of the training set.
+        gathered : TrainingSet
+            All of them, labelled or not.
+        """
+        instances = self.instances.values
+        rows = np.flatnonzero(instances[:, 3] >= 0)
+        rows = rows[np.lexsort(instances[rows, 2::-1].T)]  # by object, behavior, recording
+        o, e = instances[rows, :2].T.astype(np.int32)
+        first = np.r_[True, (np.diff(o) != 0) | (np.diff(e) != 0)][: len(rows)]
+        start = np.maximum.accumulate(np.where(first, np.arange(len(rows)), 0))
+        r = (np.arange(len(rows)) - start).astype(np.int32)
+        most = int(r.max(initial=0)) + 1
+        features = {}
+        for b, behavior in enumerate(self.domain.behaviors):
+            for modality in behavior.modalities:
+                kept = self.features.get((behavior.name, modality), Rows(np.float32, 1)).values
+                values = np.full((len(self.objects), most, kept.shape[1]), np.nan, np.float32)
+                own = e == b
+                values[o[own], r[own]] = kept[instances[rows[own], 3]]
+                features[behavior.name, modality] = values
+        dataset = Dataset(
+            self.domain, tuple(self.objects), features, self.known.values, partial=True
+        )
+        return dataset, rows, TrainingSet(o, e, r, self.labels_of(rows, memory=memory))
+
+    def _instance(
+        self,
+        o: int,
+        behavior: int,
+        recording: int,
+        features: Mapping[str, NDArray[np.float32]] | None,
+        k: int,
+    ) -> int:
+        """Add an instance without percepts and labels; return its number.
+
+        Features are kept where they are of all the behavior's modalities.
+        """
+        spec, row = self.domain.behaviors[behavior], -1
+        if features and all(modality in features for modality in spec.modalities):
+            for modality in spec.modalities:
+                values, context = features[modality], (spec.name, modality)
+                row = self.features.setdefault(context, Rows(np.float32, len(values))).append(
+                    values
+                )
+        nothing = np.full(len(self.domain.attributes), -1)
+        self.levels.append(nothing)
+        self.labels.append(nothing)
+        place = self.instances.append((o, behavior, recording, row, k))
+        self._places[o, behavior, recording] = place
+        self._gathered.setdefault(o, []).append(place)
+        return place
+
+    def _know(self, o: int, columns: NDArray[np.intp], values: Labels) -> None:
+        """Set labels of an object, and count objects."""
+        for p, value in zip(columns.tolist(), values.tolist(), strict=True):
+            before = int(self.known.values[o, p])
+            if before >= 0:
+                self.tally[before, p] -= 1
+            if value >= 0:
+                self.tally[value, p] += 1
+            self.known.values[o, p] = value
+
+    def _latest(self, o: int, p: int) -> dict[int, int]:
+        """Return the label that each trial gives to an attribute of an object, in order."""
+        rows = self.feedback.values
+        latest: dict[int, int] = {}
+        for t, value in rows[(rows[:, 1] == o) & (rows[:, 2] == p)][:, [0, 3]].tolist():
+            latest.pop(t, None)
+            if value >= 0:
+                latest[t] = value
+        return latest
+
+    def restore(
+        self, objects: Iterable[str], trials: Iterable[Key], rows: Mapping[str, Any]
+    ) -> None:
+        """Fill an empty record with the rows of another."""
+        self.objects = {name: o for o, name in enumerate(objects)}
+        self.trials = {key: t for t, key in enumerate(trials)}
+        for name, values in rows.items():
+            getattr(self, name).extend(values)
+        for place, (o, e, r) in enumerate(self.instances.values[:, :3].tolist()):
+            self._places[o, e, r] = place
+            self._gathered.setdefault(o, []).append(place)
+        for trial, behavior, place, success in self.executions.values.tolist():
+            if place >= 0:
+                self._shown.setdefault(trial, []).append(place)
+            if success >= 0:
+                self.attempts[behavior, success] += 1
+        for value in (0, 1):
+            self.tally[value] = (self.known.values == value).sum(axis=0)
+
+
+def check_data(data: object, domain: Domain) -> None:
+    """Check that data are recordings or a percept table of a domain's attributes and behaviors.
+
+    Raises
+    ------
+    SettingsError : they are not.
+    """
+    if not isinstance(data, Dataset | PerceptTable):
+        raise SettingsError(
+            f"fit() takes a Dataset or a PerceptTable; found {type(data).__name__}."
+        )
+    given = data.domain
+    if (given.attributes, given.behaviors) != (domain.attributes, domain.behaviors):
+        raise SettingsError(
+            f"Attributes or behaviors of the data's domain {given.name!r} differ from those of "
+            f"{domain.name!r}; load the data for this domain."
+        )

@@ -1,0 +1,97 @@
+"""Behaviors that yield nothing: a dead sensor, or a motion that never works, is not repeated."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Decision, History, Policy
+
+_LEAST = 2  # executions without yield, before which nothing is concluded
+_CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
+
+
+def faults_of(momdp: MOMDP, history: History) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Find the behaviors whose latest executions yielded nothing, more often than chance allows.
+
+    An execution of a behavior that senses yields nothing where no percept comes; of one that only
+    moves, where x stays.
+
+    Parameters
+    ----------
+    momdp : MOMDP
+        The problem, whose diagram says how often a behavior fails by chance.
+    history : History
+        The trial so far.
+
+    Returns
+    -------
+    failing : NDArray[np.bool_]
+        (E,).
+    stuck : NDArray[np.bool_]
+        (E,) which of these did not move either.
+    """
+    chance, count = np.ones(momdp.n_behaviors), np.zeros(momdp.n_behaviors, int)
+    still, x = np.ones(momdp.n_behaviors, bool), momdp.start
+    for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
+        percept = float(momdp.transition[e, x] @ momdp.observation_probability[e, x])
+        if perceived or (percept == 0 and after != x):
+            chance[e], count[e], still[e] = 1.0, 0, True
+        else:
+            chance[e] *= 1.0 - percept if percept else momdp.transition[e, x, x]
+            count[e] += 1
+            still[e] &= after == x
+        x = after
+    failing = (count >= _LEAST) & (chance <= _CHANCE)
+    return failing, failing & still
+
+
+def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) -> MOMDP:
+    """Return the problem in which failing behaviors sense nothing, and stuck ones do nothing."""
+    silent, idle = failing[:, None, None], stuck[:, None, None]
+    return replace(
+        momdp,
+        observation_probability=np.where(silent, 0.0, momdp.observation_probability),
+        transition=np.where(idle, np.eye(len(momdp.x_names)), momdp.transition),
+        legal=momdp.legal & ~stuck,
+    )
+
+
+@dataclass(slots=True)
+class FaultTolerant:
+    """A policy that is made anew, without them, when behaviors turn out to fail in a trial.
+
+    Attributes
+    ----------
+    momdp : MOMDP
+        The problem.
+    solve : Callable[[MOMDP], Policy]
+        Makes the policy of a problem.
+    """
+
+    momdp: MOMDP
+    solve: Callable[[MOMDP], Policy]
+    _policy: Policy = field(init=False)
+    _failing: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._policy = self.solve(self.momdp)
+        self._failing = np.zeros(self.momdp.n_behaviors, bool)
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the next action among what works; warn, once a trial, of what does not."""
+        failing, stuck = faults_of(self.momdp, history)
+        if (failing != self._failing).any():
+            for e in np.flatnonzero(failing & ~self._failing):
+                warnings.warn(
+                    f"{self.momdp.behavior_names[e]!r} yielded nothing several times in a row: for "
+                    "the rest of the trial it is not counted on. The warnings of the trial's "
+                    "steps say what was wrong with its features, if any came.",
+                    stacklevel=2,
+                )
+            self._policy = self.solve(without(self.momdp, failing, stuck))
+            self._failing = failing
+        return self._policy.decide(history, rng)

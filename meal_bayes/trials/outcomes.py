@@ -1,0 +1,240 @@
+"""Outcomes of many trials in columns, a row a trial: all that measures need."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.errors import SettingsError
+from meal_bayes.trials.trial import Trial
+
+Texts = NDArray[np.object_]
+Bits = NDArray[np.bool_]
+_Part = tuple[tuple[str, ...], Mapping[str, Any]]  # behaviors and columns by name
+
+TEXTS = {"agent": "n", "key": "n", "object_name": "n", "attribute": "nq", "ended": "n"}
+INTEGERS = {
+    "object_index": "n", "truth": "nq", "report": "nq", "steps": "n", "executed": "ne",
+    "failed": "ne",
+}  # fmt: skip
+REALS = {"positive": "nq", "cost": "n", "reward": "n"}
+_SHAPES = TEXTS | INTEGERS | REALS
+_TYPES: dict[str, Any] = {
+    **dict.fromkeys(TEXTS, object), **dict.fromkeys(INTEGERS, np.int64),
+    **dict.fromkeys(REALS, np.float64), "truth": np.int8, "report": np.int8,
+}  # fmt: skip
+_PADDING: dict[str, Any] = {"attribute": "", "truth": -1, "report": -1, "positive": np.nan}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialOutcomes:
+    """Outcomes of n trials; N is the largest number of attributes asked in one of them.
+
+    A row with fewer attributes ends in attribute "", truth -1, report -1 and belief NaN.
+
+    Attributes
+    ----------
+    behaviors : names of the E behaviors.
+    agent : (n,) names of agents.
+    key : (n,) what names the task, in JSON; trials of two agents are paired by it.
+    object_index : (n,) places in the data set; -1 of an object without recordings.
+    object_name : (n,) names of objects, the clusters of standard errors.
+    attribute : (n,N) names of the attributes asked.
+    truth : (n,N) 1 true, 0 false, -1 unknown.
+    report : (n,N) 1 true, 0 false; -1 where the agent abstained.
+    positive : (n,N) final belief in "true".
+    cost : (n,) s, Eq. 6.
+    reward : (n,) unshaped and undiscounted; NaN where it is unknown.
+    ended : (n,) why a trial was broken off; "" where it was not.
+    steps : (n,) actions, a report included.
+    executed : (n,E) executions of each behavior.
+    failed : (n,E) executions of these without a percept.
+
+    Raises
+    ------
+    SettingsError : columns that do not fit each other, or values that no trial has.
+    """
+
+    behaviors: tuple[str, ...]
+    agent: Texts
+    key: Texts
+    object_index: NDArray[np.int64]
+    object_name: Texts
+    attribute: Texts
+    truth: NDArray[np.int8]
+    report: NDArray[np.int8]
+    positive: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    ended: Texts
+    steps: NDArray[np.int64]
+    executed: NDArray[np.int64]
+    failed: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for name, kind in _TYPES.items():
+            set_frozen(self, **{name: freeze(getattr(self, name), kind)})
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self.agent)
+
+    @classmethod
+    def of(cls, trials: "Iterable[Trial] | TrialOutcomes") -> "TrialOutcomes":
+        """Compute the outcomes of trials; outcomes are returned as they are."""
+        if isinstance(trials, TrialOutcomes):
+            return trials
+        return cls._stack([_columns(trial) for trial in trials])
+
+    @classmethod
+    def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
+        """Append rows to each other; fewer attributes are padded, behaviors matched by name."""
+        return cls._stack(
+            [(part.behaviors, {name: getattr(part, name) for name in _SHAPES}) for part in parts]
+        )
+
+    @classmethod
+    def _stack(cls, parts: Sequence[_Part]) -> "TrialOutcomes":
+        behaviors = tuple(dict.fromkeys(name for names, _ in parts for name in names))
+        place = {name: i for i, name in enumerate(behaviors)}
+        sizes = [np.shape(columns["attribute"]) for _, columns in parts]
+        n, q = sum(rows for rows, _ in sizes), max((width for _, width in sizes), default=0)
+        whole: dict[str, Any] = {}
+        for name, shape in _SHAPES.items():
+            if shape == "n":
+                whole[name] = list(chain.from_iterable(columns[name] for _, columns in parts))
+                continue
+            fill = _PADDING.get(name, 0)
+            whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill, _TYPES[name])
+            row = 0
+            for (names, columns), (rows, width) in zip(parts, sizes, strict=True):
+                chosen = [place[b] for b in names] if shape == "ne" else slice(width)
+                whole[name][row : row + rows, chosen] = columns[name]
+                row += rows
+        return cls(behaviors=behaviors, **whole)
+
+    def rows(self, chosen: Any) -> "TrialOutcomes":
+        """Return some rows.
+
+        Parameters
+        ----------
+        chosen : a mask (n,), a slice, or indices.
+        """
+        columns = {name: getattr(self, name)[chosen] for name in _SHAPES}
+        return TrialOutcomes(self.behaviors, **columns)
+
+    def of_agent(self, name: str) -> "TrialOutcomes":
+        """Return the rows of one agent."""
+        return self.rows(self.agent == name)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of the agents, in the order of their first trials."""
+        return tuple(dict.fromkeys(self.agent.tolist()))
+
+    @property
+    def answered(self) -> Bits:
+        """Whether there is a report, (n,)."""
+        return np.asarray((self.report >= 0).any(axis=1))
+
+    @property
+    def judged(self) -> Bits:
+        """Whether the trial came to its end and its truth is known, (n,)."""
+        known = (self.truth >= 0) | (self.attribute == "")
+        return np.asarray((self.ended == "") & known.all(axis=1))
+
+    @property
+    def success(self) -> NDArray[np.int8]:
+        """Eq. 5, (n,): 1 where the report is right in every attribute, 0, or -1 if not judged."""
+        right = self.answered & (self.report == self.truth).all(axis=1)
+        return np.where(self.judged, right, -1).astype(np.int8)
+
+    @property
+    def certainty(self) -> NDArray[np.float64]:
+        """Pr(most probable values), (n,), by the agent's final belief."""
+        likelier = np.maximum(self.positive, 1 - self.positive)
+        return np.asarray(np.nanprod(likelier, axis=1))
+
+    def beliefs(self) -> tuple[NDArray[np.float64], Bits]:
+        """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
+        known = (self.truth >= 0) & (self.ended == "")[:, None]
+        return self.positive[known], self.truth[known] == 1
+
+    def _check(self) -> None:
+        size = {"n": len(self), "e": len(self.behaviors)}
+        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
+        for name, shape in _SHAPES.items():
+            found, expected = getattr(self, name).shape, tuple(size[letter] for letter in shape)
+            if found != expected:
+                raise SettingsError(f"{name} has shape {found}, expected {expected}.")
+        asked = self.attribute != ""
+        answered = self.report >= 0
+        wrong = {
+            "truth": ~np.isin(self.truth, (-1, 0, 1)) | ((self.truth >= 0) & ~asked),
+            "report": ~np.isin(self.report, (-1, 0, 1))
+            | (answered != (asked & answered.any(axis=1, keepdims=True))),
+            "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
+                                 ~np.isnan(self.positive)),
+            "cost": ~np.isfinite(self.cost),
+            "reward": np.isinf(self.reward),
+            "steps": self.steps < self.executed.sum(axis=1),
+            "executed": self.executed < self.failed,
+            "failed": self.failed < 0,
+            "object_index": self.object_index < -1,
+        }  # fmt: skip
+        for name, places in wrong.items():
+            if places.any():
+                row = int(np.argwhere(places)[0][0])
+                raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
+
+
+class BatchOutcomes(NamedTuple):
+    """Test trials after a batch of an online run; batch 0 is before any training.
+
+    `hours` is the exploration before it: the summed cost of the training trials.
+    """
+
+    agent: str
+    repeat: int
+    batch: int
+    hours: float
+    outcomes: TrialOutcomes
+
+
+def _columns(trial: Trial) -> _Part:
+    """Return the behaviors and the columns of one trial."""
+    task, names = trial.task, trial.momdp.behavior_names
+    done = [step for step in trial.steps if step.decision.action < len(names)]
+    actions = [step.decision.action for step in done]
+    empty = [step.decision.action for step in done if step.observation is None]
+    report = np.full(len(trial.truth), -1) if trial.report is None else trial.report
+    return names, {
+        "agent": [trial.agent],
+        "key": [task_key(task.key)],
+        "object_index": [task.object_index],
+        "object_name": [task.object_name],
+        "attribute": [task.query.attributes],
+        "truth": [trial.truth],
+        "report": [report],
+        "positive": [trial.last_belief.positive],
+        "cost": [trial.cost],
+        "reward": [trial.reward],
+        "ended": [trial.ended],
+        "steps": [len(trial.steps)],
+        "executed": [np.bincount(actions, minlength=len(names))],
+        "failed": [np.bincount(empty, minlength=len(names))],
+    }
+
+
+def task_key(key: Iterable[str | int]) -> str:
+    """Write a task's key as JSON.
+
+    >>> task_key(("offline", 3))
+    '["offline", 3]'
+    """
+    return json.dumps([part if isinstance(part, str) else int(part) for part in key])

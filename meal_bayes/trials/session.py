@@ -1,0 +1,298 @@
+"""The inner loop that Algorithms 1 and 2 share, turned inside out: decide, and wait for an outcome.
+
+A `Session` names the next behavior, and is given what came of it, by whoever drives the robot: a
+loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.planners import Decision, History, Policy, unvalued
+from meal_bayes.robots import Execution, Outcome, Robot
+from meal_bayes.trials.environment import Environment, Recorder
+from meal_bayes.trials.trial import Step, Task, Trial, truth_of
+
+MAX_STEPS = 100
+
+
+class Session:
+    """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
+
+    As a context manager it ends the trial however its block is left: where it is not answered yet
+    the record says why, and an exception is raised again.
+
+    Parameters
+    ----------
+    task : Task
+        What is asked, of which object.
+    momdp : MOMDP
+        The decision problem.
+    policy : Policy or None
+        Decides; None where somebody else commands, by `command`.
+    environment : Environment
+        What the trial runs in.
+    agent : str
+        Name of the agent.
+    max_steps : int
+        Behaviors, after which the best answer is given.
+    max_cost : float, optional
+        s; the best answer is given before a behavior that would exceed it.
+    on_step : callable, optional
+        Called after every step.
+    recorder : Recorder, optional
+        Records every step before the next behavior is named.
+    on_end : callable, optional
+        Called with the trial, once, however it ended.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        momdp: MOMDP,
+        policy: Policy | None,
+        environment: Environment,
+        *,
+        agent: str = "",
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        recorder: Recorder | None = None,
+        on_end: Callable[[Trial], None] | None = None,
+    ) -> None:
+        self.task, self.momdp, self.agent = task, momdp, agent
+        self.belief: Belief = initial_belief(momdp)
+        self.history = History(self.belief)
+        self.steps: list[Step] = []
+        self.report: NDArray[np.bool_] | None = None
+        self.max_steps, self.max_cost = max_steps, np.inf if max_cost is None else max_cost
+        self._policy, self._environment = policy, environment
+        self._truth, self._first = truth_of(task.query, environment.truth), self.belief
+        self._on_step, self._recorder, self._on_end = on_step, recorder, on_end
+        self._decision: Decision | None = None  # whose outcome is waited for
+        self._at = "robot"  # which part runs, for `Trial.ended`
+        self._ended: str | None = None
+        if recorder is not None:
+            self.record(recorder)
+
+    def record(self, recorder: Recorder) -> None:
+        """Record the trial from now on, and what there is of it."""
+        self._recorder = recorder
+        recorder.begin(replace(self.trial, steps=(), report=None, ended=""))
+        for step in self.steps:
+            recorder.step(step)
+        if self.over:
+            recorder.end(self.trial)
+
+    def __repr__(self) -> str:
+        """Return the trial so far."""
+        return repr(self.trial)
+
+    @property
+    def behavior(self) -> str | None:
+        """Name of the behavior to execute next; None once the trial is over."""
+        if self._decision is None:
+            return None
+        return self.momdp.behavior_names[self._decision.action]
+
+    @property
+    def over(self) -> bool:
+        """Whether the trial has ended."""
+        return self._ended is not None
+
+    @property
+    def trial(self) -> Trial:
+        """The trial so far."""
+        return Trial(
+            self.task, self.agent, self.momdp, self._first, tuple(self.steps), self._truth,
+            self.report, self._ended or "", self._environment.counts,
+        )  # fmt: skip
+
+    def start(self, state: str) -> Self:
+        """Begin in a state of the domain's, where the robot is, and decide for the first time.
+
+        Raises
+        ------
+        RobotError : a state that the domain does not know.
+        """
+        if self.over or self.steps or self._decision is not None:
+            raise SettingsError("This trial has begun; ask again for another.")
+        self.belief = self.belief.at(self._environment.boundary.start(state))
+        self.history = History(self.belief)
+        self._decide()
+        return self
+
+    def observe(self, outcome: Outcome) -> None:
+        """Perceive the outcome of `behavior`, update the belief, and decide again.
+
+        Raises
+        ------
+        SettingsError : no behavior is under way.
+        RobotError : a state that the domain does not know.
+        """
+        if self._decision is None:
+            raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
+        self._at = "robot"
+        execution = self._environment.boundary.execute(self._decision.action, outcome)
+        self._append(self._executed(self._decision, execution))
+        self._decide()
+
+    def fail(self) -> None:
+        """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
+        self.observe(Outcome(self.momdp.x_names[self.belief.x]))
+
+    def cancel(self, why: str = "cancelled") -> None:
+        """End the trial without a report; one that is over stays as it is."""
+        if not self.over:
+            self._end(why)
+
+    def command(self, decision: Decision) -> None:
+        """Decide in the policy's place: for a behavior, which `observe` follows, or an answer.
+
+        Raises
+        ------
+        SettingsError : the trial is over, or the problem does not have the action or allow it.
+        """
+        if self.over:
+            raise SettingsError("This trial is over; ask again for another.")
+        self.momdp.check_action(self.belief.x, decision.action)
+        if decision.action < self.momdp.n_behaviors:
+            self._decision = decision
+            return
+        self._append(self._answered(decision))
+
+    def repeat(self, steps: Sequence[Step]) -> None:
+        """Repeat steps that were executed before a restart; the robot does not move.
+
+        The policy decides again, so that its random stream stands where it stood.
+
+        Raises
+        ------
+        LogError : the policy decides otherwise than it did then.
+        """
+        for number, step in enumerate(steps):
+            if self._decision is None or self._decision.action != step.decision.action:
+                raise LogError(
+                    f"Step {number} was {self.momdp.action_name(step.decision.action)}, but the "
+                    f"agent now decides for {self.behavior}; it has learned other things since."
+                )
+            self._append(step)
+            self._decide()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.over:
+            return
+        if fault is None:
+            self._end("left before the answer")
+            return
+        self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
+        if self._recorder is not None:
+            path = self._recorder.path
+            fault.add_note(f"the trial, as far as it went: meal-bayes log show {path}")
+
+    def _decide(self) -> None:
+        """Let the policy choose the next behavior, or the report that ends the trial."""
+        self._decision = None
+        if self._policy is None or self.over:
+            return
+        self._at, momdp = "planner", self.momdp
+        decision = self._policy.decide(self.history, self._environment.streams.planner)
+        if decision.action < momdp.n_behaviors and self._limited(decision.action):
+            decision = unvalued(momdp, best_answer(momdp, self.belief))
+        self.command(decision)
+        self._at = "robot"
+
+    def _limited(self, behavior: int) -> bool:
+        """Return whether steps or seconds do not suffice for one more behavior."""
+        spent = self.history.cost + float(self.momdp.cost[behavior])
+        return len(self.steps) >= self.max_steps or spent > self.max_cost
+
+    def _append(self, step: Step) -> None:
+        """Record a step, and end the trial where it leads to `term`."""
+        self.steps.append(step)
+        self.belief = step.belief
+        perceived = step.observation is not None
+        self.history = self.history.after(step.belief, step.decision.action, perceived, step.cost)
+        if step.decision.action >= self.momdp.n_behaviors:
+            self.report = self.momdp.reported(step.decision.action)
+        if self._recorder is not None:
+            self._recorder.step(step)
+        if self._on_step is not None:
+            self._on_step(step)
+        if step.next_x == self.momdp.terminal:
+            self._end("")
+
+    def _end(self, why: str) -> None:
+        self._ended, self._decision = why, None
+        trial = self.trial
+        if self._recorder is not None:
+            self._recorder.end(trial)
+        if self._on_end is not None:
+            self._on_end(trial)
+
+    def _answered(self, decision: Decision) -> Step:
+        momdp, x = self.momdp, self.belief.x
+        report = momdp.reported(decision.action)
+        reward = 0.0 if report is None else float("nan")
+        if report is not None and (self._truth >= 0).all():
+            reward = float(momdp.report_reward((report == self._truth).astype(float)))
+        last = self.belief.at(momdp.terminal)
+        return Step(x, decision, momdp.terminal, None, 0.0, reward, last)
+
+    def _executed(self, decision: Decision, execution: Execution) -> Step:
+        action, belief, momdp = decision.action, self.belief, self.momdp
+        self._at = "perceiver"
+        observation, warning = self._perceive(execution)
+        transition = Transition(action, execution.next_x, observation)
+        after = update_belief(belief, momdp, transition)
+        cost = float(momdp.cost[action])
+        return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
+
+    def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
+        """Return percept levels (N,), or None, and a warning."""
+        query, answers, own = self.task.query, execution.answers, self._environment
+        if execution.instance is not None:
+            seen = own.perceiver.observe(execution.instance, query, own.streams.percepts)
+            return seen, execution.warning
+        if answers is None:
+            return None, execution.warning
+        missing = [name for name in query.attributes if name not in answers]
+        if missing:
+            return None, f"no percept: the person did not answer about {missing}"
+        return _levels(query.attributes, answers, self.momdp.levels), ""
+
+
+def run_trial(session: Session, robot: Robot) -> Trial:
+    """Run a trial to its end: execute what the session names, until it answers.
+
+    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
+    gets the trial so far, with `ended`, and the exception is raised again.
+
+    Raises
+    ------
+    RobotError : the robot came to a state that the domain does not know.
+    """
+    with session:
+        session.start(robot.start())
+        while (behavior := session.behavior) is not None:
+            session.observe(robot.execute(behavior))
+    return session.trial
+
+
+def _levels(names: Sequence[str], answers: Mapping[str, bool], levels: int) -> NDArray[np.int8]:
+    """Return the percepts (N,) of a person's answers: the two extreme levels."""
+    return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)

@@ -1,0 +1,159 @@
+"""Trials as text: percepts, truths and verdicts by name, five lines, a table, data frames."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.display import bar_html, card, level_names, listed, percent, table_html
+from meal_bayes.momdp import MOMDP
+
+if TYPE_CHECKING:
+    from meal_bayes.trials.trial import Step, Trial
+
+SILENT = "says nothing"  # of a percept that carries no information
+UNKNOWN = "truth unknown"
+_SAME = 1e-9  # probabilities that differ by less are equal
+
+
+def percept_labels(
+    momdp: MOMDP, behavior: int, observation: NDArray[np.int8], silent: str = SILENT
+) -> list[str]:
+    """Return the level of each queried attribute's percept by name, (N,).
+
+    A percept whose levels are all as likely of true objects as of false ones carries no
+    information.
+
+    Parameters
+    ----------
+    observation : (N,) levels.
+    silent : stands for percepts without information.
+    """
+    names = level_names(momdp.levels)
+    rows = momdp.rows[:, behavior]  # (N,2,K)
+    informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
+    return [names[z] if known else silent for z, known in zip(observation, informed, strict=True)]
+
+
+def truth_text(attributes: Sequence[str], truth: Sequence[int] | NDArray[np.int8]) -> str:
+    """Return the known truths (N,) by name, and "unknown" where one of them is not known."""
+    named = zip(attributes, truth, strict=True)
+    known = [name if value == 1 else f"not {name}" for name, value in named if value >= 0]
+    return ", ".join([*known, "unknown"] if len(known) < len(truth) else known)
+
+
+def verdict_text(trial: "Trial") -> str:
+    """Return "right", "wrong", "abstained", "broken off", or "truth unknown"."""
+    if trial.ended:
+        return "broken off"
+    if trial.success is None:
+        return UNKNOWN
+    if trial.report is None:
+        return "abstained"
+    return "right" if trial.success else "wrong"
+
+
+def trial_card(trial: "Trial") -> str:
+    """Return a trial in five lines."""
+    return card(_title(trial), _facts(trial))
+
+
+def trial_html(trial: "Trial") -> str:
+    """Return a trial as an HTML table: a row a step, a bar a belief."""
+    names = trial.task.query.attributes
+    header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
+    first = ("", "", "", "before", *map(bar_html, trial.first_belief.positive))
+    rows = [first, *(_row(trial, number, step) for number, step in enumerate(trial.steps, start=1))]
+    facts = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in _facts(trial).items() if k != "steps")
+    return f"{table_html(_title(trial), header, rows)}<p>{facts}</p>"
+
+
+def trial_frame(trial: "Trial") -> Any:
+    """Return a trial as a pandas data frame, a row a step; percepts are missing where none came."""
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    rows = []
+    for number, step in enumerate(trial.steps, start=1):
+        row: dict[str, object] = {
+            "step": number,
+            "state": trial.momdp.x_names[step.x],
+            "action": trial.momdp.action_name(step.decision.action),
+            "next_state": trial.momdp.x_names[step.next_x],
+            "cost_s": step.cost,
+            "reward": step.reward,
+        }
+        for i, name in enumerate(trial.task.query.attributes):
+            row[f"percept_{name}"] = None if step.observation is None else int(step.observation[i])
+        beliefs = zip(trial.task.query.attributes, step.belief.positive.tolist(), strict=True)
+        row |= {f"belief_{name}": belief for name, belief in beliefs}
+        rows.append({**row, "warning": step.warning})
+    frame = pd.DataFrame(rows)
+    percepts = [name for name in frame.columns if name.startswith("percept_")]
+    return frame.astype(dict.fromkeys(percepts, "Int8"))
+
+
+def trials_frame(trials: Iterable["Trial"]) -> Any:
+    """Return trials as a pandas data frame, a row a trial.
+
+    Columns are agent, task, object, query, report, truth (the values named true, or missing),
+    success (missing where the truth is not known), abstained, cost_s, reward, steps and certainty,
+    the belief in what was reported.
+    """
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    frame = pd.DataFrame([_summary(trial) for trial in trials])
+    return frame.astype({"success": "boolean"}) if len(frame) else frame
+
+
+def _summary(trial: "Trial") -> dict[str, object]:
+    query = trial.task.query
+    return {
+        "agent": trial.agent,
+        "task": trial.task.name,
+        "object": trial.task.object_name,
+        "query": ", ".join(query.attributes),
+        "report": None if trial.report is None else query.report_name(trial.report),
+        "truth": query.report_name(trial.truth == 1) if (trial.truth >= 0).all() else None,
+        "success": trial.success,
+        "abstained": trial.report is None,
+        "cost_s": trial.cost,
+        "reward": trial.reward,
+        "steps": len(trial.steps),
+        "certainty": trial.last_belief.certainty,
+    }
+
+
+def _title(trial: "Trial") -> str:
+    asked = ", ".join(trial.task.query.attributes)
+    return f"Trial of {trial.agent or 'an agent'}: is {trial.task.object_name} {asked}?"
+
+
+def _facts(trial: "Trial") -> dict[str, str]:
+    query, report = trial.task.query, "none"
+    if trial.report is not None:
+        known = {True: "right", False: "wrong", None: "truth not known"}[trial.success]
+        report = f"{query.report_name(trial.report)} ({known})"
+    beliefs = zip(query.attributes, trial.last_belief.positive, strict=True)
+    warned = [step.warning for step in trial.steps if step.warning]
+    actions = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
+    return {
+        "report": report,
+        "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
+        "steps": listed(actions, 12) or "none",
+        "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
+        **({"warnings": listed(list(dict.fromkeys(warned)), 3)} if warned else {}),
+    }
+
+
+def _row(trial: "Trial", number: int, step: "Step") -> tuple[str, ...]:
+    action = escape(trial.momdp.action_name(step.decision.action))
+    percept = escape(_percept(step.observation, trial.momdp.levels))
+    bars = map(bar_html, step.belief.positive)
+    return (str(number), action, f"{step.cost:.1f}", percept, *bars)
+
+
+def _percept(observation: NDArray[np.int8] | None, levels: int) -> str:
+    names = level_names(levels)
+    return "" if observation is None else ", ".join(names[level] for level in observation)

@@ -1,0 +1,172 @@
+"""Records of a trial: its task, its steps, what came of it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import freeze, label_values, set_frozen
+from meal_bayes.display import short_repr
+from meal_bayes.domain import Query
+from meal_bayes.errors import DataError, QueryError
+from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.planners import Decision
+from meal_bayes.trials.text import trial_card, trial_frame, trial_html
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A query about an object.
+
+    Attributes
+    ----------
+    name : of the task.
+    query : what is asked.
+    object_index : in the data set; -1: an object of which nothing is recorded.
+    object_name : the object's name.
+    key : names every random stream of the trial.
+    """
+
+    name: str
+    query: Query
+    object_index: int
+    object_name: str
+    key: tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One executed action.
+
+    Attributes
+    ----------
+    x, next_x : states before and after.
+    decision : the action and its values.
+    observation : (N,) percept levels, None = "none".
+    cost : of this step, s.
+    reward : true (unshaped) reward of this step; nan where the truth is not known.
+    belief : after the step.
+    warning : why sensor data of the robot were not used as a percept; empty: they were.
+    """
+
+    x: int
+    decision: Decision
+    next_x: int
+    observation: NDArray[np.int8] | None
+    cost: float
+    reward: float
+    belief: Belief
+    warning: str = ""
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The paper's xi, with its beliefs and decisions.
+
+    Attributes
+    ----------
+    task : what is asked, of which object.
+    agent : name of the agent.
+    momdp : the decision problem.
+    first_belief : before the first step.
+    steps : in order.
+    truth : (N,) 1 true, 0 false, -1 not known.
+    report : (N,) bool; None: the agent abstained.
+    ended : why the trial was broken off, such as "robot error: ..."; empty: it was not.
+    counts : (N,E,2,K) labeled percepts behind the rows of the MOMDP; None where they are not known.
+    """
+
+    task: Task
+    agent: str
+    momdp: MOMDP
+    first_belief: Belief
+    steps: tuple[Step, ...]
+    truth: NDArray[np.int8]
+    report: NDArray[np.bool_] | None
+    ended: str = ""
+    counts: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        set_frozen(self, truth=freeze(self.truth, np.int8))
+        if self.counts is not None:
+            set_frozen(self, counts=freeze(self.counts))
+        if self.report is not None:
+            set_frozen(self, report=freeze(self.report, np.bool_))
+
+    def __repr__(self) -> str:
+        """Return the trial in five lines."""
+        return trial_card(self)
+
+    def _repr_html_(self) -> str:
+        return trial_html(self)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row a step; see `trial_frame`."""
+        return trial_frame(self)
+
+    @property
+    def judged(self) -> bool:
+        """Whether success is known: the trial came to its end, and the truth is known."""
+        return not self.ended and bool((self.truth >= 0).all())
+
+    @property
+    def success(self) -> bool | None:
+        """Rst of Eq. 5: a report right in all attributes; None where that is not known."""
+        if not self.judged:
+            return None
+        return self.report is not None and bool((self.report == self.truth).all())
+
+    @property
+    def cost(self) -> float:
+        """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
+        return _total(step.cost for step in self.steps)
+
+    @property
+    def reward(self) -> float:
+        """Undiscounted, unshaped return; nan where the truth of a report is not known."""
+        return _total(step.reward for step in self.steps)
+
+    @property
+    def last_belief(self) -> Belief:
+        """The belief when the trial ended."""
+        return self.steps[-1].belief if self.steps else self.first_belief
+
+
+def _total(values: Iterable[float]) -> float:
+    """Add in order; `sum` rounds otherwise from Python 3.12 on, and logs hold every bit."""
+    return reduce(add, values, 0.0)
+
+
+def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
+    """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.
+
+    Parameters
+    ----------
+    query : what is asked.
+    truth : by attribute, or (N,) in the query's order; None where nothing is known.
+
+    Raises
+    ------
+    QueryError : another number of values, or one that is no label.
+    """
+    if truth is None:
+        return np.full(len(query), -1, np.int8)
+    asked = truth  # what is not asked plays no part
+    if isinstance(truth, Mapping):
+        asked = [truth.get(name) for name in query.attributes]  # type: ignore[assignment]  # None
+    try:
+        values = label_values(asked)
+    except DataError as fault:
+        raise QueryError(f"truth of {list(query.attributes)}: {fault}") from None
+    if values.shape != (len(query),):
+        raise QueryError(
+            f"truth is {truth}; expected 1, 0 or -1 for each of {list(query.attributes)}, or "
+            "{attribute: True or False}."
+        )
+    return values

@@ -1,0 +1,40 @@
+"""No named agent ever commands what is not legal, whether its percepts tell much or nothing."""
+
+import pytest
+
+from meal_bayes.agents import AGENTS, OfflineRunner, load_agent
+from meal_bayes.errors import RobotError
+from meal_bayes.robots import RecordedRobot
+
+
+@pytest.fixture
+def refusing(monkeypatch):
+    """Recorded robots raise at a behavior that their diagram does not list where they are."""
+    start, execute = RecordedRobot.start, RecordedRobot.execute
+
+    def begin(robot):
+        robot.state = start(robot)
+        return robot.state
+
+    def checked(robot, behavior):
+        if behavior not in robot._domain.diagram.successes(robot.state):
+            raise RobotError(f"{behavior!r} is not possible in {robot.state!r}.")
+        outcome = execute(robot, behavior)
+        robot.state = outcome.state
+        return outcome
+
+    monkeypatch.setattr(RecordedRobot, "start", begin)
+    monkeypatch.setattr(RecordedRobot, "execute", checked)
+
+
+@pytest.mark.parametrize("trials", [6, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("signal", [0.0, 2.0])
+@pytest.mark.parametrize("name", AGENTS)
+def test_nothing_illegal_is_commanded(make, refusing, name, signal, trials):
+    table = make.table("ispy32", signal=signal)
+    runner = OfflineRunner(table, load_agent(name), 0)
+    for index in range(trials):
+        n = 1 + 2 * (index % 2)
+        task = make.task(table, index // 2 % 8, *table.domain.attributes[index // 16 :][:n])
+        trial = runner.run(task)
+        assert trial.last_belief.x == trial.momdp.terminal

@@ -1,0 +1,320 @@
+"""Algorithm 2: what a robot learns comes from its own trials alone, and never from test objects."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import AGENTS, load_agent
+from meal_bayes.agents.knowledge import knowledge_of
+from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
+from meal_bayes.domain import Query, learn_success, load_domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import OnlineConfig, PublishedVariants
+from meal_bayes.experiments.environment import Environment
+from meal_bayes.experiments.online import _learner
+from meal_bayes.experiments.protocol import Protocol
+from meal_bayes.momdp import observation_entropy
+from meal_bayes.perception import fit_and_validate
+from meal_bayes.trials import Task
+
+TOY = load_domain("toy")
+PRE, TRAIN, TEST = np.arange(6), np.arange(6, 12), np.arange(12, 18)
+RECORDINGS, RNG = 3, np.random.default_rng(2)
+DATASET = make_synthetic(TOY, objects=18, recordings=RECORDINGS, signal=8.0, rng=RNG)
+EVERY = sorted(AGENTS.keys() - {"random", "predefined", "predefined_plus", "olfc"})
+
+
+class Run:
+    """One agent in its environment, between two refits."""
+
+    def __init__(self, name, dataset=DATASET, pre=PRE, **options):
+        options = {"seed": 7, "reward": 300.0, "horizon": 80, **options}
+        config = OnlineConfig("toy", agents=(name,), **options)
+        split = SimpleNamespace(pre=pre, train=TRAIN, test=TEST)  # may overlap, for leaks
+        protocol = Protocol(dataset, split, 1, 7, 0)
+        unit = SimpleNamespace(config=config, agent=load_agent(name))
+        self.learner, self.environment = _learner(unit, protocol), Environment(config, protocol)
+
+    @property
+    def posterior(self):
+        return self.learner.knowledge().posterior
+
+    @property
+    def evidence(self):
+        memory = self.learner.agent.memory
+        return self.learner.experience.labelled(memory=memory).sum(axis=0).T
+
+    def test(self, task):
+        return self.environment.test(self.learner, task)
+
+    def train(self, task):
+        return self.environment.train(self.learner, task)
+
+
+def task_of(o, *attributes, index=0):
+    name = DATASET.objects[o]
+    return Task("task", Query(attributes), o, name, ("here", index, name, *attributes))
+
+
+def trained(name, dataset=DATASET, trials=12, *, pre=PRE, **options):
+    """Work through some trials and learn from them; give the trials with the refitted run."""
+    run, done = Run(name, dataset, pre, **options), []
+    for k in range(trials):
+        attribute = TOY.attributes[k // len(TRAIN) % 2]
+        done.append(run.train(task_of(int(TRAIN[k % len(TRAIN)]), attribute, index=k)))
+    run.learner.refit()
+    return done, run
+
+
+def facts(trial):
+    last = trial.last_belief
+    return (
+        [step.decision.action for step in trial.steps],
+        [None if s.observation is None else s.observation.tolist() for s in trial.steps],
+        None if trial.report is None else trial.report.tolist(),
+        trial.cost,
+        trial.reward,
+        last.log_prob.tolist(),
+    )
+
+
+def learned(trials, run):
+    """All that a robot has from its work, as plain values."""
+    knowledge, experience = run.learner.knowledge(), run.learner.experience
+    fit = run.learner.fitted(run.learner.agent)
+    return {
+        "trials": [facts(trial) for trial in trials],
+        "experience": [
+            getattr(experience, name).values.tolist() for name in ("instances", "labels", "known")
+        ],
+        "counts": knowledge.posterior.counts.tolist(),
+        "tables": knowledge.posterior.concentration.tolist(),
+        "dispersion": knowledge.posterior.dispersion.tolist(),
+        "base rates": knowledge.base_rates.tolist(),
+        "trait": None if knowledge.trait is None else knowledge.trait.latent_classes.tolist(),
+        "value": fit.information.tolist(),
+        "percepts": fit.levels.values.tolist(),
+    }
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_each_labelled_instance_is_one_count(name):
+    trials, run = trained(name)
+    np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
+    assert run.evidence.sum() > 24  # more than pretraining gave
+    assert sum(trial.success for trial in trials) > 0
+    assert max(len(trial.steps) for trial in trials) < 100  # none went round until it was stopped
+
+
+@pytest.fixture(scope="module")
+def altered():
+    """Return the data with everything about the test objects changed."""
+    rng = np.random.default_rng(9)
+    features = {key: values.copy() for key, values in DATASET.features.items()}
+    for values in features.values():
+        values[TEST] = 50 * rng.normal(size=values[TEST].shape)
+    labels = DATASET.labels.copy()
+    labels[TEST] = 1 - labels[TEST]
+    return Dataset(TOY, DATASET.objects, features, labels)
+
+
+class TestLeaks:
+    @pytest.mark.parametrize("name", EVERY)
+    def test_test_objects_change_nothing(self, altered, name):
+        assert learned(*trained(name)) == learned(*trained(name, altered))
+
+    @pytest.mark.parametrize("name", ["bayes", "morc_itrs"])
+    def test_the_check_finds_a_leak(self, altered, name):
+        leaky = np.append(PRE, TEST[0])
+        first = learned(*trained(name, pre=leaky))
+        second = learned(*trained(name, altered, pre=leaky))
+        same = {key for key in first if first[key] == second[key]}
+        assert not same & {"experience", "counts", "tables", "percepts"}
+
+    def test_testing_teaches_nothing(self):
+        run = Run("bayes_memory")
+        before = len(run.learner.experience.executions)
+        tests = [facts(run.test(task_of(int(o), "red"))) for o in TEST]
+        assert len(run.learner.experience.executions) == before == 0
+        assert [facts(run.test(task_of(int(o), "red"))) for o in TEST] == tests
+
+
+@pytest.mark.statistical
+def test_shuffled_labels_teach_nothing():
+    def skill(seed, *, shuffled):
+        rng = np.random.default_rng(seed)
+        data = make_synthetic(TOY, objects=60, recordings=4, rng=rng)
+        labels = data.labels[rng.permutation(60)] if shuffled else data.labels
+        data = Dataset(TOY, data.objects, data.features, labels)
+        everything = TrainingSet.everything(data)
+        counts = fit_and_validate(data, everything)[1]
+        yes = knowledge_of(TOY, counts, labels).posterior.mean[:, :2, :, 1]
+        return np.abs(yes[..., 1] - yes[..., 0]).mean()
+
+    seeds = range(8)
+    assert np.mean([skill(seed, shuffled=True) for seed in seeds]) <= 0.03
+    assert np.mean([skill(seed, shuffled=False) for seed in seeds]) > 0.1
+
+
+def test_random_legal_keeps_to_its_budget_and_draws_anew():
+    learner = Run("iterative_random_legal")
+    budget, dearest = TOY.legal_budget[0], max(b.cost for b in TOY.behaviors)
+    trials = [learner.test(task_of(int(o), "red")) for o in TEST]
+    assert all(budget <= trial.cost < budget + dearest for trial in trials)
+    assert len({tuple(facts(trial)[0]) for trial in trials}) == len(trials)
+
+
+@pytest.mark.parametrize("name", ["iterative_morc", "bayes"])
+def test_what_is_not_curious_is_tested_without_bonus(name):
+    shaped = {"published": PublishedVariants(shaped_test=True)}
+    task = task_of(13, "red")
+    trial = Run(name, **shaped).test(task)
+    assert not trial.momdp.bonus.any()
+    assert facts(trial) == facts(Run(name).test(task))
+    assert Run("morc_itrs", **shaped).test(task).momdp.bonus.any()
+    assert not Run("morc_itrs").test(task).momdp.bonus.any()
+
+
+def test_experience_repels_from_the_next_trial_on():
+    run = Run("morc_itrs")
+    start = run.evidence[0]
+    first = run.train(task_of(7, "red", index=0))
+    second = run.train(task_of(8, "red", index=1))
+    after = run.evidence[0] - start
+    last = sum(step.observation is not None for step in second.steps)
+    new = after.copy()
+    for step in second.steps:
+        if step.observation is not None:
+            new[step.decision.action] -= 1
+    senses = np.array([bool(behavior.modalities) for behavior in TOY.behaviors])
+    assert new.sum() == after.sum() - last > 0
+    lost = (first.momdp.bonus - second.momdp.bonus)[0]
+    lost = lost - 6 * (observation_entropy(first.momdp) - observation_entropy(second.momdp))[0]
+    repelled = 30 * new[senses] / (RECORDINGS * len(TRAIN))
+    np.testing.assert_allclose(lost[senses].mean(axis=-1), repelled, atol=1e-9)
+
+
+class TestLearningFromATrial:
+    @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
+    def test_percepts_of_a_new_object_are_one_row_of_counts(self, name):
+        run = Run(name, answers="all")
+        before = run.posterior
+        trial = run.train(task_of(7, "red"))
+        shown = np.zeros(before.counts.shape)
+        for step in trial.steps:
+            if step.observation is not None:
+                truth, level = DATASET.labels[7, 0], step.observation[0]
+                shown[0, step.decision.action, truth, level] += 1
+        assert shown.sum() > 0
+        expected = before.replace_object(np.zeros(shown.shape), shown)
+        np.testing.assert_array_equal(run.posterior.counts, expected.counts)
+        np.testing.assert_array_equal(run.posterior.concentration, expected.concentration)
+
+    def test_percepts_of_what_classifiers_have_seen_wait_for_the_refit(self):
+        run = Run("bayes", pre=np.append(PRE, 7), answers="all")
+        before, evidence = run.posterior, run.evidence[0].sum()
+        run.train(task_of(7, "red"))
+        assert run.evidence[0].sum() > evidence
+        np.testing.assert_array_equal(run.posterior.counts, before.counts)
+
+    def test_later_answers_are_planned_with_it(self):
+        run = Run("iterative_morc", answers="all")
+        test, other = task_of(13, "red"), task_of(13, "heavy")
+        first, kept = run.test(test).momdp, run.test(other).momdp
+        run.train(task_of(7, "red"))
+        assert (run.test(test).momdp.rows != first.rows).any()
+        assert run.test(other).momdp is kept
+
+    def test_base_rates_follow_the_labels(self):
+        run = Run("bayes", answers="all")
+        run.train(task_of(7, "red"))
+        labels = [*DATASET.labels[PRE, 0].tolist(), DATASET.labels[7, 0]]
+        rates = run.learner.knowledge().base_rates
+        assert rates[0] == (sum(labels) + 1) / (len(labels) + 2)
+        assert run.test(task_of(13, "red")).momdp.prior == rates[:1]
+
+
+def test_a_labelled_object_is_known_again_only_with_memory():
+    for name, prior in (("bayes_memory", 0.9), ("morc_itrs", 0.5)):
+        run = Run(name, answers="all", error=0.1)
+        run.learner.tell(DATASET.objects[7], {"red": True})
+        momdp = run.train(task_of(7, "red")).momdp
+        assert momdp.prior == pytest.approx([prior])
+
+
+class TestPublishedVariants:
+    def test_sample_wise_claims_more(self):
+        rng = np.random.default_rng(0)
+        strange = make_synthetic(
+            TOY, objects=18, recordings=RECORDINGS, signal=0.0, object_effect=3.0, rng=rng
+        )
+
+        def claimed(*published):
+            options = {"published": PublishedVariants.named(*published), "answers": "all"}
+            run = trained("iterative_random_legal", strange, 24, **options)[1]
+            yes = run.posterior.mean[:, :2, :, 1]
+            return (yes[..., 1] - yes[..., 0]).mean()
+
+        assert claimed("sample_wise") > claimed() + 0.2
+
+    def test_the_joint_label_is_true_where_all_are(self):
+        run = Run("iterative_morc", published=PublishedVariants(joint_label=True), answers="all")
+        for o in TRAIN.tolist():
+            run.train(task_of(o, "red", "heavy"))
+            known = run.learner.experience.known.values[o]
+            assert known.tolist() == [int(DATASET.labels[o].all())] * 2
+
+    def test_model_percepts_are_drawn_without_end(self):
+        run = Run("iterative_morc", published=PublishedVariants(model_percepts=True))
+        trial = run.test(task_of(13, "red"))
+        assert np.isinf(trial.momdp.limit).all()
+        plain = Run("iterative_morc").test(task_of(13, "red"))
+        assert (plain.momdp.limit[:2] == RECORDINGS).all()
+
+    @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
+    def test_model_percepts_do_not_run_out_in_training_either(self, name):
+        published = PublishedVariants(model_percepts=True)
+        trials, run = trained(name, published=published, normalizer="all")
+        assert max(len(trial.steps) for trial in trials) < 100
+        np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
+        places = run.learner.experience.instances.values[:, :3]
+        assert len(np.unique(places, axis=0)) == len(places)
+
+    def test_names_are_checked(self):
+        every = PublishedVariants(True, True, True, True)
+        assert PublishedVariants.named("all") == every
+        assert PublishedVariants.named("joint_label") == PublishedVariants(joint_label=True)
+        with pytest.raises(SettingsError, match="did you mean 'joint_label'"):
+            PublishedVariants.named("joint_labels")
+
+
+class TestSuccess:
+    @staticmethod
+    def lift(domain):
+        (effect,) = (e for e in domain.diagram.effects if e.behavior == "lift")
+        return effect.probability
+
+    def test_no_attempts_leave_the_domain_s(self):
+        learned = learn_success(TOY, np.zeros((3, 2), int))
+        assert self.lift(learned) == pytest.approx(0.9)
+
+    def test_means_are_those_of_beta_posteriors(self):
+        attempts = np.array([[0, 4], [6, 2], [0, 0]])
+        assert self.lift(learn_success(TOY, attempts)) == pytest.approx((2 * 0.9 + 2) / 10)
+        assert learn_success(TOY, attempts).diagram.effects[0].probability == 1.0
+
+    @pytest.mark.statistical
+    def test_true_success_of_one_half_is_learned(self):
+        options = {"success": (("lift", 0.5),)}
+        _, run = trained("iterative_random_legal", trials=60, learn_success=True, **options)
+        attempts = run.learner.experience.attempts
+        n = attempts[1].sum()
+        assert n > 200
+        assert attempts[0, 0] == attempts[2, 0] == 0
+        learned = self.lift(run.learner.knowledge().domain)
+        assert abs(learned - 0.5) < 4 * np.sqrt(0.25 / n) + 1 / n
+        trial = run.train(task_of(7, "red"))
+        assert trial.momdp.transition[1, 0, 1] == pytest.approx(learned)
+        own = trained("bayes", trials=2, **options)[1]
+        assert self.lift(own.learner.knowledge().domain) == 0.9

@@ -1,0 +1,155 @@
+"""Several processes on one folder of logs: work is shared, and the dead hold nothing."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from meal_bayes.errors import OutputError, SettingsError
+from meal_bayes.experiments import OfflineConfig, run_offline, units
+from meal_bayes.experiments.units import claimed, run_units
+from meal_bayes.trial_log.names import drafts_of, new_draft
+
+ROOT = Path(units.__file__).resolve().parents[2]
+HOLD = """
+import sys, time
+from pathlib import Path
+from meal_bayes.experiments.units import claimed
+with claimed(Path(sys.argv[1])) as claim:
+    print(claim, flush=True)
+    sys.stdin.readline()
+"""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A unit that writes a file."""
+
+    path: Path
+    size: int = 2
+
+    @property
+    def done(self):
+        return self.size if self.path.is_file() else 0
+
+    def run(self):
+        self.path.write_text("whole")
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process, which holds the claim of `tmp_path / "unit"`."""
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path / "unit")],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "True\n"
+        yield process
+        process.kill()
+
+
+def test_a_claim_is_held_once_and_leaves_nothing(tmp_path):
+    path = tmp_path / "unit"
+    with claimed(path) as first:
+        assert first is True
+        with claimed(path) as second:
+            assert f"process {os.getpid()} on " in second
+            assert "since 20" in second
+    assert list(tmp_path.iterdir()) == []
+    with claimed(path) as third:
+        assert third is True
+
+
+@pytest.mark.parametrize(
+    "kind", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
+def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
+    with claimed(tmp_path / "unit") as claim:
+        assert f"process {other.pid} on " in claim
+    other.send_signal(kind)
+    other.wait()
+    assert [path.name for path in tmp_path.iterdir()] == ["unit.claim"]
+    with claimed(tmp_path / "unit") as claim:
+        assert claim is True
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeypatch):
+    progress, notes, warmed = [], [], []
+    todo = [Part(tmp_path / name) for name in ("unit", "a", "b")]
+    (tmp_path / "b").write_text("whole")
+
+    def let_go(seconds):
+        assert (tmp_path / "a").is_file()
+        other.stdin.close()
+        other.wait()
+
+    monkeypatch.setattr(units.time, "sleep", let_go)
+    run_units(
+        todo, warmed.extend, jobs=1, on_progress=lambda *at: progress.append(at),
+        on_note=notes.append,
+    )  # fmt: skip
+    assert progress == [(2, 6), (4, 6), (6, 6)]
+    assert warmed == todo[:2]
+    assert len(notes) == 1
+    assert f"unit is being made by process {other.pid} on" in notes[0]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK])
+def test_without_file_locks_two_processes_do_the_same_work(tmp_path, monkeypatch, number):
+    """The first to end leaves the second's draft alone, which then takes the same name."""
+
+    def no_locks(descriptor, kind):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("filelock._unix.fcntl.flock", no_locks)
+    with claimed(tmp_path / "unit") as first, claimed(tmp_path / "unit") as second:
+        assert first is second is False
+    config = OfflineConfig("roc36", 2, 3, ("random",), seed=5)
+    (path,) = run_offline(config, logs=tmp_path / "first").paths
+    draft = new_draft(path)
+    draft.touch()
+    run_offline(config, logs=tmp_path / "first", fresh=True)
+    assert drafts_of(path) == [draft]
+    monkeypatch.undo()
+    run_offline(config, logs=tmp_path / "first", fresh=True)
+    assert drafts_of(path) == []
+
+
+def test_the_place_is_tried_first(tmp_path):
+    (tmp_path / "file").touch()
+    warmed = []
+    with pytest.raises(OutputError, match="cannot be written"):
+        run_units([Part(tmp_path / "file" / "unit")], warmed.extend, jobs=1)
+    assert warmed == []
+
+
+def test_no_process_is_no_way_to_run(tmp_path):
+    with pytest.raises(SettingsError, match="jobs is 0"):
+        run_units([Part(tmp_path / "unit")], list, jobs=0)
+
+
+def test_many_threads_never_hold_one_claim_together(tmp_path):
+    holding, most = [], []
+
+    def again():
+        for _ in range(100):
+            with claimed(tmp_path / "unit") as claim:
+                if claim is True:
+                    holding.append(1)
+                    most.append(len(holding))
+                    holding.pop()
+
+    threads = [threading.Thread(target=again) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(most) == {1}

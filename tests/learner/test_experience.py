@@ -1,0 +1,127 @@
+"""The record: what was executed, and what was said, in any order; D is a view of it."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meal_bayes.datasets import Instance, make_synthetic
+from meal_bayes.domain import load_domain
+from meal_bayes.experiments.protocol import Recordings
+from meal_bayes.learner import Experience
+from meal_bayes.learner.experience import UNNUMBERED
+
+TOY = load_domain("toy")
+OBJECTS, RECORDINGS = 4, 3
+DATASET = make_synthetic(
+    TOY, objects=OBJECTS, recordings=RECORDINGS, dimensions=2, rng=np.random.default_rng(0)
+)
+NAMES = TOY.behavior_names
+
+
+def execute(experience, trial, o, e, r):
+    """Record an execution that shows recording r, or fails."""
+    instance = None if r is None else DATASET.instance(o, NAMES[e], r)
+    levels = None if r is None else np.array([o % 2, r % 2], np.int8)
+    experience.execute(
+        (trial,), DATASET.objects[o], e, success=int(r is not None), instance=instance,
+        levels=levels,
+    )  # fmt: skip
+
+
+LABELS = st.tuples(st.integers(-1, 1), st.integers(-1, 1))
+EXECUTIONS = st.lists(
+    st.tuples(st.integers(0, 1), st.none() | st.integers(0, RECORDINGS - 1)), max_size=5
+)
+TRIALS = st.lists(st.tuples(st.integers(0, OBJECTS - 1), EXECUTIONS, LABELS), max_size=8)
+
+
+@given(trials=TRIALS, memory=st.booleans(), forgotten=st.sets(st.integers(0, 7)))
+def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
+    """A ledger of instances and labels, by hand, says the same."""
+    experience, shown, told = Experience(TOY), {}, {}
+    for t, (o, executions, labels) in enumerate(trials):
+        for e, r in executions:
+            execute(experience, t, o, e, r)
+            if r is not None:
+                shown.setdefault((o, e, r), []).append(t)
+        experience.label((t,), DATASET.objects[o], np.array(labels, np.int8))
+        told[t] = {p: value for p, value in enumerate(labels) if value >= 0}
+    for t in sorted(forgotten & {t for t, labels in told.items() if labels}):
+        experience.forget((t,))
+        told[t] = {}
+    known = {}
+    for t, (o, _, _) in enumerate(trials):
+        known.setdefault(o, {}).update(told[t])
+    dataset, rows, d = experience.data(memory=memory)
+    places = experience.instances.values[rows, :3]
+    names = {number: name for name, number in experience.objects.items()}
+    found = {}
+    for (o, e, r), labels in zip(places.tolist(), d.labels.tolist(), strict=True):
+        at = DATASET.objects.index(names[o]), e, r
+        found[at] = {p: value for p, value in enumerate(labels) if value >= 0}
+    expected = {}
+    for place, in_trials in shown.items():
+        expected[place] = {}
+        for t in in_trials:
+            expected[place].update(known[place[0]] if memory else told[t])
+    assert found == expected
+    for name, o in experience.objects.items():
+        labels = experience.known.values[o]
+        own = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
+        assert own == known.get(DATASET.objects.index(name), {})
+    for value in (0, 1):
+        count = (experience.known.values == value).sum(axis=0)
+        np.testing.assert_array_equal(experience.tally[value], count)
+    counts = experience.labelled(memory=memory)
+    assert counts.sum() == sum(len(labels) for labels in expected.values())
+    for (behavior, modality), values in dataset.features.items():
+        for place in expected:
+            if NAMES[place[1]] == behavior:
+                o = experience.objects[DATASET.objects[place[0]]]
+                assert DATASET.features[behavior, modality][place[0], place[2]] in values[o]
+
+
+def test_what_was_given_is_given_once():
+    experience = Experience(TOY)
+    for _ in range(2):
+        experience.give(DATASET)
+    dataset, _, d = experience.data(memory=False)
+    for context, values in DATASET.features.items():
+        np.testing.assert_array_equal(dataset.features[context], values)
+    np.testing.assert_array_equal(d.labels, DATASET.labels[d.object])
+    assert experience.labelled(memory=False, given=False).sum() == 0
+
+
+def test_instances_of_a_robot_are_each_new():
+    experience = Experience(TOY)
+    for number in range(3):
+        instance = Instance(-1, "look", 0, DATASET.instance(0, "look", number).features)
+        levels = np.array([0, 1], np.int8)
+        experience.execute(("t",), "cup", 0, success=1, instance=instance, levels=levels)
+    assert experience.instances.values[:, 2].tolist() == [UNNUMBERED + n for n in range(3)]
+    assert experience.executions_of(("t",)) == 3
+
+
+def test_attempts_count_what_is_known_to_have_failed_or_succeeded():
+    experience = Experience(TOY)
+    for success in (1, 0, -1, 1):
+        experience.execute(("t",), "cup", 1, success=success)
+    assert experience.attempts.tolist() == [[0, 0], [1, 2], [0, 0]]
+
+
+class TestRecordings:
+    def test_they_come_once_each_and_then_again(self):
+        recordings = Recordings(DATASET, np.random.default_rng(3))
+        first = [recordings.supply(o)[0] for o in range(OBJECTS)]
+        assert all(sorted(order) == list(range(RECORDINGS)) for order in first)
+        assert len({tuple(order) for order in first}) > 1
+
+    def test_ones_that_are_not_there_are_never_handed_out(self):
+        features = {context: values.copy() for context, values in DATASET.features.items()}
+        for (behavior, _), values in features.items():
+            values[(0, slice(1, None)) if behavior == "look" else 1] = np.nan
+        ragged = type(DATASET)(TOY, DATASET.objects, features, DATASET.labels)
+        recordings = Recordings(ragged, np.random.default_rng(3))
+        for o in range(OBJECTS):
+            for e, count in enumerate(ragged.recording_counts[o, :2]):
+                assert sorted(recordings.supply(o)[e]) == list(range(count))

@@ -1,0 +1,223 @@
+"""Sessions: a trial driven from outside, from threads and asyncio, across restarts."""
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.learner import Learner
+from meal_bayes.robots import Outcome
+from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
+
+PLAN = ("look", "lift", "reset", "look", "lift")
+
+
+def drive(session, arm):
+    while session.behavior is not None:
+        session.observe(arm.execute(session.behavior))
+    return session.trial
+
+
+def started(arm):
+    arm.start()
+    return arm
+
+
+def assert_same(one, other):
+    """Check that two trials are equal but for the object's name."""
+    assert [s.decision.action for s in one.steps] == [s.decision.action for s in other.steps]
+    np.testing.assert_array_equal(one.report, other.report)
+    for a, b in zip(one.steps, other.steps, strict=True):
+        np.testing.assert_array_equal(a.observation, b.observation)
+        np.testing.assert_array_equal(a.belief.log_prob, b.belief.log_prob)
+
+
+@pytest.fixture
+def learner(dataset, make, tmp_path):
+    return make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+
+
+def logs_of(folder):
+    return sorted((folder / "kitchen").glob("*.mcap"))
+
+
+def test_a_session_makes_the_trial_of_ask(learner, make):
+    asked = learner.ask("red", make.arm(), key="k")
+    trial = drive(learner.begin("red", key="k"), started(make.arm()))
+    assert_same(trial, asked)
+    assert trial.report is not None
+    assert trial.task.key != asked.task.key
+
+
+def test_every_step_is_on_disk_before_the_next_behavior_is_named(learner, make, tmp_path):
+    session, arm = learner.begin("red"), started(make.arm())
+    (draft,) = (tmp_path / "kitchen").glob("*.active")
+    for number in range(len(PLAN)):
+        (trial,) = salvage(draft)
+        assert len(trial.steps) == number
+        session.observe(arm.execute(session.behavior))
+    assert session.behavior is None
+    (path,) = logs_of(tmp_path)
+    assert check_log(path).whole
+
+
+def test_a_failed_behavior_changes_nothing_but_the_cost(learner):
+    session = learner.begin("red")
+    session.fail()
+    (step,) = session.steps
+    assert step.observation is None
+    assert step.x == step.next_x
+    assert step.cost == 1.0
+    assert session.behavior == "lift"
+    session.cancel()
+
+
+def test_limits_bring_the_best_report(learner, make):
+    whole = learner.ask("red", make.arm(), key="k")
+    for options in ({"max_steps": 2}, {"max_cost": 4.5}):
+        trial = learner.ask("red", make.arm(), key="k", **options)
+        assert len(trial.steps) == 3
+        np.testing.assert_array_equal(trial.report, trial.last_belief.best_report)
+        assert trial.cost < whole.cost
+    assert len(learner.ask("red", make.arm(), max_cost=0.5).steps) == 1
+
+
+def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path):
+    session, arm = learner.begin("red"), started(make.arm())
+    session.observe(arm.execute(session.behavior))
+    session.cancel()
+    session.cancel()  # once more does nothing
+    (path,) = logs_of(tmp_path)
+    (trial,) = read_trials(path)
+    assert (trial.ended, trial.report, len(trial.steps)) == ("cancelled", None, 1)
+    assert session.behavior is None
+    with pytest.raises(SettingsError, match="No behavior is under way"):
+        session.observe(Outcome("table"))
+
+
+def test_a_session_left_in_the_middle_says_so(learner, make, tmp_path):
+    with learner.begin("red"):
+        pass
+    with pytest.raises(ZeroDivisionError) as caught, learner.begin("red"):
+        1 / 0  # noqa: B018
+    assert "meal-bayes log show" in caught.value.__notes__[0]
+    ended = [trial.ended for path in logs_of(tmp_path) for trial in read_trials(path)]
+    assert ended == [
+        "left before the answer", "robot error: ZeroDivisionError: division by zero"
+    ]  # fmt: skip
+
+
+def test_a_trial_begins_once(learner):
+    with pytest.raises(SettingsError, match="has begun"), learner.begin("red") as session:
+        session.start("table")
+
+
+@pytest.mark.parametrize("steps", range(len(PLAN) + 1))
+def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
+    learner.save(tmp_path / "mind")
+
+    def loaded():
+        return Learner.load(tmp_path / "mind", agent=learner.agent, logs=tmp_path)
+
+    undisturbed = drive(loaded().begin("red"), started(make.arm()))
+    first, arm = loaded().begin("red", truth={"red": False}), started(make.arm())
+    for _ in range(steps):
+        if first.behavior is not None:
+            first.observe(arm.execute(first.behavior))
+    if first.over:
+        with pytest.raises(LogError, match="nothing to resume"):
+            learner.resume(logs_of(tmp_path)[-1])
+        return
+    (draft,) = (tmp_path / "kitchen").glob("*.active")  # its process is gone
+    again = loaded()
+    second = again.resume(draft)
+    assert_same(drive(second, arm), undisturbed)
+    assert second.trial.task == first.task
+    (log,) = [path for path in logs_of(tmp_path) if second.task.object_name[7:] in path.name]
+    (trial,) = read_trials(log)
+    assert_same(trial, undisturbed)
+    assert trial.success is not None
+    assert not draft.exists()
+    first._recorder._writer._file.close()  # as the end of its process did
+    again.tell(second.trial, {"red": False})
+    assert len(again.experience.shown(second.task.key)) == sum(
+        step.observation is not None for step in undisturbed.steps
+    )
+
+
+def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    session, arm = learner.begin("red"), started(make.arm())
+    session.observe(arm.execute("look"))
+    other = make.learner(dataset, make.agent("lift", **make.ours), logs=tmp_path)
+    (draft,) = (tmp_path / "kitchen").glob("*.active")
+    with pytest.raises(LogError, match="Step 0 was look, but the agent now decides for lift"):
+        other.resume(draft)
+    session.cancel()
+
+
+def test_eight_threads_disturb_nothing(dataset, make, tmp_path):
+    learner = make.learner(dataset, logs=tmp_path)
+    plain = make.learner(dataset)
+
+    def many(thread):
+        return [
+            drive(learner.begin("red", key=k), started(make.arm(seed=k)))
+            for k in range(25 * thread, 25 * thread + 25)
+        ]
+
+    with ThreadPoolExecutor(8) as pool:
+        found = [trial for trials in pool.map(many, range(8)) for trial in trials]
+    for k, trial in enumerate(found):
+        assert_same(trial, plain.ask("red", make.arm(seed=k), key=k))
+    assert sum(len(group.outcomes) for group in Logs(tmp_path).groups()) == 200
+    assert len(logs_of(tmp_path)) == 200
+    assert len({trial.task.key for trial in found}) == 200
+
+
+def test_a_session_begun_in_one_thread_goes_on_in_another(learner, make):
+    session, arm = learner.begin("red"), started(make.arm())
+    for _ in PLAN:
+        thread = threading.Thread(target=lambda: session.observe(arm.execute(session.behavior)))
+        thread.start()
+        thread.join()
+    assert session.report is not None
+
+
+def test_fifty_coroutines_take_turns(dataset, make):
+    learner, plain = make.learner(dataset), make.learner(dataset)
+
+    async def one(k):
+        session, arm = learner.begin("red", key=k), started(make.arm(seed=k))
+        while session.behavior is not None:
+            await asyncio.sleep(0)  # the arm moves
+            session.observe(arm.execute(session.behavior))
+        return session.trial
+
+    async def every():
+        return await asyncio.gather(*map(one, range(50)))
+
+    for k, trial in enumerate(asyncio.run(every())):
+        assert_same(trial, plain.ask("red", make.arm(seed=k), key=k))
+
+
+def test_two_sessions_have_no_object_and_no_trial_in_common(dataset, make, tmp_path):
+    trials = []
+    for _ in range(2):
+        learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+        trials += [learner.ask("red", make.arm()) for _ in range(3)]
+    assert len({trial.task.key for trial in trials}) == 6
+    assert len({trial.task.object_name for trial in trials}) == 6
+
+
+def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
+    one, other = (make.learner(dataset, make.agent("look", **make.ours)) for _ in range(2))
+    mine = one.ask("red", make.arm(red=True, seed=1))
+    other.ask("red", make.arm(red=False, seed=2))
+    other.tell(mine, {"red": True})
+    (row,) = other.experience.shown(mine.task.key)
+    assert other.experience.levels.values[row, 0] == mine.steps[0].observation[0]
+    assert other.experience.instances.values[row, 3] == -1  # no features of another trial

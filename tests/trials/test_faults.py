@@ -1,0 +1,102 @@
+"""A sensor that is dead, or a motion that never works, costs two executions and a warning."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from meal_bayes.agents import load_agent
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import Objective, build_momdp, initial_belief
+from meal_bayes.planners import History
+from meal_bayes.robots import Boundary, Outcome
+from meal_bayes.trials import Environment, FaultTolerant, Session, Streams, Task, run_trial
+from meal_bayes.trials.faults import faults_of
+
+DOMAIN = load_domain("ispy32")
+
+
+class Faulty:
+    """Moves as the diagram says, without failures; of one behavior the sensor or motion is dead."""
+
+    def __init__(self, behavior, *, moves):
+        self.behavior, self.moves, self.executed = behavior, moves, []
+
+    def start(self):
+        self.state = DOMAIN.diagram.start
+        return self.state
+
+    def execute(self, behavior):
+        self.executed.append(behavior)
+        dead = behavior == self.behavior
+        if self.moves or not dead:
+            self.state = DOMAIN.diagram.successes(self.state)[behavior]
+        senses = DOMAIN.behaviors[DOMAIN.behavior_index(behavior)].senses
+        return Outcome(self.state, recording=None if dead or not senses else 0)
+
+
+class Undecided:
+    """Percepts that say true and false in turn."""
+
+    def __init__(self):
+        self.count = 0
+
+    def observe(self, instance, query, rng):
+        self.count += 1
+        return np.full(len(query), self.count % 2, np.int8)
+
+
+def trial_of(name, robot, momdp, *, tolerant=True):
+    agent = load_agent(name)
+    task = Task("a task", momdp.query, 0, "object", ("test",))
+
+    def solve(problem):
+        return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
+
+    policy = FaultTolerant(momdp, solve) if tolerant else solve(momdp)
+    streams = Streams.of(0, task.key, name)
+    environment = Environment(Boundary(DOMAIN), Undecided(), streams, truth=[True])
+    return run_trial(Session(task, momdp, policy, environment, max_steps=40), robot)
+
+
+def momdp_of(behavior):
+    """A problem of one attribute of which this behavior tells most."""
+    rows = np.tile([[0.6, 0.4], [0.4, 0.6]], (1, len(DOMAIN.behaviors), 1, 1))
+    rows[:, DOMAIN.behavior_index(behavior)] = [[0.95, 0.05], [0.05, 0.95]]
+    goal = Objective(discount=1.0, abstain=True)
+    return build_momdp(DOMAIN, Query(DOMAIN.attributes[:1]), rows, objective=goal)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+@pytest.mark.parametrize("behavior", ["look", "press"])
+@pytest.mark.parametrize("name", ["random_legal", "predefined_plus", "greedy", "morc", "bayes"])
+def test_nothing_is_repeated_that_yields_nothing(name, behavior, moves):
+    robot, momdp = Faulty(behavior, moves=moves), momdp_of(behavior)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        trial = trial_of(name, robot, momdp)
+    leads_on = behavior == "look" and moves  # whoever draws at random may still go by it
+    if not (leads_on and name == "random_legal"):
+        assert robot.executed.count(behavior) <= 2
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == (robot.executed.count(behavior) >= 2)
+    assert all(repr(behavior) in text for text in texts)
+    assert trial.last_belief.x == momdp.terminal
+
+
+def test_without_it_the_sensor_is_tried_again_and_again():
+    robot = Faulty("press", moves=True)
+    trial_of("morc", robot, momdp_of("press"), tolerant=False)
+    assert robot.executed.count("press") > 10
+
+
+def test_failures_that_chance_explains_are_repeated():
+    """Shakes of the published diagram are perceived once in twenty times."""
+    domain = load_domain("roc36_published")
+    rows = np.tile([[0.8, 0.2], [0.2, 0.8]], (1, len(domain.behaviors), 1, 1))
+    momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
+    history, shake = History(initial_belief(momdp)), domain.behavior_index("shake")
+    for _ in range(10):
+        history = history.after(history.belief.at(4), shake, False, 1.0)
+    failing, _ = faults_of(momdp, history)
+    assert not failing.any()
