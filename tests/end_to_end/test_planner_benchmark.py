@@ -15,7 +15,7 @@ NUMBERS = {
 }  # fmt: skip
 PERHAPS = {
     "simulations_per_s", "gain_over_olfc", "gain_over_olfc_se", "gain_over_eq8",
-    "gain_over_eq8_se", "memory_mb",
+    "gain_over_eq8_se", "lower_bound", "memory_mb",
 }  # fmt: skip
 TIMES = {"ms_per_decision", "solve_s", "simulations_per_s"}
 
