@@ -14,7 +14,16 @@ from meal_bayes.datasets.download import fetch
 from meal_bayes.datasets.sources import source
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Decision, History, Policy, RandomLegal, Sarsop, Solver, unvalued
+from meal_bayes.planners import (
+    Decision,
+    History,
+    Policy,
+    Random,
+    RandomLegal,
+    Sarsop,
+    Solver,
+    unvalued,
+)
 from paper_repro.frame import HERE, Setting, paper_values
 
 ASK = "ask"
@@ -140,7 +149,7 @@ def _random_legal(domain: Domain, query: Query) -> Solver:
 
 @dataclass(frozen=True, slots=True)
 class RandomOfAll:
-    """Random that draws from all actions, `ask` too; what is not legal moves nothing."""
+    """Random that draws from all actions, `ask` and illegal ones too (PP `run`)."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomOfAllPolicy":
         """Make the policy."""
@@ -149,19 +158,24 @@ class RandomOfAll:
 
 @dataclass(frozen=True, slots=True)
 class RandomOfAllPolicy:
-    """Policy of `RandomOfAll`."""
+    """Policy of `RandomOfAll`.
+
+    An illegal action ends the trial: here by abstaining, which has the published cost (it leaves
+    the last action out), and a reward that is higher by that action's cost.
+    """
 
     momdp: MOMDP
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw an action, and again where it is not legal: there it is free and changes nothing."""
-        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
-        reports = np.arange(self.momdp.n_behaviors, self.momdp.abstention)
-        return unvalued(self.momdp, int(rng.choice(np.concatenate([legal, reports]))))
+        """Draw any action."""
+        momdp, action = self.momdp, int(rng.integers(self.momdp.abstention))
+        illegal = action < momdp.n_behaviors and not momdp.legal[history.belief.x, action]
+        return unvalued(momdp, momdp.abstention if illegal else action)
 
 
 def _random(domain: Domain, query: Query) -> Solver:
-    return RandomOfAll()
+    # Where illegal actions move nothing, as on ROC36, they are legal ones of `EVERY_ACTION`.
+    return RandomOfAll() if domain.diagram.abstain else Random()
 
 
 def _sarsop(domain: Domain, query: Query) -> Solver:
@@ -169,7 +183,7 @@ def _sarsop(domain: Domain, query: Query) -> Solver:
 
 
 AGENTS = {
-    "random": Agent("random", _random),
+    "random": Agent("random", _random, abstain=True),
     "random_legal": Agent("random_legal", _random_legal),
     "sarsop": Agent("sarsop", _sarsop, abstain=True),
 }

@@ -86,6 +86,17 @@ def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     assert run.cost.std(ddof=1) == pytest.approx(sd, rel=0.25)
 
 
+def test_the_published_random_ends_a_trial_by_what_is_illegal_on_ispy32_alone(tmp_path):
+    """At the start 2 of 10 behaviors are legal, so that 8 of 12 first draws end the trial."""
+    setting = frame.Setting(quick=True, logs=tmp_path)
+    run = offline.run_agent(setting, THEIRS, "ispy32_published", 1, "random", 400)
+    ended = (~run.answered) & (run.steps == 1)
+    assert abs(ended.mean() - 8 / 12) < 4 * (8 / 12 * 4 / 12 / 400) ** 0.5
+    assert (run.cost[ended] == 0).all()
+    every = offline.run_agent(setting, THEIRS, published.EVERY_ACTION, 2, "random", 20)
+    assert every.answered.all()
+
+
 def test_random_legal_asks_at_the_start_alone_as_published_and_never_on_recordings(tmp_path):
     asks = {}
     for protocol in (RECORDED, THEIRS):
