@@ -1,18 +1,15 @@
 """Percept tables as files: shipped with the package by name, or your own .npz."""
 
-import io
 import json
-import lzma
-import struct
 import zipfile
-import zlib
 from importlib import resources
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.archive import UNREADABLE, read_array, read_meta, write_array
 from meal_bayes.datasets.percepts import LIMIT, PerceptTable
 from meal_bayes.domain import (
     Domain,
@@ -24,7 +21,6 @@ from meal_bayes.domain import (
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.untrusted import read_json
 
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
@@ -33,21 +29,13 @@ _MEMBERS = {  # name -> dtype, axes
     "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
     "edges": ("<f8", 1),  # (L-1,)
     "training_bins": ("|u1", 5),  # (O,P,E',G,L) [o', ..., held-out g]: neighbors are alike
+    "recording_counts": ("<u2", 2),  # (O,E'), only where recordings are ragged
+    "groups": ("<u2", 1),  # (O,), only where objects are left out by folds
 }
-_OPTIONAL = {  # members more
-    "recording_counts": ("<u2", 2),  # (O,E'), where recordings are ragged
-    "groups": ("<u2", 1),  # (O,), where objects are left out by folds
-}
+_OPTIONAL = ("recording_counts", "groups")
 _TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_LARGEST = 2 << 24  # bytes that the training bins may unpack to
+_BINS = 2 << 24  # bytes that the training bins may unpack to
 _REST = 1 << 24  # and each other member
-_FILE = 2**27  # bytes of a file
-_HEADER = 2**16 + 10  # bytes of the longest header of an array
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same table gives the same bytes
-_UNREADABLE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, KeyError, ValueError, EOFError, OSError,
-    NotImplementedError, RuntimeError, struct.error, SyntaxError, TypeError,
-)  # fmt: skip
 
 
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
@@ -69,7 +57,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "behaviors": [table.domain.behavior_names[i] for i in sensing],
         "provenance": dict(table.provenance),
     }
-    if not _ships(table.domain):
+    if table.domain.name not in domain_names() or load_domain(table.domain.name) != table.domain:
         meta["domain_table"] = domain_table(table.domain)
     arrays = {
         "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
@@ -78,19 +66,13 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "edges": table.edges,
         "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
     }
-    members = {name: dtype for name, (dtype, _) in _MEMBERS.items()}
     if table.ragged:
         arrays["recording_counts"] = table.recording_counts[:, sensing]
     if (table.groups != np.arange(len(table.objects))).any():
         arrays["groups"] = table.groups
-    members |= {name: dtype for name, (dtype, _) in _OPTIONAL.items() if name in arrays}
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
-        for name, dtype in members.items():
-            buffer = io.BytesIO()
-            values = np.ascontiguousarray(arrays[name], dtype=dtype)
-            np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
-            info = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-            archive.writestr(info, buffer.getvalue(), zipfile.ZIP_LZMA)
+        for name, values in arrays.items():
+            write_array(archive, name, np.asarray(values, _MEMBERS[name][0]))
 
 
 def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
@@ -116,9 +98,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
         if not path.is_file():
             raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
         with path.open("rb") as file:
-            meta, arrays = _read(file, str(path))
-        domain = _domain_of(meta, str(path)) if domain is None else domain
-        return _in_domain_order(meta, arrays, domain, str(path))
+            return _read(file, str(path), domain)
     domain = load_domain(name) if domain is None else domain
     resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
     if not resource.is_file():
@@ -128,17 +108,12 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
             "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
         )
     with resource.open("rb") as file:
-        meta, arrays = _read(file, str(name))
-    return _in_domain_order(meta, arrays, domain, str(name))
+        return _read(file, str(name), domain)
 
 
 def domain_of(name: str | Path) -> Domain:
     """Return the domain of a shipped name, of a TOML, or of a percept table (.npz)."""
     return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
-
-
-def _ships(domain: Domain) -> bool:
-    return domain.name in domain_names() and load_domain(domain.name) == domain
 
 
 def _domain_of(meta: dict[str, Any], where: str) -> Domain:
@@ -156,25 +131,21 @@ def _domain_of(meta: dict[str, Any], where: str) -> Domain:
         raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
 
 
-def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read and check all members; `DataError` where the bytes are wrong."""
-    size = file.seek(0, io.SEEK_END)
-    if size > _FILE:
-        raise DataError(f"{where} has {size:,} bytes; a percept table has at most {_FILE:,}.")
+def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
+    """Read a table, with attributes and behaviors in the order of the domain (the file's own)."""
     try:
         with zipfile.ZipFile(file) as archive:
-            arrays = {name: _member(archive, name, *spec) for name, spec in _MEMBERS.items()}
-            there = [name for name in _OPTIONAL if f"{name}.npy" in archive.namelist()]
-            arrays |= {name: _member(archive, name, *_OPTIONAL[name]) for name in there}
-        meta = read_json(arrays.pop("meta").tobytes())
-    except _UNREADABLE as error:
+            arrays = {
+                name: read_array(archive, name, *spec, _BINS if name == "training_bins" else _REST)
+                for name, spec in _MEMBERS.items()
+                if name not in _OPTIONAL or f"{name}.npy" in archive.namelist()
+            }
+        meta = read_meta(arrays["meta"].tobytes(), _FORMAT)
+    except (*UNREADABLE, OSError) as error:
         raise DataError(
             f"{where} is not a whole percept table ({error}); make it again with "
             "`meal-bayes data percepts --dataset D`."
         ) from error
-    if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
-        found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise DataError(f"{where} has format {found}; this version reads format {_FORMAT}.")
     for key, wanted in _TEXTS.items():
         texts = meta.get(key)
         inside = texts.values() if isinstance(texts, dict) else texts
@@ -182,90 +153,51 @@ def _read(file: Any, where: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
             raise DataError(f"{where} does not hold its {key}; make the table again.")
     if len(set(meta["objects"])) < len(meta["objects"]):
         raise DataError(f"{where} names an object twice; make the table again.")
-    log_odds, bins = arrays["log_odds"], arrays["training_bins"]
-    sound = (
-        np.isfinite(arrays["edges"]).all()
-        and not (np.abs(log_odds) > LIMIT).any()
-        and np.isin(arrays["labels"], (-1, 0, 1)).all()
-    )
-    if not sound or (bins.sum(axis=-1, dtype=np.uint32) > log_odds.shape[1]).any():
-        raise DataError(
-            f"{where}: expected log-odds within +-{LIMIT:g}, labels of 1, 0 and -1, and no more "
-            "counts than recordings; make the table again."
-        )
-    return meta, arrays
-
-
-def _member(archive: zipfile.ZipFile, name: str, dtype: str, axes: int) -> NDArray[Any]:
-    info = archive.getinfo(f"{name}.npy")
-    limit = _LARGEST if name == "training_bins" else min(_LARGEST, _REST)
-    if info.file_size > limit:
-        raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")
-    return read_array(archive.read(info), name, dtype, axes)
-
-
-def read_array(content: bytes, name: str, dtype: str, axes: int) -> NDArray[Any]:
-    """Read an array in NumPy's format, of this dtype and number of axes.
-
-    Raises
-    ------
-    ValueError
-        Bytes of another format, dtype or number of axes.
-    """
-    buffer: BinaryIO = io.BytesIO(content[:_HEADER])
-    if np.lib.format.read_magic(buffer) != (1, 0):
-        raise ValueError(f"{name} is of another array format than 1.0")
-    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
-    if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
-        raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
-    return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
+    if not np.isfinite(arrays["edges"]).all() or (np.abs(arrays["log_odds"]) > LIMIT).any():
+        raise DataError(f"{where}: expected log-odds within +-{LIMIT:g}; make the table again.")
+    domain = _domain_of(meta, where) if domain is None else domain
+    try:
+        return _in_domain_order(meta, arrays, domain)
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from error
 
 
 def _in_domain_order(
-    meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain, where: str
+    meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain
 ) -> PerceptTable:
     """Return the table with attributes and behaviors in the order of the domain."""
-    senses = [i for i, behavior in enumerate(domain.behaviors) if behavior.modalities]
-    wanted = {
-        "attributes": domain.attributes,
-        "behaviors": tuple(domain.behavior_names[i] for i in senses),
-    }
-    for key, names in wanted.items():
+    wanted = (
+        ("attributes", domain.attributes),
+        ("behaviors", [behavior.name for behavior in domain.behaviors if behavior.modalities]),
+    )
+    for key, names in wanted:
         for name in names:
             if name not in meta[key]:
-                raise DataError(f"{where}: {unknown(key[:-1], name, meta[key])}")
-    columns = [meta["attributes"].index(name) for name in wanted["attributes"]]
-    rows = [meta["behaviors"].index(name) for name in wanted["behaviors"]]
+                raise DataError(unknown(key[:-1], name, meta[key]))
     labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
-    objects, p, e = len(meta["objects"]), len(meta["attributes"]), len(meta["behaviors"])
-    expected = ((objects, p), (objects, log_odds.shape[1], e, p))
-    counts = arrays.get("recording_counts", np.full((objects, e), log_odds.shape[1], np.uint16))
-    groups = arrays.get("groups", np.arange(objects)).astype(np.int64)
-    found = (labels.shape, log_odds.shape, counts.shape, groups.shape)
-    n_groups = int(groups.max(initial=-1)) + 1
-    if (
-        found != (*expected, (objects, e), (objects,))
-        or bins.shape[:4] != (objects, p, e, n_groups)
-        or n_groups > objects
-    ):
-        raise DataError(f"{where}: names and arrays differ in number; make the table again.")
-    n_behaviors = len(domain.behaviors)
-    if bins.size // max(p * e, 1) * len(columns) * n_behaviors > 2 * _LARGEST:
-        raise DataError(f"{where}: {n_behaviors} behaviors make a table that fits in no memory.")
-    all_odds = np.full((*log_odds.shape[:2], n_behaviors, len(columns)), np.nan, np.float16)
-    all_odds[:, :, senses] = log_odds[:, :, rows][..., columns]
-    all_bins = np.zeros((n_groups, objects, len(columns), n_behaviors, bins.shape[4]), np.uint8)
-    all_bins[:, :, :, senses] = bins[:, columns][:, :, rows].transpose(3, 0, 1, 2, 4)
-    all_counts = np.zeros((objects, n_behaviors), np.int64)
-    all_counts[:, senses] = counts[:, rows]
+    o, p, e = (len(meta[key]) for key in ("objects", "attributes", "behaviors"))
+    r = log_odds.shape[1]
+    counts = arrays.get("recording_counts", np.full((o, e), r, np.uint16))
+    groups = arrays.get("groups", np.arange(o)).astype(np.int64)
+    g = int(groups.max(initial=-1)) + 1
+    found = (labels.shape, log_odds.shape, counts.shape, groups.shape, bins.shape[:4], g <= o)
+    if found != ((o, p), (o, r, e, p), (o, e), (o,), (o, p, e, g), True):
+        raise DataError("Names and arrays differ in number; make the table again.")
+    if (bins.sum(axis=-1, dtype=np.uint32) > r).any():
+        raise DataError("Expected no more counts than recordings; make the table again.")
+    columns = [meta["attributes"].index(name) for name in domain.attributes]
+    # Behaviors without modalities take the empty row that is appended.
+    rows = [meta["behaviors"].index(b.name) if b.modalities else e for b in domain.behaviors]
+    if bins.size // max(p * e, 1) * len(columns) * len(rows) > 2 * _BINS:
+        raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
     return PerceptTable(
         domain,
         tuple(meta["objects"]),
         labels[:, columns],
-        all_odds,
+        np.insert(log_odds, e, np.nan, axis=2)[:, :, rows][..., columns],
         arrays["edges"],
-        all_bins,
+        np.insert(bins[:, columns], e, 0, axis=2)[:, :, rows].transpose(3, 0, 1, 2, 4),
         meta["provenance"],
-        all_counts,
+        np.insert(counts, e, 0, axis=1)[:, rows],
         groups,
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze, label_values, set_frozen
 from meal_bayes.display import card, card_html, listed
 from meal_bayes.domain import Domain
 from meal_bayes.errors import DataError, SettingsError
@@ -97,7 +97,7 @@ class PerceptTable:
     def __post_init__(self) -> None:
         set_frozen(
             self,
-            labels=freeze(self.labels, np.int8),
+            labels=freeze(label_values(self.labels), np.int8),
             log_odds=freeze(self.log_odds, np.float16),
             edges=freeze(self.edges),
             training_bins=freeze(self.training_bins, np.uint8),

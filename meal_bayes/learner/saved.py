@@ -5,12 +5,8 @@ of `save_percepts`. What was fitted is stored (`fitted_state.py`), but classifie
 could only be pickled: `load` fits them again, with equal results where they are deterministic.
 """
 
-import io
 import json
-import lzma
-import struct
 import zipfile
-import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.named import AGENTS
+from meal_bayes.archive import UNREADABLE, read_array, read_member, read_meta, write_array
 from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percept_file import read_array, save_percepts
+from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
@@ -30,10 +27,8 @@ from meal_bayes.learner.fitted import own_posterior
 from meal_bayes.learner.fitted_state import pack, unpack
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.rows import Rows
-from meal_bayes.untrusted import read_json
 
 _FORMAT = 4
-_LARGEST = 2**31  # bytes that a member may unpack to
 _TEXT = "learner.json"
 _TABLE = "table.npz"
 _ROWS = {
@@ -41,11 +36,6 @@ _ROWS = {
     "known": "|i1",
 }  # fmt: skip
 _SETTINGS = ("seed", "reward", "percepts", "horizon", "trust", "asked")
-_UNREADABLE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, TypeError,
-    IndexError, AttributeError, EOFError, OverflowError, RecursionError, NotImplementedError,
-    RuntimeError, SyntaxError, MealBayesError,
-)  # fmt: skip
 
 
 def save_learner(learner: Learner, path: Path) -> None:
@@ -97,24 +87,21 @@ def load_learner(
     try:
         with zipfile.ZipFile(path) as archive:
             arrays = _Arrays(archive)
-            meta = read_json(arrays.bytes(_TEXT))
-            if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
-                found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-                raise DataError(f"it has format {found}; this version reads format {_FORMAT}")
+            meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             learner = _learner(meta, agent, classifier, logs)
             own = unpack(meta["posterior"], arrays.read_kept, learner.domain)
             posterior = own_posterior(own, learner.domain, learner.agent)
             learner.fits.settings = replace(learner.fits.settings, posterior=posterior)
             _read_experience(arrays, learner.experience, learner.agent.levels)
             if _TABLE in archive.namelist():
-                return learner.fit(_read_table(arrays, learner))
+                return learner.fit(_read_table(archive, learner))
             if meta["state"] is None:
                 return learner.refit()
             state = unpack(meta["state"], arrays.read_kept, learner.domain)
             learner.fits.restore(learner.agent, state, [int(count) for count in meta["growth"]])
     except SettingsError:
         raise
-    except _UNREADABLE as fault:
+    except (*UNREADABLE, MealBayesError) as fault:
         raise DataError(
             f"{path} is not a whole learner ({fault}); save it again, or fit a new one."
         ) from fault
@@ -216,15 +203,11 @@ class _Arrays:
 
     def write(self, name: str, values: NDArray[Any]) -> None:
         """Write an array."""
-        buffer = io.BytesIO()
-        np.lib.format.write_array(
-            buffer, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False
-        )
-        self._archive.writestr(f"{name}.npy", buffer.getvalue())
+        write_array(self._archive, name, values)
 
     def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
         """Read an array of this type."""
-        return read_array(self.bytes(f"{name}.npy"), name, dtype, axes)
+        return read_array(self._archive, name, dtype, axes)
 
     def write_lines(self, name: str, values: Any) -> None:
         """Write JSON values, a line each."""
@@ -232,19 +215,13 @@ class _Arrays:
 
     def read_lines(self, name: str) -> list[Any]:
         """Read what `write_lines` wrote."""
-        found: list[Any] = json.loads(f"[{self.bytes(name).decode().replace(chr(10), ',')}]")
-        return found
+        text = read_member(self._archive, name).decode().replace("\n", ",")
+        values: list[Any] = json.loads(f"[{text}]")
+        return values
 
     def has(self, name: str) -> bool:
         """Return whether there is an array of this name."""
         return f"{name}.npy" in self._archive.namelist()
-
-    def bytes(self, name: str) -> bytes:
-        """Unpack a member of reasonable size."""
-        info = self._archive.getinfo(name)
-        if info.file_size > _LARGEST:
-            raise ValueError(f"{name} claims {info.file_size} bytes, more than {_LARGEST}")
-        return self._archive.read(info)
 
 
 def _table_bytes(learner: Learner) -> bytes:
@@ -255,8 +232,8 @@ def _table_bytes(learner: Learner) -> bytes:
         return path.read_bytes()
 
 
-def _read_table(arrays: _Arrays, learner: Learner) -> Any:
+def _read_table(archive: zipfile.ZipFile, learner: Learner) -> Any:
     with temporary_folder() as folder:
         path = folder / _TABLE
-        path.write_bytes(arrays.bytes(_TABLE))
+        path.write_bytes(read_member(archive, _TABLE))
         return load_percepts(path, domain=learner.domain)

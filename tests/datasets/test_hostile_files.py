@@ -106,5 +106,5 @@ def test_a_file_beyond_all_tables_is_not_opened(tmp_path):
     path = tmp_path / "own.npz"
     path.write_bytes(b"PK")
     os.truncate(path, 1 << 40)
-    with pytest.raises(DataError, match="a percept table has at most"):
+    with pytest.raises(DataError, match="not a whole percept table"):
         load_percepts(path)
