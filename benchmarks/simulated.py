@@ -21,7 +21,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
 from meal_bayes.evaluation.learning import LearningRow, learning_rows
-from meal_bayes.evaluation.statistics import clustered_se, paired_difference
+from meal_bayes.evaluation.statistics import clustered
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.simulated import (
@@ -108,7 +108,7 @@ def summary(answers: Sequence[Answer]) -> dict[str, float]:
     return {
         "trials": len(answers),
         "accuracy": float(right.mean()),
-        "accuracy_se": clustered_se(right, objects),
+        "accuracy_se": clustered(right, objects).se,
         "cost_s": float(np.mean([one.cost for one in answers])),
         "reward": float(np.mean([one.reward for one in answers])),
         "ece": calibration_error(belief, truth),
@@ -122,9 +122,8 @@ def answers(options: argparse.Namespace) -> dict[str, Any]:
     how = {"seed": options.seed, "asked": options.asked}
     found = {agent: ask_all(options.objects, options.jobs, agent=agent, **how) for agent in AGENTS}
     ours, theirs = (found[agent] for agent in AGENTS)
-    pairs = paired_difference(
-        [one.reward for one in ours], [one.reward for one in theirs], [one.number for one in ours]
-    )
+    gains = [one.reward - other.reward for one, other in zip(ours, theirs, strict=True)]
+    pairs = clustered(gains, [one.number for one in ours]).interval()
     kinds = load_domain(DOMAIN).behaviors
     by_attribute = {
         name: float(np.mean([one.success for one in ours if one.attribute == name]))

@@ -1,7 +1,5 @@
 """Outcomes of all trials of a report, and whole trials of those with the lowest reward."""
 
-import heapq
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,13 +10,6 @@ from meal_bayes.trial_log import Group
 from meal_bayes.trials import Trial, TrialOutcomes
 
 WORST = 10  # trials that are kept whole
-
-
-class Batch(NamedTuple):
-    """Place of a file in an online run."""
-
-    number: int
-    part: str  # "train" or "test"
 
 
 class Worst(NamedTuple):
@@ -32,22 +23,33 @@ class Worst(NamedTuple):
         One row.
     trial : Trial | None
         None of a compact log.
+    badness : float
+        Belief in the report less the reward.
     """
 
     file: Path
     number: int
     outcome: TrialOutcomes
     trial: Trial | None
+    badness: float
 
 
 class Collected:
-    """What has been read of the logs of a report."""
+    """What has been read of the logs of a report.
+
+    Attributes
+    ----------
+    trials : int
+        How many.
+    worst : list[Worst]
+        The trials with the lowest reward; of equals, those that were surest, then the first.
+    """
 
     def __init__(self) -> None:
         self.trials = 0
+        self.worst: list[Worst] = []
         self._parts: list[TrialOutcomes] = []
-        self._batches: list[Batch | None] = []  # of the parts
-        self._worst: list[tuple[float, int, Worst]] = []  # a heap, the least bad first
+        self._batches: list[tuple[int, bool]] = []  # of the parts: number, whether it is a test
 
     def add(self, group: Group) -> None:
         """Add a group, and keep its worst trials."""
@@ -56,20 +58,16 @@ class Collected:
         for row in np.argsort(-badness, kind="stable")[:WORST].tolist():
             if badness[row] > -np.inf:
                 trial = group.trials[row] if group.trials else None
-                bad = Worst(group.file, group.places[row], outcomes.rows([row]), trial)
-                item = (float(badness[row]), -self.trials - row, bad)
-                if len(self._worst) < WORST:
-                    heapq.heappush(self._worst, item)
-                else:
-                    heapq.heappushpop(self._worst, item)
+                self.worst.append(
+                    Worst(group.file, group.places[row], outcomes.rows([row]), trial, badness[row])
+                )
+        self.worst = sorted(self.worst, key=lambda worst: -worst.badness)[:WORST]
+        # An online run names the batch of a log, and its part, in the header.
+        number, part = group.header.get("batch"), group.header.get("part")
+        online = isinstance(number, int) and part in ("train", "test")
+        self._batches.append((number, part == "test") if online else (-1, False))  # type: ignore[arg-type]
         self._parts.append(outcomes)
-        self._batches.append(batch_of(group.header))
         self.trials += len(outcomes)
-
-    @property
-    def worst(self) -> list[Worst]:
-        """The trials with the lowest reward; of equals, those that were surest, then the first."""
-        return [bad for _, _, bad in sorted(self._worst, key=lambda item: item[:2], reverse=True)]
 
     def outcomes(self) -> TrialOutcomes:
         """Return the outcomes of all trials."""
@@ -77,15 +75,6 @@ class Collected:
 
     def batches(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return the batch of each trial, (n,), -1 where it has none; and whether it is a test."""
+        number, test = np.array(self._batches).T
         sizes = list(map(len, self._parts))
-        number = [-1 if batch is None else batch.number for batch in self._batches]
-        test = [batch is not None and batch.part == "test" for batch in self._batches]
-        return np.repeat(number, sizes), np.repeat(test, sizes)
-
-
-def batch_of(header: Mapping[str, object]) -> Batch | None:
-    """Read the batch of an online run from a log's header: `batch`, and `part` train or test."""
-    number, part = header.get("batch"), header.get("part")
-    if isinstance(number, int) and part in ("train", "test"):
-        return Batch(number, str(part))
-    return None
+        return np.repeat(number, sizes), np.repeat(test.astype(bool), sizes)

@@ -7,8 +7,8 @@ budgets of hours, after the last batch, and by the successes within a budget (Eq
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from meal_bayes.seeds import stream
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 Array = NDArray[np.float64]
+Curves = Mapping[int, Array]  # hours and mean test rewards (2,B) by repeat
 
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
 RATIO = 0.5  # test objects over training objects: the paper's thirds
@@ -86,30 +87,20 @@ class LearningSummary(Measures):
     accuracy_after: float
     ece_after: float
 
-    @property
-    def decided(self) -> bool:
-        """Whether the interval of the area excludes 0."""
-        return self.area_low > 0 or self.area_high < 0
-
-
-class Curves(NamedTuple):
-    """Curves of one agent, S repeats and B batches.
-
-    Attributes
-    ----------
-    repeats : (S,) their numbers.
-    hours, accuracy, reward : (S,B).
-    """
-
-    repeats: tuple[int, ...]
-    hours: Array
-    accuracy: Array
-    reward: Array
-
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     """Measure every batch of test trials."""
-    return [_row(result) for result in results]
+    rows = []
+    for agent, repeat, batch, hours, outcomes in results:
+        positive, truth = outcomes.beliefs()
+        accuracy = mean(outcomes, "success")
+        rows.append(LearningRow(
+            agent, repeat, batch, hours, accuracy.estimate, float(outcomes.reward.mean()),
+            calibration_error(positive, truth), accuracy.se, float(outcomes.cost.mean()),
+            float(negative_log_likelihood(positive, truth).mean()),
+            float(outcomes.certainty.mean()),
+        ))  # fmt: skip
+    return rows
 
 
 def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
@@ -119,15 +110,14 @@ def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
     ------
     SettingsError : no results of this agent, or repeats of different length.
     """
-    mine = sorted((r for r in results if r.agent == agent), key=lambda r: (r.repeat, r.batch))
-    repeats = tuple(dict.fromkeys(result.repeat for result in mine))
-    if not mine or len(mine) % len(repeats):
+    points: dict[int, list[tuple[int, float, float]]] = {}
+    for result in results:
+        if result.agent == agent:
+            point = (result.batch, result.hours, float(result.outcomes.reward.mean()))
+            points.setdefault(result.repeat, []).append(point)
+    if len({len(curve) for curve in points.values()}) != 1:
         raise SettingsError(f"No whole learning curve of {agent!r}; run it, or wait for its end.")
-    shape = (len(repeats), -1)
-    hours = np.array([result.hours for result in mine]).reshape(shape)
-    accuracy = np.array([_accuracy(result.outcomes) for result in mine]).reshape(shape)
-    reward = np.array([result.outcomes.reward.mean() for result in mine]).reshape(shape)
-    return Curves(repeats, hours, accuracy, reward)
+    return {repeat: np.array(sorted(points[repeat])).T[1:] for repeat in sorted(points)}
 
 
 def summarize_learning(
@@ -139,6 +129,9 @@ def summarize_learning(
 ) -> list[LearningSummary]:
     """Compare every agent with the reference.
 
+    The area is that between curves which are linear between batches, and stay at their end where
+    an agent has explored less than the reference.
+
     Parameters
     ----------
     results : of all agents.
@@ -148,8 +141,26 @@ def summarize_learning(
     """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
-    base = curves[agents[0] if reference is None else reference]
-    return [_summary(results, agent, curves[agent], base, ratio, mass) for agent in agents]
+    base, rows = curves[reference or agents[0]], []
+    for agent in agents:
+        own, shared = curves[agent], _shared(curves[agent], base)
+        end = float(np.mean([base[repeat][0, -1] for repeat in shared]))
+        area = _difference(own, base, partial(mean_until, end=end), ratio, mass)
+        after = _difference(own, base, lambda hours, reward: reward[-1], ratio)
+        last = max(result.batch for result in results if result.agent == agent)
+        accuracy = [
+            result.outcomes.success[result.outcomes.judged].mean()
+            for result in results
+            if (result.agent, result.batch) == (agent, last)
+        ]
+        rows.append(LearningSummary(
+            agent, end, area.estimate, area.low, area.high,
+            reward_after=float(np.mean([reward[-1] for _, reward in own.values()])),
+            reward_after_difference=after.estimate,
+            accuracy_after=float(np.mean(accuracy)),
+            ece_after=pooled_ece(result for result in results if result.agent == agent)[0],
+        ))  # fmt: skip
+    return rows
 
 
 def decided(results: Sequence[BatchOutcomes]) -> bool:
@@ -159,28 +170,12 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
     """
     repeats = len({result.repeat for result in results})
     look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / _FIRST)))
-    return all(row.decided for row in summarize_learning(results, mass=1 - spent(look))[1:])
-
-
-def area_difference(
-    own: Curves, base: Curves, *, ratio: float = RATIO, mass: float = MASS
-) -> tuple[float, Interval]:
-    """Compare mean rewards over the hours that the reference explores.
-
-    A curve is linear between batches, and stays at its end where an agent has explored less.
-
-    Returns
-    -------
-    The hours, mean over repeats, and the paired difference.
-    """
-    own, base = _shared(own, base)
-    hours = float(base.hours[:, -1].mean())
-    return hours, _difference(own, base, lambda x, y: mean_until(x, y, hours), ratio, mass)
+    rows = summarize_learning(results, mass=1 - spent(look))[1:]
+    return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 
 
 def difference_at(own: Curves, base: Curves, budget: float, *, ratio: float = RATIO) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches."""
-    own, base = _shared(own, base)
     return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)), ratio)
 
 
@@ -241,74 +236,18 @@ def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[
     return calibration_error(positive, truth), expected_calibration_error(positive, rng, draws=20)
 
 
-def _row(result: BatchOutcomes) -> LearningRow:
-    outcomes = result.outcomes
-    positive, truth = outcomes.beliefs()
-    accuracy = mean(outcomes, "success")
-    return LearningRow(
-        agent=result.agent,
-        repeat=result.repeat,
-        batch=result.batch,
-        hours=result.hours,
-        accuracy=accuracy.estimate,
-        reward=float(outcomes.reward.mean()),
-        ece=calibration_error(positive, truth),
-        accuracy_se=accuracy.se,
-        test_cost_s=float(outcomes.cost.mean()),
-        nll=float(negative_log_likelihood(positive, truth).mean()),
-        claimed_accuracy=float(outcomes.certainty.mean()),
-    )
-
-
-def _accuracy(outcomes: TrialOutcomes) -> float:
-    return float(outcomes.success[outcomes.judged].mean())
-
-
-def _summary(
-    results: Sequence[BatchOutcomes], agent: str, own: Curves, base: Curves, ratio: float,
-    mass: float,
-) -> LearningSummary:  # fmt: skip
-    hours, area = area_difference(own, base, ratio=ratio, mass=mass)
-    paired, against = _shared(own, base)
-    after = paired.reward[:, -1] - against.reward[:, -1]
-    return LearningSummary(
-        agent=agent,
-        area_hours=hours,
-        area_reward_difference=area.estimate,
-        area_low=area.low,
-        area_high=area.high,
-        reward_after=float(own.reward[:, -1].mean()),
-        reward_after_difference=float(after.mean()),
-        accuracy_after=float(own.accuracy[:, -1].mean()),
-        ece_after=pooled_ece(result for result in results if result.agent == agent)[0],
-    )
-
-
 def _difference(
     own: Curves, base: Curves, of: Callable[[Array, Array], float], ratio: float,
     mass: float = MASS,
 ) -> Interval:  # fmt: skip
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
-    found, against = (
-        [of(hours, reward) for hours, reward in zip(one.hours, one.reward, strict=True)]
-        for one in (own, base)
-    )
-    return resampled(np.subtract(found, against), ratio).interval(mass)
+    gains = [of(*own[repeat]) - of(*base[repeat]) for repeat in _shared(own, base)]
+    return resampled(gains, ratio).interval(mass)
 
 
-def _shared(own: Curves, base: Curves) -> tuple[Curves, Curves]:
-    """Return the repeats that two agents share.
-
-    Raises
-    ------
-    SettingsError : there are none.
-    """
-    repeats = tuple(sorted({*own.repeats} & {*base.repeats}))
+def _shared(own: Curves, base: Curves) -> list[int]:
+    """Return the repeats that two agents share; raise a `SettingsError` where there are none."""
+    repeats = sorted(own.keys() & base.keys())
     if not repeats:
         raise SettingsError("No repeat is of both agents; run the same repeats of each.")
-
-    def of(curves: Curves) -> Curves:
-        rows = [curves.repeats.index(repeat) for repeat in repeats]
-        return Curves(repeats, *(part[rows] for part in curves[1:]))
-
-    return of(own), of(base)
+    return repeats

@@ -91,34 +91,25 @@ class Cells:
             raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
         own, values = outcomes.rows(known), values[known]
         again = np.zeros(len(known), int) if repeats is None else np.asarray(repeats)
-        columns: dict[str, Any] = {
-            "agent": own.agent, "object": own.object_name, "repeat": again[known],
-        }  # fmt: skip
+        columns = {"agent": own.agent, "object": own.object_name, "repeat": again[known],
+                   "attribute": own.attribute}  # fmt: skip
         coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
-        names, attributes = np.unique(own.attribute.astype(str), return_inverse=True)
-        rows = np.column_stack(
-            [*(code for _, code in coded.values()), attributes.reshape(len(own), -1)]
-        )
-        cells, inverse = np.unique(rows, axis=0, return_inverse=True)
+        codes = [code.reshape(len(own), -1) for _, code in coded.values()]
+        cells, inverse = np.unique(np.hstack(codes), axis=0, return_inverse=True)
         inverse = inverse.ravel()
-        total = np.bincount(inverse, values)
-        residual = values - (total / np.bincount(inverse))[inverse]
+        trials, total = np.bincount(inverse), np.bincount(inverse, values)
+        residual = values - (total / trials)[inverse]
         free = len(values) - len(cells)
         spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
-        agent, thing, repeat = cells[:, 0], cells[:, 1], cells[:, 2]
+        agent, thing, repeat = cells[:, :3].T
         sizes = {name: len(levels) for name, (levels, _) in coded.items()}
-        terms = {
-            **dict(zip(columns, (agent, thing, repeat), strict=True)),
-            "attribute": cells[:, 3:],
-            "agent object": agent * sizes["object"] + thing,
-            "agent repeat": agent * sizes["repeat"] + repeat,
-        }
-        sizes |= {"attribute": len(names), "agent object": sizes["agent"] * sizes["object"],
-                  "agent repeat": sizes["agent"] * sizes["repeat"]}  # fmt: skip
-        used = {name: index for name, index in terms.items() if sizes[name] > 1}
-        if sizes["repeat"] == 1:
-            used.pop("agent repeat", None)
-        return cls(used, sizes, np.bincount(inverse), np.asarray(total, float),
+        terms = {"agent": agent, "object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
+        for other, index in (("object", thing), ("repeat", repeat)):
+            if sizes[other] > 1 or other == "object":
+                terms[f"agent {other}"] = agent * sizes[other] + index
+                sizes[f"agent {other}"] = sizes["agent"] * sizes[other]
+        return cls({name: index for name, index in terms.items() if sizes[name] > 1}, sizes,
+                   trials, np.asarray(total, float),
                    math.nan if measure == "success" else max(spread, 1e-9),
                    tuple(coded["agent"][0].tolist()))  # fmt: skip
 
@@ -202,12 +193,10 @@ def sample(cells: Cells, *, draws: int = 500, seed: int = 0) -> dict[str, Array]
     from meal_bayes.posterior import hierarchical  # noqa: PLC0415  takes seconds
 
     pm: Any = hierarchical.pm  # type: ignore[attr-defined]  # PyMC, once its folders are set
-    scale = 1.0
-    centre = 0.0
+    means, center, scale = cells.total / cells.trials, 0.0, 1.0
     if not math.isnan(cells.spread):  # costs and rewards are measured in their own spread
-        centre = float(cells.total.sum() / cells.trials.sum())
-        scale = float(np.sqrt(np.average((cells.total / cells.trials - centre) ** 2,
-                                         weights=cells.trials))) or 1.0  # fmt: skip
+        center = float(cells.total.sum() / cells.trials.sum())
+        scale = math.sqrt(np.average((means - center) ** 2, weights=cells.trials)) or 1.0
     with pm.Model() as model:
         eta = pm.Normal("mean", 0.0, 1.5)
         for name, index in cells.terms.items():
@@ -218,19 +207,19 @@ def sample(cells: Cells, *, draws: int = 500, seed: int = 0) -> dict[str, Array]
         if math.isnan(cells.spread):
             pm.Binomial("successes", cells.trials, logit_p=eta, observed=cells.total)
         else:
-            noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale)
-            means = (cells.total / cells.trials - centre) / scale
-            pm.Normal("means", eta, noise / np.sqrt(cells.trials), observed=means)
+            noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale) / np.sqrt(cells.trials)
+            pm.Normal("means", eta, noise, observed=(means - center) / scale)
         trace = pm.sample(
             draws, tune=draws, chains=2, cores=1, target_accept=0.9, progressbar=False,
             random_seed=int(stream(seed, "outcomes").integers(2**31)), model=model,
             compute_convergence_checks=False,
         )  # fmt: skip
-    found = {str(name): value.to_numpy().reshape(2 * draws, *value.shape[2:])
-             for name, value in trace.posterior.items()}  # fmt: skip
-    out = {name: scale * value for name, value in found.items() if not name.startswith("standard")}
-    out["mean"] = out["mean"] + centre
-    return out
+    values = {
+        str(name): scale * value.to_numpy().reshape(2 * draws, *value.shape[2:])
+        for name, value in trace.posterior.items()
+        if not str(name).startswith("standard")
+    }
+    return values | {"mean": values["mean"] + center}
 
 
 def population_means(cells: Cells, posterior: dict[str, Array]) -> Array:

@@ -1,15 +1,12 @@
 """Figures of trials; every function draws into `ax` or a new figure, and returns the Axes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import level_names
-from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import bins_of, checked_cases
 from meal_bayes.evaluation.canvas import (
     COLORS,
@@ -30,8 +27,7 @@ _CELLS = 64  # of an image, beyond which its numbers are small
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
 
 
-@dataclass(frozen=True, slots=True)
-class Series:
+class Series(NamedTuple):
     """One line and, where it is known, the band of its error; (n,) each, NaN in y is a gap."""
 
     name: str
@@ -39,21 +35,6 @@ class Series:
     y: NDArray[np.float64]
     low: NDArray[np.float64] | None = None
     high: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.x)
-        for name in ("x", "y", "low", "high"):
-            values = getattr(self, name)
-            if values is None:
-                continue
-            if np.shape(values) != shape or len(shape) != 1:
-                raise SettingsError(
-                    f"Series {self.name!r}: {name} has shape {np.shape(values)}, x has {shape}; "
-                    "give lists of one length."
-                )
-            set_frozen(self, **{name: freeze(values)})
-        if (self.low is None) != (self.high is None):
-            raise SettingsError(f"Series {self.name!r}: give both ends of its band, or none.")
 
 
 def lines(
@@ -117,8 +98,6 @@ def bars(
         width, single = 0.8 / max(len(groups), 1), len(groups) == 1
         place = np.arange(len(names))
         for number, (group, found) in enumerate(groups.items()):
-            if len(found) != len(names):
-                raise SettingsError(f"{group!r} has {len(found)} intervals for {len(names)} names.")
             at = place + (number - (len(groups) - 1) / 2) * width
             colors = [COLORS[i % len(COLORS)] for i in place] if single else COLORS[number % 8]
             heights = np.array([one.estimate for one in found])
@@ -197,8 +176,6 @@ def heat_map(
     color, the table's own by default.
     """
     table = np.asarray(values, float)
-    if table.shape != (len(y), len(x)):
-        raise SettingsError(f"{table.shape} values; expected ({len(y)}, {len(x)}), as y and x.")
     with axes_to_draw(ax) as to:
         low, high = limits or (None, None)
         image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
@@ -38,11 +37,6 @@ def forest(
         Rows.
     """
     center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
-    if center.shape != (len(attributes), len(behaviors), 2) or ends.shape[:-1] != center.shape:
-        raise SettingsError(
-            f"Rows have shapes {center.shape} and {ends.shape[:-1]}; expected "
-            f"({len(attributes)}, {len(behaviors)}, 2)."
-        )
     gap = center[..., 1] - center[..., 0]
     pairs = sorted(np.ndindex(gap.shape), key=lambda pair: -gap[pair])[:most]
     pairs.sort(key=lambda pair: (pair[0], -gap[pair]))
@@ -88,10 +82,6 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
         (S,2,n+1) replicates.
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
-    if counts.ndim != 2 or len(counts) != 2 or drawn.shape[1:] != counts.shape:
-        raise SettingsError(
-            f"Observed {counts.shape} and predicted {drawn.shape}; expected (2,n+1) and (S,2,n+1)."
-        )
     x = np.arange(counts.shape[1])
     with axes_to_draw(ax) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):

@@ -1,5 +1,9 @@
-"""One page of a run: accuracy, cost, calibration, and the trials with the lowest reward."""
+"""One page of a run: accuracy, cost, calibration, and the trials with the lowest reward.
 
+Sections are dictionaries, whose entries stand at the head of `templates/report.html`.
+"""
+
+import base64
 import json
 import math
 import os
@@ -7,24 +11,29 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader
 
+from meal_bayes.display import percent
+from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
-from meal_bayes.evaluation.collect import Collected
-from meal_bayes.evaluation.page import Block, Cell, Figure, Table, render_page
-from meal_bayes.evaluation.statistics import Interval, wilson_interval
+from meal_bayes.evaluation.canvas import svg
+from meal_bayes.evaluation.collect import Collected, Worst
+from meal_bayes.evaluation.statistics import wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
-from meal_bayes.evaluation.worst import worst_trials
 from meal_bayes.files import check_output, write_whole
 from meal_bayes.trial_log import Logs
-from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials import Trial, TrialOutcomes, percept_labels, truth_text
 from meal_bayes.trials.text import UNKNOWN
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
+_OPENED = 3  # trials that are not folded
+
+Section = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,29 +82,37 @@ def write_report(
 def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
     """Return the page as HTML; of a single trial, the trial without statistics."""
     agents = {name or "agent": outcomes.of_agent(name) for name in outcomes.agents}
-    statistics: list[Block] = []
+    sections = list[Section]()
+    if logs.problems:
+        text = "Some of the logs are damaged or unfinished; this page shows their whole trials."
+        sections += [
+            {"title": "Warning", "text": text, "problems": logs.problems, "kind": "warning"}
+        ]
     if len(outcomes) > 1:
         rows = summarize(outcomes)
-        statistics = [
+        sections += [
             _agents(rows, agents, outcomes),
             *_learning(data, outcomes),
             _calibration(rows, outcomes),
             _attributes(agents),
             _behaviors(agents),
         ]
+    sections += [_worst_trials(data), _run(logs)]
     config = logs.header.get("config")
     name = config.get("dataset") if isinstance(config, dict) else None
-    title = f"Trials on {name}" if isinstance(name, str) else "Trials"
-    blocks = [*_warnings(logs), *statistics, worst_trials(data), _run(logs)]
-    return render_page(title, _source(logs.files), _facts(outcomes), blocks)
-
-
-def _source(files: Sequence[Path]) -> str:
-    """Return a short name of the logs: the file, or the folder that they share."""
-    if len(files) == 1:
-        return files[0].name
-    folder = Path(os.path.commonpath([file.resolve() for file in files])).name
-    return f"{len(files)} logs in {folder}"
+    source = logs.files[0].name
+    if len(logs.files) > 1:
+        folder = os.path.commonpath([file.resolve() for file in logs.files])
+        source = f"{len(logs.files)} logs in {Path(folder).name}"
+    environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
+    environment.filters["base64"] = lambda ax: base64.b64encode(svg(ax).encode()).decode()
+    page = environment.get_template("report.html").render(
+        title=f"Trials on {name}" if isinstance(name, str) else "Trials",
+        source=source,
+        facts=_facts(outcomes),
+        blocks=sections,
+    )
+    return page + "\n"
 
 
 def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
@@ -105,91 +122,71 @@ def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
         "agent": len(outcomes.agents),
         "object": len(set(outcomes.object_name.tolist())),
     }
-    spent = float(outcomes.cost.sum())
-    hours = spent / _HOUR
-    unit, amount = ("hours", f"{hours:.1f}") if hours > _SHORT else ("seconds", f"{spent:.1f}")
+    cost = float(outcomes.cost.sum())
+    hours = cost / _HOUR
+    unit, amount = ("hours", f"{hours:.1f}") if hours > _SHORT else ("seconds", f"{cost:.1f}")
     counted = {name + "s" * (n != 1): f"{n:,}" for name, n in numbers.items()}
     return {**counted, f"{unit} of robot time": amount}
 
 
-def _warnings(logs: Logs) -> Iterator[Block]:
-    if logs.problems:
-        text = "Some of the logs are damaged or unfinished; this page shows their whole trials."
-        yield Block(title="Warning", text=text, items=logs.problems, kind="warning")
-
-
-def _count(row: SummaryRow) -> str:
-    missing = row.trials - row.judged
-    return f"{row.trials:,}" + f", {missing:,} {UNKNOWN}" * (missing > 0)
-
-
-def _with_error(value: float, se: float, digits: int) -> str:
+def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
+    """Return a number, with its standard error where that is known."""
     if math.isnan(value):
-        return UNKNOWN
+        return unknown
     return f"{value:.{digits}f}" + ("" if math.isnan(se) else f" ± {se:.{digits}f}")
-
-
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-class _Column(NamedTuple):
-    """A column of the table of agents; the one with the largest `merit` stands in bold."""
-
-    text: Callable[[SummaryRow], str]
-    merit: Callable[[SummaryRow], float] | None = None
-
-
-# Neither cost nor ECE has a best: both are low where an agent does nothing.
-_COLUMNS = {
-    "agent": _Column(lambda row: row.agent or "agent"),
-    "trials": _Column(_count),
-    "accuracy": _Column(
-        lambda row: _with_error(row.accuracy, row.accuracy_se, 3),
-        lambda row: round(row.accuracy, 3),
-    ),
-    "cost, s (sd)": _Column(lambda row: f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})"),
-    "reward": _Column(
-        lambda row: _with_error(row.reward, row.reward_se, 1), lambda row: round(row.reward, 1)
-    ),
-    "NLL": _Column(lambda row: _number(row.nll, 3), lambda row: -round(row.nll, 3)),
-    "ECE": _Column(lambda row: _number(row.ece, 3)),
-    "abstained": _Column(lambda row: f"{_number(100 * row.abstained, 1)} %"),
-}
 
 
 def _agents(
     rows: list[SummaryRow], agents: Mapping[str, TrialOutcomes], outcomes: TrialOutcomes
-) -> Block:
-    best = {name: _best([column.merit(row) for row in rows]) for name, column in _COLUMNS.items()
-            if column.merit is not None}  # fmt: skip
+) -> Section:
+    columns: dict[str, list[str]] = {
+        "agent": [row.agent or "agent" for row in rows],
+        "trials": [
+            f"{row.trials:,}"
+            + f", {row.trials - row.judged:,} {UNKNOWN}" * (row.trials > row.judged)
+            for row in rows
+        ],
+        "accuracy": [_number(row.accuracy, 3, row.accuracy_se, UNKNOWN) for row in rows],
+        "cost, s (sd)": [f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})" for row in rows],
+        "reward": [_number(row.reward, 1, row.reward_se, UNKNOWN) for row in rows],
+        "NLL": [_number(row.nll, 3) for row in rows],
+        "ECE": [_number(row.ece, 3) for row in rows],
+        "abstained": [f"{_number(100 * row.abstained, 1)} %" for row in rows],
+    }
+    # Neither cost nor ECE has a best: both are low where an agent does nothing.
+    best = {
+        "accuracy": best_of([round(row.accuracy, 3) for row in rows]),
+        "reward": best_of([round(row.reward, 1) for row in rows]),
+        "NLL": best_of([-round(row.nll, 3) for row in rows]),
+    }
     cells = [
         [
-            Cell(column.text(row), best=place in best.get(name, ()))
-            for name, column in _COLUMNS.items()
+            {"text": texts[place], "best": place in best.get(name, ())}
+            for name, texts in columns.items()
         ]
-        for place, row in enumerate(rows)
+        for place in range(len(rows))
     ]
-    text = (
-        "A trial counts as right when all its attributes are; one that abstained does not. "
-        "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
-        "belief. Bold: best accuracy, reward and NLL."
-    )
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {name: (mean(own, "success"), mean(own, "cost")) for name, own in agents.items()}
-        costs = {name: own.cost[own.ended == ""] for name, own in agents.items()}
         known = {name: both for name, both in points.items() if not math.isnan(both[0].estimate)}
         if known:
             caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."
-            figures.append(Figure(plots.accuracy_and_cost(known), caption))
+            figures.append((plots.accuracy_and_cost(known), caption))
+        costs = {name: own.cost[own.ended == ""] for name, own in agents.items()}
         caption = "Fraction of trials that cost at most so many seconds."
-        figures.append(Figure(plots.cost_distribution(costs), caption))
-    tables = [Table(list(_COLUMNS), cells), *_differences(rows, outcomes)]
-    return Block(title="Agents", text=text, tables=tables, figures=figures)
+        figures.append((plots.cost_distribution(costs), caption))
+    return {
+        "title": "Agents",
+        "text": "A trial counts as right when all its attributes are; one that abstained does not. "
+        "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
+        "belief. Bold: best accuracy, reward and NLL.",
+        "tables": [{"head": list(columns), "rows": cells}, *_differences(rows, outcomes)],
+        "figures": figures,
+    }
 
 
-def _best(merits: Sequence[float]) -> set[int]:
+def best_of(merits: Sequence[float]) -> set[int]:
     """Return the positions of the largest merit; none where all are equal or unknown."""
     known = {merit for merit in merits if not math.isnan(merit)}
     if len(known) < 2:
@@ -197,7 +194,7 @@ def _best(merits: Sequence[float]) -> set[int]:
     return {place for place, merit in enumerate(merits) if merit == max(known)}
 
 
-def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Table]:
+def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Section]:
     """Compare every agent with the one that has the highest reward, on the tasks they share."""
     best = max(rows, key=lambda row: -math.inf if math.isnan(row.reward) else row.reward).agent
     cells = []
@@ -208,13 +205,18 @@ def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Ta
             found = [compare(outcomes, best, row.agent, measure=m) for m in ("reward", "cost")]
         except SettingsError:  # no task in common
             continue
-        cells.append([f"{best} - {row.agent}", *map(_with_interval, found)])
+        texts = (
+            f"{one.estimate:+.1f}"
+            + ("" if math.isnan(one.se) else f" [{one.low:.1f}, {one.high:.1f}]")
+            for one in found
+        )
+        cells.append([f"{best} - {row.agent}", *texts])
     if cells:
         note = "Differences on the same tasks, with 95 % intervals:"
-        yield Table(["difference", "reward", "cost, s"], cells, note=note)
+        yield {"head": ["difference", "reward", "cost, s"], "rows": cells, "note": note}
 
 
-def _learning(data: Collected, outcomes: TrialOutcomes) -> Iterator[Block]:
+def _learning(data: Collected, outcomes: TrialOutcomes) -> Iterator[Section]:
     """Yield the learning curves, where an agent has tests of two batches."""
     batch, test = data.batches()
     curves = []
@@ -225,37 +227,35 @@ def _learning(data: Collected, outcomes: TrialOutcomes) -> Iterator[Block]:
         if len(numbers) < 2:
             continue
         trained = own & ~test & (batch >= 0)
-        spent = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]
+        hours = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]
         success = [outcomes.success[judged & (batch == n)] for n in numbers]
-        found = np.array([wilson_interval(int(one.sum()), len(one)) for one in success])
-        curves.append(
-            plots.Series(name or "agent", np.array(spent), found[:, 0], found[:, 2], found[:, 3])
-        )
+        accuracy = np.array([wilson_interval(int(each.sum()), len(each)) for each in success])
+        curves.append(plots.Series(name or "agent", np.array(hours), *accuracy[:, [0, 2, 3]].T))
     if curves:
         caption = (
             "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
         )
-        yield Block(title="Learning", figures=[Figure(plots.learning_curve(curves), caption)])
+        yield {"title": "Learning", "figures": [(plots.learning_curve(curves), caption)]}
 
 
-def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Block:
+def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Section:
     figures = []
     for row in rows:
         positive, truth = outcomes.of_agent(row.agent).beliefs()
         if len(truth):
             drawn = plots.reliability_diagram(positive, truth, small=True)
             caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
-            figures.append(Figure(drawn, caption))
+            figures.append((drawn, caption))
     text = (
         "Of all attributes with a final belief of 80 %, 80 % should be true: points on the "
         "diagonal. Bars are 95 % intervals, gray columns the fraction of beliefs in each bin. "
         "The second number of a caption is the expected calibration error (ECE) that calibrated "
         "beliefs of the same values would show."
     )
-    return Block(title="Calibration", text=text, figures=figures, kind="small")
+    return {"title": "Calibration", "text": text, "figures": figures, "kind": "small"}
 
 
-def _attributes(agents: Mapping[str, TrialOutcomes]) -> Block:
+def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
     asked, right = {}, {}
     for name, own in agents.items():
         known = (own.truth >= 0) & (own.ended == "")[:, None]
@@ -263,48 +263,88 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Block:
         right[name] = Counter(own.attribute[known & (own.report == own.truth)].tolist())
     total = sum(asked.values(), start=Counter[str]())
     cells = []
-    for attribute in sorted(total, key=lambda one: (-total[one], one)):
-        row: list[str | Cell] = [attribute, f"{total[attribute]:,}"]
+    for attribute in sorted(total, key=lambda name: (-total[name], name)):
+        row: list[str | Section] = [attribute, f"{total[attribute]:,}"]
         for name in agents:
             n = asked[name][attribute]
             fraction = right[name][attribute] / n if n else 0.0
-            row.append(Cell(f"{fraction:.3f}", bar=fraction) if n else "-")
+            row.append({"text": f"{fraction:.3f}", "bar": fraction} if n else "-")
         cells.append(row)
     text = "Fraction of right answers in each attribute; an agent that abstained was not right."
-    return Block(
-        title="Attributes", text=text, tables=[Table(["attribute", "asked", *agents], cells)]
-    )
+    table = {"head": ["attribute", "asked", *agents], "rows": cells}
+    return {"title": "Attributes", "text": text, "tables": [table]}
 
 
-def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Block:
-    executed = {name: own.executed.sum(axis=0) for name, own in agents.items()}
-    failed = {name: own.failed.sum(axis=0) for name, own in agents.items()}
+def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
+    counts = [(own.executed.sum(axis=0), own.failed.sum(axis=0)) for own in agents.values()]
     cells = []
     for column, behavior in enumerate(next(iter(agents.values())).behaviors):
-        row: list[str | Cell] = [behavior]
-        for name in agents:
-            done, empty = executed[name][column], failed[name][column]
-            bar = done / max(executed[name].sum(), 1)
-            row.append(Cell(f"{done:,} ({empty / done:.0%})", bar=bar) if done else "-")
+        row: list[str | Section] = [behavior]
+        for executed, failed in counts:
+            done, empty = executed[column], failed[column]
+            bar = done / max(executed.sum(), 1)
+            row.append({"text": f"{done:,} ({empty / done:.0%})", "bar": bar} if done else "-")
         cells.append(row)
     text = (
         "Executions, and in brackets how many of them were without a percept. A bar is the "
         "behavior's fraction of all that the agent executed."
     )
-    return Block(title="Behaviors", text=text, tables=[Table(["behavior", *agents], cells)])
+    tables = [{"head": ["behavior", *agents], "rows": cells}]
+    return {"title": "Behaviors", "text": text, "tables": tables}
 
 
-def _run(logs: Logs) -> Block:
+def _worst_trials(data: Collected) -> Section:
+    """Return the trials with the lowest reward; a single trial with its own title."""
+    parts = [{**_trial(worst), "opened": rank < _OPENED} for rank, worst in enumerate(data.worst)]
+    if data.trials == 1:
+        return {"title": "The trial", "parts": parts}
+    text = "Those with the lowest reward; among equals, where the belief was nearest to certain."
+    return {"title": "The worst trials", "text": text, "parts": parts}
+
+
+def _trial(worst: Worst) -> Section:
+    file, number, outcome, trial, _ = worst
+    query = Query(tuple(filter(None, outcome.attribute[0])))
+    verdict = report = "abstained"
+    if outcome.answered[0]:
+        report = query.report_name(outcome.report[0][: len(query)] == 1)
+        verdict = "right" if outcome.success[0] else "wrong"
+    title = (
+        f"trial {number}: {', '.join(query.attributes)}? {outcome.object_name[0]}, "
+        f"{outcome.agent[0]}: {report}; {outcome.cost[0]:.1f} s, reward {outcome.reward[0]:.1f}"
+    )
+    text = f"truth: {truth_text(query.attributes, outcome.truth[0][: len(query)])}"
+    if trial is None:
+        return {"title": title, "verdict": verdict, "text": f"{text}; {file} holds no steps"}
+    caption = "Belief after each step; the circles at the end are the truth."
+    head = ["", "behavior", "s", "percept", "belief"]
+    return {
+        "title": title,
+        "verdict": verdict,
+        "text": text,
+        "command": f"meal-bayes view {file} --trial {number}",
+        "tables": [{"head": head, "rows": list(_steps(trial)), "texts": (1, 3, 4)}],
+        "figures": [(plots.belief_trace(trial), caption)] if len(trial.steps) > 1 else [],
+    }
+
+
+def _steps(trial: Trial) -> Iterator[list[str]]:
+    momdp = trial.momdp
+    for number, step in enumerate(trial.steps, start=1):
+        action, percept = step.decision.action, step.warning or "-"
+        if action >= momdp.n_behaviors:
+            percept = ""
+        elif step.observation is not None:
+            percept = ", ".join(percept_labels(momdp, action, step.observation))
+        belief = ", ".join(map(percent, step.belief.positive.tolist()))
+        yield [str(number), momdp.action_label(action), f"{step.cost:g}", percept, belief]
+
+
+def _run(logs: Logs) -> Section:
     text = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
     files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
     parts = [
-        Block(title="Configuration and versions", code=text),
-        Block(title="Logs", tables=[Table(["file", "bytes"], files)]),
+        {"title": "Configuration and versions", "code": text},
+        {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
     ]
-    return Block(title="The run", parts=parts)
-
-
-def _with_interval(found: Interval) -> str:
-    if math.isnan(found.se):
-        return f"{found.estimate:+.1f}"
-    return f"{found.estimate:+.1f} [{found.low:.1f}, {found.high:.1f}]"
+    return {"title": "The run", "parts": parts}

@@ -48,21 +48,6 @@ class Measures:
         return plain(dataclasses.asdict(self))  # type: ignore[call-overload]
 
 
-def clustered_se(values: ArrayLike, clusters: ArrayLike) -> float:
-    """Compute the standard error of the mean over clusters; NaN for a single one.
-
-    With every value its own cluster it is the usual one.
-
-    >>> round(clustered_se([1, 0, 1, 1], [0, 1, 2, 3]), 3)
-    0.25
-    """
-    x, index = _clusters(values, clusters)
-    sums = np.bincount(index, x - x.mean())
-    if len(sums) < 2:
-        return float("nan")
-    return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(x))
-
-
 @dataclasses.dataclass(frozen=True, slots=True)
 class Effect:
     """An estimate that can be tested against any bound, at any level.
@@ -144,13 +129,19 @@ class Effect:
 
 
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
-    """Estimate the mean of values; clusters, such as objects, are independent of each other."""
-    x = np.asarray(values, float)
+    """Estimate the mean of values; clusters, such as objects, are independent of each other.
+
+    The standard error is NaN for a single cluster; with every value its own, it is the usual one.
+
+    >>> round(clustered([1, 0, 1, 1], [0, 1, 2, 3]).se, 3)
+    0.25
+    """
+    x, index = _clusters(values, clusters)
+    sums = np.bincount(index, x - x.mean())
+    n = len(sums)
+    se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
     method = "Wilson's on clusters" if fraction else "Student's t over clusters"
-    return Effect(
-        float(x.mean()), clustered_se(x, clusters), len(np.unique(np.asarray(clusters))),
-        fraction=fraction, method=method,
-    )  # fmt: skip
+    return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
 
 
 def resampled(values: ArrayLike, ratio: float) -> Effect:
@@ -204,14 +195,6 @@ def spent(look: int, level: float = 1 - MASS) -> float:
     return level * 0.5**look
 
 
-def paired_difference(
-    first: ArrayLike, second: ArrayLike, clusters: ArrayLike, *, mass: float = MASS
-) -> Interval:
-    """Estimate the mean of first - second over pairs, with Student's interval over clusters."""
-    difference = np.asarray(first, float) - np.asarray(second, float)
-    return clustered(difference, clusters).interval(mass)
-
-
 def bootstrap_interval(
     values: ArrayLike,
     clusters: ArrayLike,
@@ -222,10 +205,7 @@ def bootstrap_interval(
     mass: float = 0.95,
 ) -> Interval:
     """Compute the percentile interval of a statistic of (n, ...) values, drawing clusters again."""
-    x = np.asarray(values, float)
-    _, index = np.unique(np.asarray(clusters), return_inverse=True)
-    if len(index) != len(x) or len(x) == 0:
-        raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
+    x, index = _clusters(values, clusters)
     members = [np.flatnonzero(index == c) for c in range(index.max() + 1)]
     drawn = np.empty(draws)
     for i in range(draws):
@@ -251,10 +231,9 @@ def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
 
 
 def _clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
+    """Return values (n, ...) and the number of the cluster of each, (n,)."""
     x = np.asarray(values, float)
     _, index = np.unique(np.asarray(clusters), return_inverse=True)
-    if x.shape != index.shape or x.ndim != 1 or len(x) == 0:
-        raise SettingsError(
-            f"{x.shape} values and {index.shape} cluster names; give one name for each value."
-        )
+    if len(x) != len(index) or len(x) == 0:
+        raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
     return x, index

@@ -70,11 +70,9 @@ class Summary(list[SummaryRow]):
     def _repr_html_(self) -> str:
         header = ("agent", "trials", "accuracy", "cost, s", "reward", "NLL", "ECE")
         rows = [
-            (
-                escape(row.agent), str(row.trials), f"{row.accuracy:.3f} ± {row.accuracy_se:.3f}",
-                f"{row.cost_s:.1f}", f"{row.reward:.1f} ± {row.reward_se:.1f}", f"{row.nll:.3f}",
-                f"{row.ece:.3f}",
-            )
+            (escape(row.agent), str(row.trials), f"{row.accuracy:.3f} ± {row.accuracy_se:.3f}",
+             f"{row.cost_s:.1f}", f"{row.reward:.1f} ± {row.reward_se:.1f}", f"{row.nll:.3f}",
+             f"{row.ece:.3f}")
             for row in self
         ]  # fmt: skip
         return table_html("Summary", header, rows)
@@ -132,8 +130,8 @@ def compare(
     measure : "reward", "cost", "success" or "abstained".
     """
     outcomes = TrialOutcomes.of(trials)
-    fault = f"Agents {first!r} and {second!r} share no task; run both under the same seed."
-    return _paired(outcomes.of_agent(first), outcomes.of_agent(second), measure, fault).interval()
+    rows, others = outcomes.of_agent(first), outcomes.of_agent(second)
+    return difference(rows, others, measure=measure).interval()
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
@@ -144,21 +142,18 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     first, second : a row a task each, paired by the keys of their tasks.
     measure : "reward", "cost", "success" or "abstained".
     """
-    fault = f"No task has a {measure} on both sides; run both under the same seed."
-    return _paired(first, second, measure, fault)
-
-
-def _paired(first: TrialOutcomes, second: TrialOutcomes, measure: str, fault: str) -> Effect:
-    """Compute the mean of first - second over shared tasks; raise `fault` where there are none."""
     rows = dict(zip(first.key.tolist(), range(len(first)), strict=True))
     others = dict(zip(second.key.tolist(), range(len(second)), strict=True))
     pairs = [(row, others[key]) for key, row in rows.items() if key in others]
     left, right = np.array(pairs, int).reshape(-1, 2).T
-    found = measured(first, measure)[left] - measured(second, measure)[right]
-    known = ~np.isnan(found)
+    gain = measured(first, measure)[left] - measured(second, measure)[right]
+    known = ~np.isnan(gain)
     if not known.any():
-        raise SettingsError(fault)
-    return clustered(found[known], first.object_name[left][known])
+        names = " and ".join(repr(name) for name in (*first.agents, *second.agents))
+        raise SettingsError(
+            f"{names or 'They'} share no task with a {measure}; run both under the same seed."
+        )
+    return clustered(gain[known], first.object_name[left][known])
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
@@ -172,36 +167,26 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent=agent,
-        trials=len(own),
-        judged=int(own.judged.sum()),
-        accuracy=accuracy.estimate,
-        accuracy_se=accuracy.se,
+        agent, len(own), int(own.judged.sum()), accuracy.estimate, accuracy.se,
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
-        reward=reward.estimate,
-        reward_se=reward.se,
-        nll=nll,
-        brier=squared,
-        ece=ece,
-        ece_calibrated=calibrated,
+        reward=reward.estimate, reward_se=reward.se,
+        nll=nll, brier=squared, ece=ece, ece_calibrated=calibrated,
         abstained=mean(own, "abstained").estimate,
         answered_accuracy=float(own.success[both].mean()) if both.any() else math.nan,
         seconds=seconds,
-    )
+    )  # fmt: skip
 
 
 def measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
     """Return a measure of each trial, (n,); NaN where it has none."""
-    whole = outcomes.ended == ""
-    if measure == "cost":
-        return np.where(whole, outcomes.cost, np.nan)
-    if measure == "reward":
-        return np.where(whole, outcomes.reward, np.nan)
-    if measure == "success":
-        return np.where(outcomes.judged, outcomes.success, np.nan)
-    if measure == "abstained":
-        return np.where(whole, ~outcomes.answered, np.nan)
-    raise SettingsError(
-        f"Unknown measure {measure!r}; expected reward, cost, success or abstained."
-    )
+    measures: dict[str, NDArray[Any]] = {
+        "reward": outcomes.reward,
+        "cost": outcomes.cost,
+        "success": outcomes.success,
+        "abstained": ~outcomes.answered,
+    }
+    if measure not in measures:
+        raise SettingsError(f"Unknown measure {measure!r}; expected {', '.join(measures)}.")
+    known = outcomes.judged if measure == "success" else outcomes.ended == ""
+    return np.where(known, measures[measure].astype(float), np.nan)

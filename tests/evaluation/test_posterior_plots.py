@@ -1,7 +1,5 @@
 import numpy as np
-import pytest
 
-from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.posterior_plots import forest, predictive
 
@@ -45,10 +43,3 @@ def test_predictive_shows_fractions_beside_their_intervals(tmp_path):
     assert {"false, observed", "true, predicted"} <= labels
     assert axes.get_xlabel() == 'percepts of 2 that say "yes"'
     assert save(axes, tmp_path / "predictive.png").stat().st_size > 5000
-
-
-def test_shapes_that_do_not_agree_are_told():
-    with pytest.raises(SettingsError, match="expected \\(2, 3, 2\\)"):
-        forest(MIDDLE[..., :1], MIDDLE, MIDDLE, *NAMES)
-    with pytest.raises(SettingsError, match="expected \\(2,n\\+1\\)"):
-        predictive(np.ones((2, 3)), np.ones((5, 2, 4)))
