@@ -1,5 +1,6 @@
 """Plans are walks of the diagram, their errors exact, their values lower bounds."""
 
+import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -344,3 +345,24 @@ def test_sure_priors_of_shared_latent_classes_have_plans(small, prior):
     exact = by_behavior(problem, plans, 0, exact_values(problem, plans, 0, sure[None])[0])
     np.testing.assert_allclose(values, exact, atol=2.0)
     assert (values <= exact + 1e-9).all()
+
+
+def test_what_cannot_be_undone_is_never_planned(small):
+    """A thing in the hand stays there: no plan presses it then."""
+    effects = [
+        {"from": "table", "do": "press", "to": "table"},
+        {"from": "table", "do": "lift", "to": "hand", "probability": 0.9},
+        {"from": "hand", "do": "shake", "to": "hand"},
+    ]
+    domain = load_domain({
+        "name": "one way", "attributes": ["full"], "report_reward": 60.0,
+        "behaviors": [
+            {"name": name, "cost": 2.0, "modalities": ["force"]}
+            for name in ("press", "lift", "shake")
+        ],
+        "diagram": {"states": ["table", "hand"], "start": "table", "effects": effects},
+    })  # fmt: skip
+    momdp = small.momdp(domain, {"full": {"press": (0.7, 0.3), "shake": (0.8, 0.2)}})
+    _, plans = made(replace(momdp, bonus=np.array([[[900.0, 900.0], [90.0, 90.0], [0.0, 0.0]]])))
+    for x, (start, end) in enumerate(itertools.pairwise(plans.first)):
+        assert momdp.legal[x, plans.plan["action"][start:end]].all()

@@ -78,8 +78,10 @@ class Diagram:
                 path: tuple[int, ...] = ()
                 here = x
                 for goal in [e] * k + [f] * more:
-                    way = self.ways.path(here, goal)
-                    path, here = (*path, *way), int(self.ways.end[here, goal])
+                    if self.ways.hop[here, goal] < 0:
+                        break  # there is no way back
+                    path = (*path, *self.ways.path(here, goal))
+                    here = int(self.ways.end[here, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
         every = np.full((len(rows), max(map(len, rows))), -1)
