@@ -220,7 +220,7 @@ def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
 @lru_cache(maxsize=2)
 def _drawn(
     data: tuple[str, str | None, str], attributes: int, seed: int, repeat: int,
-    shares: tuple[int, int, int],
+    shares: tuple[int, int, int] | tuple[tuple[str, ...], ...],
 ) -> Protocol:  # fmt: skip
     return Protocol.of(
         _loaded(*data), attributes=attributes, seed=seed, repeat=repeat, shares=shares

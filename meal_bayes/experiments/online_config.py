@@ -60,7 +60,7 @@ class OnlineConfig:
     batches, trials : of training, and trials in a batch.
     repeats, first : repeats are first .. first + repeats - 1.
     seed : of all random streams.
-    split : shares of objects for pretraining, training, tests.
+    split : shares of objects for pretraining, training, tests; or their names, in three tuples.
     reward : r+ = -r-; by default 300 on public data (Sect. 7.3), else the domain's.
     alpha, beta : of morc_itrs; the agent's own by default.
     answers, error : of `Feedback`.
@@ -85,7 +85,7 @@ class OnlineConfig:
     repeats: int = 1
     seed: int = 0
     first: int = 0
-    split: tuple[int, int, int] = (33, 33, 34)
+    split: tuple[int, int, int] | tuple[tuple[str, ...], ...] = (33, 33, 34)
     reward: float | None = None
     alpha: float | None = None
     beta: float | None = None
@@ -112,7 +112,8 @@ class OnlineConfig:
             raise SettingsError(
                 f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
             )
-        if len(self.split) != 3 or min(self.split) < 1:
+        sizes = [part if isinstance(part, int) else len(part) for part in self.split]
+        if len(sizes) != 3 or min(sizes) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
         if self.log not in _LOGS:
             raise SettingsError(unknown("log", self.log, _LOGS))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, ObjectSplit, PerceptTable
-from meal_bayes.domain import Query
+from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.robots import replayable
 from meal_bayes.robots.recorded import Order
@@ -123,20 +123,31 @@ class Protocol:
         attributes: int,
         seed: int,
         repeat: int,
-        shares: tuple[int, int, int],
+        shares: tuple[int, int, int] | tuple[tuple[str, ...], ...],
     ) -> "Protocol":
         """Split the objects; three of every attribute in each part, or as many as can be.
 
+        Parameters
+        ----------
+        shares : of the objects in each part, or their names.
+
         Raises
         ------
-        SettingsError : shares that do not fit, or nothing to ask in training or in tests.
+        SettingsError : shares that do not fit, an unknown object, or nothing to ask in training or
+            in tests.
         """
         if not 1 <= attributes <= len(dataset.domain.attributes):
             raise SettingsError(
                 f"attributes is {attributes}; {dataset.domain.name} has "
                 f"{len(dataset.domain.attributes)}, give a number from 1 to that."
             )
-        count = len(dataset.objects)
+        count, index = len(dataset.objects), {name: o for o, name in enumerate(dataset.objects)}
+        if not isinstance(shares[0], int):
+            for name in itertools.chain.from_iterable(shares):
+                if name not in index:
+                    raise SettingsError(unknown("object", name, dataset.objects))
+            split = ObjectSplit(*(np.array([index[name] for name in part]) for part in shares))
+            return cls(dataset, split, attributes, seed, repeat)._checked()
         ends = np.round(np.cumsum(shares) / sum(shares) * count).astype(int)
         sizes = np.diff([0, *ends]).tolist()
         fault: SettingsError | None = None

@@ -49,6 +49,15 @@ def test_fractions_are_followed(dataset):
     assert [len(part) for part in (split.pre, split.train, split.test)] == [5, 5, 20]
 
 
+def test_a_split_may_be_named(dataset):
+    parts = (dataset.objects[3:5], dataset.objects[:3], dataset.objects[5:])
+    found = protocol(dataset, shares=parts, repeat=3).split
+    assert [list(part) for part in (found.pre, found.train)] == [[3, 4], [0, 1, 2]]
+    assert len(found.test) == len(dataset.objects) - 5
+    with pytest.raises(SettingsError, match="Unknown object 'nothing'"):
+        protocol(dataset, shares=(("nothing",), *parts[1:]))
+
+
 def test_seed_and_repeat_make_other_splits_and_the_same_makes_the_same(dataset):
     splits = {
         tuple(protocol(dataset, seed=seed, repeat=repeat).split.test.tolist())
