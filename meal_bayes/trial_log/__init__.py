@@ -6,9 +6,9 @@ there are millions of trials, a compact log holds their outcomes alone, as colum
 """
 
 from meal_bayes.trial_log.follow import Follower
-from meal_bayes.trial_log.logs import Group, Logs, log_files
+from meal_bayes.trial_log.logs import Group, Logs
 from meal_bayes.trial_log.memory import ObjectLabels, forget, read_memory, write_labels
-from meal_bayes.trial_log.names import remove_drafts
+from meal_bayes.trial_log.names import log_files, remove_drafts
 from meal_bayes.trial_log.reader import (
     LogInfo,
     count_whole,

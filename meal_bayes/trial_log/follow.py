@@ -11,8 +11,8 @@ from mcap.records import Chunk, DataEnd, Header
 from meal_bayes.errors import LogError, LogVersionError
 from meal_bayes.trial_log.container import FAULTS, TORN, chunk_messages, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.logs import log_files, outcome_digests, run_digest
-from meal_bayes.trial_log.names import stem_of
+from meal_bayes.trial_log.logs import outcome_digests, run_digest
+from meal_bayes.trial_log.names import log_files, stem_of
 from meal_bayes.trial_log.reader import form_of
 from meal_bayes.trial_log.schema import FULL, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes

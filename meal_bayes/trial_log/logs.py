@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.trial_log.names import drafts_of, is_log, is_recovered, stem_of
+from meal_bayes.trial_log.names import log_files
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, without_steps
-from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
+from meal_bayes.trial_log.schema import ACTIVE
 from meal_bayes.trials import Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
@@ -29,34 +29,6 @@ class Group(NamedTuple):
     places: tuple[int, ...]  # of each trial in the file
     outcomes: TrialOutcomes
     trials: tuple[Trial, ...]  # none of a compact log
-
-
-def log_files(path: str | Path) -> list[Path]:
-    """Find the logs of a run: the file itself, or all of a folder in order of their names.
-
-    A file that is still being written is among them, under the name it has. A recovered file is
-    left out where what it was recovered from is there.
-
-    Raises
-    ------
-    LogError
-        There is no such file or folder, or it holds no log.
-    """
-    path = Path(path)
-    if path.is_dir():
-        found = sorted(file for file in path.rglob("*") if is_log(file) and file.is_file())
-        if not found:
-            raise LogError(f"{path} holds no log (*{SUFFIX}).")
-        sources = {file.with_name(stem_of(file)) for file in found if not is_recovered(file)}
-        return [
-            file
-            for file in found
-            if not (is_recovered(file) and file.with_name(stem_of(file)) in sources)
-        ]
-    for one in (path, *drafts_of(path)):
-        if one.is_file():
-            return [one]
-    raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
 
 
 class Logs:

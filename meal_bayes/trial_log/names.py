@@ -10,6 +10,7 @@ import re
 import secrets
 from pathlib import Path
 
+from meal_bayes.errors import LogError
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
 TIMING = ".timing.csv"
@@ -79,3 +80,31 @@ def _age(path: Path) -> float:
         return -path.stat().st_mtime
     except FileNotFoundError:  # it has got its name meanwhile
         return 0.0
+
+
+def log_files(path: str | Path) -> list[Path]:
+    """Find the logs of a run: the file itself, or all of a folder in order of their names.
+
+    A file that is still being written is among them, under the name it has. A recovered file is
+    left out where what it was recovered from is there.
+
+    Raises
+    ------
+    LogError
+        There is no such file or folder, or it holds no log.
+    """
+    path = Path(path)
+    if path.is_dir():
+        found = sorted(file for file in path.rglob("*") if is_log(file) and file.is_file())
+        if not found:
+            raise LogError(f"{path} holds no log (*{SUFFIX}).")
+        sources = {file.with_name(stem_of(file)) for file in found if not is_recovered(file)}
+        return [
+            file
+            for file in found
+            if not (is_recovered(file) and file.with_name(stem_of(file)) in sources)
+        ]
+    for one in (path, *drafts_of(path)):
+        if one.is_file():
+            return [one]
+    raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")

@@ -1,6 +1,7 @@
 """MCAP -> trials, every byte checked; and the short way to what a file is."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from meal_bayes.trial_log.container import (
 )
 from meal_bayes.trial_log.decode import TrialBuilder, decode_header
 from meal_bayes.trial_log.ending import End
-from meal_bayes.trial_log.names import drafts_of
+from meal_bayes.trial_log.names import drafts_of, log_files
 from meal_bayes.trial_log.schema import (
     ACTIVE,
     END,
@@ -56,9 +57,10 @@ class LogInfo:
 
 
 def read_trials(path: str | Path) -> Iterator[Trial]:
-    """Read the trials of a whole log one by one, equal to what was written.
+    """Read the trials of a whole log one by one, or of a folder's logs in order of their names.
 
-    Each trial is checked before it is yielded, the whole file after the last one.
+    They are equal to what was written. Each is checked before it is yielded, its whole file after
+    the last one. `Logs` reads a folder as far as it can be read.
 
     Raises
     ------
@@ -69,7 +71,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     LogVersionError
         The file has another format version.
     """
-    return _trials(Scan(_whole(path)))
+    files = log_files(path) if Path(path).is_dir() else [path]
+    return itertools.chain.from_iterable([_trials(Scan(_whole(file))) for file in files])
 
 
 def read_outcomes(path: str | Path) -> TrialOutcomes:
