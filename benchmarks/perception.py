@@ -27,6 +27,7 @@ from held_out import (
 
 from meal_bayes.datasets import Dataset, load_dataset
 from meal_bayes.perception import PAPER, build_percept_table, with_classifier
+from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
@@ -42,7 +43,7 @@ def asked(dataset: Dataset) -> np.ndarray:
 def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
     """Kappa of each asked attribute and sensing behavior, (P,E)."""
     sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
-    kappa = yes_counts(log_odds, dataset.labels).kappa()
+    kappa = cohens_kappa(yes_counts(log_odds, dataset.labels).total())
     return kappa[np.ix_(asked(dataset), sensing)]
 
 

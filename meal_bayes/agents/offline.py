@@ -14,7 +14,7 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import Perceiver, recorded_percepts, sampled_percepts
+from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.planners import Policy
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Boundary, RecordedRobot, replayable
@@ -146,7 +146,7 @@ class OfflineRunner:
 
     def _perceiver(self, task: Task) -> Perceiver:
         if self.percepts == "recorded":
-            return recorded_percepts(self.table, self.agent.levels)
+            return RecordedPercepts(self.table, self.agent.levels)
         every = range(len(self.table.domain.attributes))
         confusion, _ = self.knowledge(task.object_index).posterior.select(every, exact=True)
-        return sampled_percepts(self.table.domain, self.table.labels, confusion)
+        return SampledPercepts(self.table.domain, self.table.labels, confusion)

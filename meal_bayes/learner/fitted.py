@@ -24,10 +24,10 @@ from meal_bayes.learner.rows import Rows
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
     ConfusionCounts,
-    Kernels,
     Perception,
     PerceptionSettings,
     fit_and_validate,
+    fit_spaces,
     with_classifier,
 )
 from meal_bayes.planners import Policy
@@ -121,17 +121,17 @@ class Fitted:
         given = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
         training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
         perceives = PerceptionSettings(levels=agent.levels, by_object=own.by_object)
-        kernels = None
+        spaces = None
         if own.classifier is not None:
             perceives = with_classifier(own.classifier, levels=agent.levels)
         elif agent.whiten:
-            kernels = Kernels.of(data, gathered, whiten=True)
+            spaces = fit_spaces(data, gathered, whiten=True)
         else:  # the spaces of what it was given hold for good
             first = np.isin(rows, given)
             others = ~np.isin(gathered.behavior, gathered.behavior[first])
-            kernels = Kernels.of(data, _some(gathered, first | others))
+            spaces = fit_spaces(data, _some(gathered, first | others))
         self.perception, counts = fit_and_validate(
-            data, training, settings=perceives, kernels=kernels
+            data, training, settings=perceives, spaces=spaces
         )
         domain = experience.domain
         if own.learn_success:

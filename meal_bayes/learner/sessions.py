@@ -18,7 +18,7 @@ from meal_bayes.learner.live_log import LiveLog, interrupted
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.learner.tasks import Question, live_task, replay_task
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import sampled_percepts
+from meal_bayes.perception import SampledPercepts
 from meal_bayes.planners import POMCP, Policy, Remembering, Solver
 from meal_bayes.robots import Boundary
 from meal_bayes.seeds import stream
@@ -132,7 +132,7 @@ def _session(
     drawn = None
     if fit.settings.drawn is not None:
         confusion, _ = fit.refitted.posterior.select(range(len(domain.attributes)), exact=True)
-        drawn = sampled_percepts(domain, fit.settings.drawn, confusion)
+        drawn = SampledPercepts(domain, fit.settings.drawn, confusion)
     witness = Witness(experience, (task.key, task.object_name), fit.perception, drawn)
 
     def stepped(step: Step) -> None:

@@ -6,17 +6,9 @@ says of the queried attributes) and `ConfusionCounts` (what such percepts were w
 
 from meal_bayes.perception.confusion import ConfusionCounts, table_counts
 from meal_bayes.perception.ensemble import Perception
-from meal_bayes.perception.fitting import fit_and_score, fit_and_validate
-from meal_bayes.perception.perceiver import (
-    ConfusionSampler,
-    Oracle,
-    Perceiver,
-    ScoredPercepts,
-    recorded_percepts,
-    sampled_percepts,
-    scored_percepts,
-)
-from meal_bayes.perception.recordings import Kernels
+from meal_bayes.perception.fitting import fit_and_validate
+from meal_bayes.perception.perceiver import Perceiver, RecordedPercepts, SampledPercepts
+from meal_bayes.perception.recordings import fit_spaces
 from meal_bayes.perception.settings import (
     DEFAULT,
     PAPER,
@@ -30,20 +22,15 @@ __all__ = [
     "DEFAULT",
     "PAPER",
     "ConfusionCounts",
-    "ConfusionSampler",
-    "Kernels",
-    "Oracle",
     "Perceiver",
     "Perception",
     "PerceptionSettings",
-    "ScoredPercepts",
+    "RecordedPercepts",
+    "SampledPercepts",
     "build_percept_table",
-    "fit_and_score",
     "fit_and_validate",
+    "fit_spaces",
     "named_settings",
-    "recorded_percepts",
-    "sampled_percepts",
-    "scored_percepts",
     "table_counts",
     "with_classifier",
 ]

@@ -142,9 +142,7 @@ class ClassifierFit:
 
     __repr__ = short_repr
 
-    def scored(
-        self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None], width: float = 1.0
-    ) -> Floats:
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None]) -> Floats:
         """Return log-odds of "true", (B,P); a missing modality has its mean features."""
         n = next(len(own) for own in rows if own is not None)
         pairs = list(zip(spaces, rows, strict=True))
@@ -190,7 +188,10 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
         inputs = recordings.kernels()
         estimator: Any = SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
     else:
-        inputs, estimator = recordings.features[None], repeatable(settings.classifier)
+        inputs, estimator = (
+            np.hstack([space.rows for space in recordings.spaces])[None],
+            repeatable(settings.classifier),
+        )
     return FoldProblem(
         truth=truth,
         objects=recordings.objects,

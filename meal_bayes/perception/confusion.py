@@ -21,7 +21,8 @@ class ConfusionCounts:
 
     Attributes
     ----------
-    counts : (O,P,E,2,K) [truth, level].
+    counts : NDArray[np.int64]
+        (O,P,E,2,K) [truth, level].
     """
 
     counts: NDArray[np.int64]
@@ -43,24 +44,6 @@ class ConfusionCounts:
     def total(self) -> NDArray[np.int64]:
         """Sum over the objects, (P,E,2,K)."""
         return freeze(self.counts.sum(axis=0), np.int64)
-
-    def rates(self) -> NDArray[np.float64]:
-        """Return the fraction of "yes" percepts given false and given true, (P,E,2).
-
-        NaN where a truth never occurs.
-        """
-        yes, number = _yes(self.total())
-        return np.asarray(np.where(number > 0, yes / np.maximum(number, 1), np.nan))
-
-    def kappa(self) -> NDArray[np.float64]:
-        """Return Cohen's kappa of yes/no percepts and truth, (P,E); 0 where it is undefined."""
-        yes, number = _yes(self.total())
-        return cohens_kappa(np.stack([number - yes, yes], axis=-1))
-
-
-def _yes(total: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count percepts in the upper half of the levels, and all percepts, (P,E,2) each."""
-    return total[..., total.shape[-1] // 2 :].sum(axis=-1), total.sum(axis=-1)
 
 
 def cohens_kappa(table: NDArray[Any]) -> NDArray[np.float64]:
@@ -89,11 +72,14 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> Conf
     return by_truth(table.training_levels(held_out, levels), table.labels)
 
 
-def positive_youden(counts: ConfusionCounts) -> NDArray[np.bool_]:
-    """Return whether Youden's J = TPR - FPR is above 0, (P,E).
+def youden(counts: NDArray[Any]) -> NDArray[np.float64]:
+    """Return Youden's J = TPR - FPR (...) of counts (...,2,K) [truth, level]; 0 where undefined.
 
-    Leaving a positive object out lowers the base rate, so an uninformative classifier votes
-    against the held-out label: such a table looks like a perfect, inverted sensor.
+    The upper half of the levels is "yes". Leaving a positive object out lowers the base rate, so an
+    uninformative classifier votes against the held-out label: a table of J < 0 looks like a
+    perfect, inverted sensor.
     """
-    rates = counts.rates()
-    return freeze(rates[..., 1] > rates[..., 0], np.bool_)  # NaN compares as False
+    number = counts.sum(axis=-1)
+    yes = counts[..., counts.shape[-1] // 2 :].sum(axis=-1)
+    rates = yes / np.where(number > 0, number, 1.0)
+    return np.where((number > 0).all(axis=-1), rates[..., 1] - rates[..., 0], 0.0)

@@ -13,7 +13,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
-from meal_bayes.perception.modality import FeatureSpace, joint_kernel, widened
+from meal_bayes.perception.modality import FeatureSpace, joint_kernel
 from meal_bayes.perception.perceiver import person_says
 
 Floats = NDArray[np.float64]
@@ -41,8 +41,8 @@ class BehaviorFit(Protocol):
         """
         ...
 
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows, width: float = 1.0) -> Floats:
-        """Return log-odds of "true", (B,P), by kernels wider than the spaces' by a factor."""
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
+        """Return log-odds of "true", (B,P)."""
         ...
 
 
@@ -53,8 +53,6 @@ class KernelFit(NamedTuple):
     ----------
     dual : NDArray[np.float64]
         (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
-    bias : NDArray[np.float64]
-        (M,P).
     pool : Pool
         Log-odds of the decisions.
     nested : NDArray[np.float64]
@@ -62,21 +60,19 @@ class KernelFit(NamedTuple):
     """
 
     dual: Floats
-    bias: Floats
     pool: Pool
     nested: Floats
 
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows, width: float = 1.0) -> Floats:
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
-        pairs = [(space, own) for space, own in zip(spaces, rows, strict=True) if own is not None]
-        kernels = widened(np.stack([space.similarity(own) for space, own in pairs]), width)
+        pairs = zip(spaces, rows, strict=True)
+        kernels = np.stack([space.similarity(own) for space, own in pairs if own is not None])
         present = [m for m, own in enumerate(rows) if own is not None]
         if len(self.dual) > len(spaces):
             kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
             present.append(len(spaces))
         decisions = np.full((len(self.dual), kernels.shape[1], self.dual.shape[1]), np.nan)
-        dual = self.dual[present].transpose(0, 2, 1)
-        decisions[present] = kernels @ dual + self.bias[present, None]
+        decisions[present] = kernels @ self.dual[present].transpose(0, 2, 1)
         return self.pool.log_odds(decisions.transpose(1, 0, 2))
 
 
@@ -86,9 +82,12 @@ class BehaviorClassifier:
 
     Attributes
     ----------
-    spaces : by modality.
-    fit : of all the behavior's attributes.
-    used : (P,) elsewhere the log-odds are 0.
+    spaces : Mapping[str, FeatureSpace]
+        By modality.
+    fit : BehaviorFit
+        Of all the behavior's attributes.
+    used : NDArray[np.bool_]
+        (P,) elsewhere the log-odds are 0.
     """
 
     spaces: Mapping[str, FeatureSpace]
@@ -117,10 +116,14 @@ class Perception:
 
     Attributes
     ----------
-    domain : behaviors and attributes.
-    classifiers : by behavior.
-    labels : (O,P) from which a person answers; nothing else uses them.
-    levels : K of its percepts.
+    domain : Domain
+        Behaviors and attributes.
+    classifiers : Mapping[str, BehaviorClassifier]
+        By behavior.
+    labels : NDArray[np.int8]
+        (O,P) from which a person answers; nothing else uses them.
+    levels : int
+        K of its percepts.
     """
 
     domain: Domain

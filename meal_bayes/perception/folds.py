@@ -9,6 +9,7 @@ every object's percept table.
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,7 @@ def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
     Pool
         Fitted to all rows.
     """
-    decisions = _all_decisions(problem, _sets_of(problem.names, 2))
+    decisions = _decisions(problem, 2)
     return _nested(problem, decisions), _pool(problem, decisions, frozenset())
 
 
@@ -117,15 +118,10 @@ def table_outputs(
     All that is done for held-out o leaves o's whole fold out. With `by_object` the classifier that
     decides on o itself is trained anew, and leaves o alone out.
     """
-    names = problem.names
-    decisions = _all_decisions(problem, _sets_of(names, 3))
-    pools = {h: _pool(problem, decisions, frozenset([h])) for h in names}
-    own = np.full(problem.truth.shape, np.nan)
-    for h in names:
-        inside = problem.folds == h
-        own[inside] = pools[h].log_odds(decisions[frozenset([h])][inside])
-    training = np.tile(_nested(problem, decisions), (len(held), 1, 1))
-    for h in names:
+    decisions = _decisions(problem, 3)
+    own = _nested(problem, decisions)
+    training = np.tile(own, (len(held), 1, 1))
+    for h in problem.names:
         side = _nested(problem, decisions, frozenset([h]))
         inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
         side[inside] = own[inside]
@@ -133,7 +129,17 @@ def table_outputs(
     for index, unit in enumerate(held):
         training[index, problem.units == unit] = np.nan
     if by_object:
-        _decide_anew(problem, held, pools, own)
+        scored = np.intersect1d(held, problem.objects[problem.known])
+        pools = {h: _pool(problem, decisions, frozenset([h])) for h in problem.names}
+
+        def decide_anew(o: int) -> Floats:
+            single = problem.objects == o
+            fresh = problem.decide(problem.train(problem.known & ~single), single)
+            return pools[int(problem.folds[single][0])].log_odds(fresh)
+
+        with ThreadPoolExecutor(problem.threads) as workers:
+            for o, outputs in zip(scored, workers.map(decide_anew, scored), strict=True):
+                own[problem.objects == o] = outputs
     if not problem.known.all():
         pool = _pool(problem, decisions, frozenset())
         unknown = ~problem.known
@@ -141,28 +147,11 @@ def table_outputs(
     return own, training
 
 
-def _decide_anew(
-    problem: FoldProblem, held: NDArray[np.int64], pools: Mapping[int, Pool], own: Floats
-) -> None:
-    """Overwrite the outputs on held-out objects by those of classifiers that saw all others."""
-    fold_of = dict(zip(problem.objects.tolist(), problem.folds.tolist(), strict=True))
-    scored = [o for o in held.tolist() if fold_of.get(o, UNKNOWN) != UNKNOWN]
-
-    def score(o: int) -> Floats:
-        single = problem.objects == o
-        decisions = problem.decide(problem.train(problem.known & ~single), single)
-        return np.asarray(pools[fold_of[o]].log_odds(decisions))
-
+def _decisions(problem: FoldProblem, most: int) -> Decisions:
+    """Train without every set of at most so many folds, and decide on their rows."""
+    sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(problem.names, k)]
     with ThreadPoolExecutor(problem.threads) as workers:
-        for o, outputs in zip(scored, workers.map(score, scored), strict=True):
-            own[problem.objects == o] = outputs
-
-
-def _all_decisions(problem: FoldProblem, sets: Iterable[frozenset[int]]) -> Decisions:
-    """Train for every set of left-out folds."""
-    wanted = sorted(set(sets), key=sorted)
-    with ThreadPoolExecutor(problem.threads) as workers:
-        return dict(zip(wanted, workers.map(problem.without, wanted), strict=True))
+        return dict(zip(sets, workers.map(problem.without, sets), strict=True))
 
 
 def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) -> Pool:
@@ -188,12 +177,3 @@ def _nested(
             own, without = problem.folds == fold, left_out | {fold}
             outputs[own] = _pool(problem, decisions, without).log_odds(decisions[without][own])
     return outputs
-
-
-def _sets_of(folds: Iterable[int], size: int) -> set[frozenset[int]]:
-    """Return all sets of at most `size` folds, but the empty one."""
-    sets = {frozenset([fold]) for fold in folds}
-    single = set(sets)
-    for _ in range(size - 1):
-        sets |= {a | b for a in sets for b in single}
-    return sets

@@ -3,15 +3,22 @@
 Groups are objects, or folds of objects where there are many. With C = gram + noise and targets y of
 +-1, the kernel-ridge classifier trained without the recordings G decides
 y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]: one inverse a modality serves every attribute,
-object and pair of objects. Where recordings are compared with landmarks, see `landmarks`.
+object and pair of objects.
+
+Many recordings are compared with m landmarks, of kernel L L'. A recording x has m features
+phi(x) = L^-1 k(x), whose products are nearly its kernels (Nyström's approximation [Williams2001]).
+A ridge on them is a kernel ridge; its normal equations are sums over folds of objects, so leaving
+folds out subtracts theirs. All costs are linear in the recordings.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stackers, score_without
@@ -20,6 +27,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
+_JITTER = 1e-9  # on the landmarks' kernel, where two of them are alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +36,18 @@ class Problem:
 
     Attributes
     ----------
-    groups : (k,) names, rising.
-    starts : (k+1,) where each group's recordings start.
-    weights : (n,) of each recording in a stacker's loss, 2 an object.
-    targets : (P,n) +-1.
-    duals : (M,P,m) weights of what recordings are compared with, trained on all groups.
-    score : from groups left out (s,), and whether those who decide on the others did not see them
+    groups : NDArray[np.int64]
+        (k,) names, rising.
+    starts : NDArray[np.int64]
+        (k+1,) where each group's recordings start.
+    weights : NDArray[np.float64]
+        (n,) of each recording in a stacker's loss, 2 an object.
+    targets : NDArray[np.float64]
+        (P,n) +-1.
+    duals : NDArray[np.float64]
+        (M,P,m) weights of what recordings are compared with, trained on all groups.
+    score : Callable
+        From groups left out (s,), and whether those who decide on the others did not see them
         either, to decisions on the recordings left out, (M,P,q), in the order of `rows`, and on
         every other group by itself left out too, (M,P,n), 0 where they are left out.
     """
@@ -69,14 +83,86 @@ def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise:
     return Problem(names, starts, np.repeat(2.0 / sizes, sizes), targets, duals, score)
 
 
+def landmark_problem(
+    kernels: Floats,
+    landmarks: Floats,
+    truth: NDArray[np.bool_],
+    groups: tuple[Ints, Ints],
+    noise: float,
+) -> Problem:
+    """Build the normal equations of recordings that are compared with landmarks; groups are folds.
+
+    Parameters
+    ----------
+    kernels : NDArray[np.float64]
+        (M,n,m) of recordings with landmarks.
+    landmarks : NDArray[np.float64]
+        (M,m,m) of landmarks with each other.
+    truth : NDArray[np.bool_]
+        (n,P).
+    groups : tuple[NDArray[np.int64], NDArray[np.int64]]
+        (n,) folds, rising, and (n,) objects.
+    """
+    folds, objects = groups
+    names, starts = np.unique(folds, return_index=True)
+    starts = np.append(starts, len(folds))
+    _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
+    targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
+    (n_modalities, _, m), k = kernels.shape, len(names)
+    features = np.empty(kernels.shape)
+    grams = np.zeros((n_modalities, 1 + k, m, m))  # of all features + noise, and of each fold
+    products = np.zeros((n_modalities, 1 + k, m, len(targets)))  # with the targets, the same
+    duals = np.empty((n_modalities, len(targets), m))
+    for i in range(n_modalities):
+        factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
+        features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
+        for fold, (start, end) in enumerate(pairwise(starts), start=1):
+            own = features[i, start:end]
+            grams[i, fold], products[i, fold] = own.T @ own, own.T @ targets[:, start:end].T
+        grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
+        products[i, 0] = products[i].sum(axis=0)
+        (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
+        duals[i] = solve_triangular(factor.T, weights, check_finite=False).T
+
+    def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
+        decisions = np.zeros((n_modalities, *targets.shape))
+        for fold in np.setdiff1d(np.arange(k), left_out):
+            rows = slice(starts[fold], starts[fold + 1])
+            out = np.append(left_out if nested else [], fold).astype(np.int64)
+            decisions[:, :, rows] = decide(out, features[:, rows])
+        return decide(left_out, features[:, problem.rows(left_out)]), decisions
+
+    def decide(left_out: Ints, some: Floats) -> Floats:
+        return np.asarray((some @ _ridge_weights(grams, products, left_out)).transpose(0, 2, 1))
+
+    problem = Problem(names, starts, 2.0 / sizes[place.ravel()], targets, duals, score)
+    return problem
+
+
+def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
+    """Solve the normal equations of each modality without some folds, (M,m,P)."""
+    weights = np.empty((len(grams), *products.shape[2:]))
+    for i, (gram, product) in enumerate(zip(grams, products, strict=True)):
+        matrix = gram[0].copy()
+        for fold in left_out:
+            matrix -= gram[1 + fold]
+        factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
+        rest = product[0] - product[1 + left_out].sum(axis=0)
+        weights[i] = cho_solve(factor, rest, check_finite=False)
+    return weights
+
+
 class LeftOut(NamedTuple):
     """Stackers that never saw some sets S of groups, and their log-odds on these groups.
 
     Attributes
     ----------
-    weights : (S,P,1+M) intercept and slopes of each stacker.
-    log_odds : (S,P,s,R) of the sets' recordings, R the most that a group has.
-    losses : (S,P) of each stacker on the decisions it learned from, ridge included.
+    weights : NDArray[np.float64]
+        (S,P,1+M) intercept and slopes of each stacker.
+    log_odds : NDArray[np.float64]
+        (S,P,s,R) of the sets' recordings, R the most that a group has.
+    losses : NDArray[np.float64]
+        (S,P) of each stacker on the decisions it learned from, ridge included.
     """
 
     weights: Floats
@@ -116,11 +202,6 @@ def leave_out(
         present = np.arange(log_odds.shape[3]) < sizes[left_out][:, None]  # (s,R)
         log_odds[index][:, present] = pooled
     return LeftOut(weights, log_odds, losses)
-
-
-def full_stackers(problem: Problem, settings: PerceptionSettings) -> Floats:
-    """Fit the stackers of all groups, (P,1+M)."""
-    return np.asarray(leave_out(problem, NOBODY, settings).weights[0])
 
 
 def each_group(

@@ -23,12 +23,18 @@ class FeatureSpace:
 
     Attributes
     ----------
-    kept : (d,) features that vary.
-    center, scale : (d,).
-    rows : (n,d) the recordings, standardized.
-    kernel : "rbf" or "polynomial".
-    width : of the RBF, the median distance between two recordings times a learned factor.
-    mix : (d,d) whitening, applied last.
+    kept : NDArray[np.int64]
+        (d,) features that vary.
+    center, scale : NDArray[np.float64]
+        (d,).
+    rows : NDArray[np.float64]
+        (n,d) the recordings, standardized.
+    kernel : str
+        "rbf" or "polynomial".
+    width : float
+        Of the RBF, the median distance between two recordings times a learned factor.
+    mix : NDArray[np.float64], optional
+        (d,d) whitening, applied last.
     """
 
     kept: NDArray[np.int64]
@@ -55,10 +61,6 @@ class FeatureSpace:
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
         return np.asarray(rows if self.mix is None else rows @ self.mix)
 
-    def over(self, features: NDArray[np.floating]) -> "FeatureSpace":
-        """Return the space with other recordings (n,D)."""
-        return replace(self, rows=self.standardize(features))
-
     def widened(self, factor: float) -> "FeatureSpace":
         """Return the space with a wider kernel."""
         return replace(self, width=factor * self.width)
@@ -74,10 +76,6 @@ class FeatureSpace:
         """Return the space with some of its recordings (r,)."""
         return replace(self, rows=self.rows[rows])
 
-    def gram(self) -> NDArray[np.float64]:
-        """Compute the kernel between the recordings themselves, (n,n)."""
-        return self.similarity(self.rows)
-
 
 def fit_space(
     features: NDArray[np.floating], kernel: str, objects: NDArray[np.integer] | None = None
@@ -91,16 +89,6 @@ def fit_space(
     mix = None if objects is None else _whitening(rows, objects)
     rows = rows if mix is None else rows @ mix
     return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows), mix)
-
-
-def widened(kernels: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """Convert kernels to those of an RBF wider by f: exp(-d^2 / (f w)^2) = k^(1 / f^2)."""
-    return kernels if factor == 1.0 else kernels ** (factor**-2.0)
-
-
-def with_joint(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Append the joint kernel, (M,r,c) -> (M+1,r,c); one modality is its own."""
-    return kernels if len(kernels) == 1 else np.concatenate([kernels, joint_kernel(kernels)[None]])
 
 
 def joint_kernel(kernels: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, level_edges, levels_of
+from meal_bayes.datasets.percepts import PerceptTable, level_edges
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 
@@ -55,87 +55,62 @@ def person_says(
 
 
 @dataclass(frozen=True, slots=True)
-class Oracle:
-    """A perceiver beside a person, who answers behaviors that ask.
+class RecordedPercepts:
+    """Percepts of real recordings, by classifiers that never saw the object.
 
     Attributes
     ----------
-    perceiver : of all other behaviors.
-    domain : behaviors and attributes.
-    labels : (O,P) what the person knows; nothing else uses them.
-    levels : K of the answers.
+    table : PerceptTable
+        Outputs of the classifiers, and what a person knows who is asked.
+    levels : int
+        K.
     """
 
-    perceiver: Perceiver
-    domain: Domain
-    labels: NDArray[np.int8]
-    levels: int
+    table: PerceptTable
+    levels: int = 2
 
     def __post_init__(self) -> None:
-        set_frozen(self, labels=freeze(self.labels, np.int8))
+        level_edges(self.table.edges, self.levels)
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Return the percept levels of the queried attributes, or a drawn answer, (N,)."""
-        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
-        return self.perceiver.observe(instance, query, rng) if said is None else said
-
-
-@dataclass(frozen=True, slots=True)
-class ScoredPercepts:
-    """Percepts of recordings that classifiers have scored.
-
-    Attributes
-    ----------
-    domain : behaviors and attributes.
-    log_odds : (O,R,E,P) class-balanced log-odds; NaN where nothing was scored.
-    edges : (L-1,) between the fine bins that levels merge.
-    levels : K.
-    """
-
-    domain: Domain
-    log_odds: NDArray[np.float16]
-    edges: NDArray[np.float64]
-    levels: int
-
-    def __post_init__(self) -> None:
-        set_frozen(self, log_odds=freeze(self.log_odds, np.float16))
-        level_edges(self.edges, self.levels)
-
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
-        """Return the levels of the scored outputs, (N,).
+        """Return the levels of the outputs, or a person's answer, (N,).
 
         Raises
         ------
-        SettingsError : an attribute or object that was not scored.
+        SettingsError
+            An attribute or object that was not scored.
         """
-        e, columns = (
-            self.domain.behavior_index(instance.behavior),
-            self.domain.columns(query.attributes),
-        )
-        scored = self.log_odds[instance.object_index, instance.recording, e, columns]
+        table, domain = self.table, self.table.domain
+        said = person_says(domain, table.labels, instance, query, self.levels, rng)
+        if said is not None:
+            return said
+        e, columns = domain.behavior_index(instance.behavior), domain.columns(query.attributes)
+        scored = table.log_odds[instance.object_index, instance.recording, e, columns]
         if np.isnan(scored).any():
             missing = np.array(query.attributes)[np.isnan(scored)].tolist()
             raise SettingsError(
                 f"No percepts of {missing} by {instance.behavior!r} were computed for object "
                 f"{instance.object_index}; build the table with these attributes and objects."
             )
-        return levels_of(scored, self.edges, self.levels)
+        return table.levels_of(scored, self.levels)
 
 
 @dataclass(frozen=True, slots=True)
-class ConfusionSampler:
+class SampledPercepts:
     """Percepts drawn from the confusion matrices themselves.
 
     The authors' published simulator does so; accuracies obtained from it do not test the model.
 
     Attributes
     ----------
-    labels : (O,P) 1 true, 0 false, -1 unknown.
-    confusion : (P,E,2,K) rows = truth, sum to 1.
+    domain : Domain
+        Behaviors and attributes.
+    labels : NDArray[np.int8]
+        (O,P) 1 true, 0 false, -1 unknown.
+    confusion : NDArray[np.float64]
+        (P,E,2,K) rows = truth, sum to 1.
     """
 
     domain: Domain
@@ -153,33 +128,16 @@ class ConfusionSampler:
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
-        """Draw each attribute's level from the row of its true value, or of a coin if unknown."""
+        """Draw each level from the row of the true value (of a coin if unknown), or an answer."""
+        levels = self.confusion.shape[-1]
+        said = person_says(self.domain, self.labels, instance, query, levels, rng)
+        if said is not None:
+            return said
         behavior = self.domain.behavior_index(instance.behavior)
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
         return draw_levels(self.confusion[columns, behavior, truth], rng)
-
-
-def scored_percepts(
-    domain: Domain, labels: NDArray[np.int8], log_odds: NDArray[np.float16], levels: int
-) -> Oracle:
-    """Return a perceiver of recordings that a fitted Psi has scored, (O,R,E,P)."""
-    return Oracle(ScoredPercepts(domain, log_odds, BIN_EDGES, levels), domain, labels, levels)
-
-
-def recorded_percepts(table: PerceptTable, levels: int = 2) -> Oracle:
-    """Return a perceiver of real recordings, by classifiers that never saw the object."""
-    scored = ScoredPercepts(table.domain, table.log_odds, table.edges, levels)
-    return Oracle(scored, table.domain, table.labels, levels)
-
-
-def sampled_percepts(
-    domain: Domain, labels: NDArray[np.int8], confusion: NDArray[np.float64]
-) -> Oracle:
-    """Return a perceiver that draws from confusion matrices (P,E,2,K)."""
-    levels = confusion.shape[-1]
-    return Oracle(ConfusionSampler(domain, labels, confusion), domain, labels, levels)
 
 
 def draw_levels(rows: ArrayLike, rng: np.random.Generator) -> NDArray[np.int8]:

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import short_repr
-from meal_bayes.perception.modality import FeatureSpace, fit_space, widened, with_joint
+from meal_bayes.perception.modality import FeatureSpace, fit_space, joint_kernel
 from meal_bayes.perception.settings import PerceptionSettings
 
 _SEED = 0  # of the order in which neighbors are dealt to folds
+
+Spaces = Mapping[tuple[str, str], FeatureSpace]  # (behavior, modality) -> rows (O*R,d)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +24,17 @@ class BehaviorRecordings:
 
     Attributes
     ----------
-    objects : (n,) rising.
-    labels : (n,P) 1 true, 0 false, -1 unknown.
-    spaces : (M,) of the modalities, each with rows (n,d).
-    landmarks : (m,) rows that all others are compared with; None where there are few recordings,
-        which are all compared with each other.
-    width : factor by which their kernels are wider.
+    objects : NDArray[np.int64]
+        (n,) rising.
+    labels : NDArray[np.int8]
+        (n,P) 1 true, 0 false, -1 unknown.
+    spaces : tuple[FeatureSpace, ...]
+        (M,) of the modalities, each with rows (n,d).
+    landmarks : NDArray[np.int64], optional
+        (m,) rows that all others are compared with; None where there are few recordings, which are
+        all compared with each other.
+    width : float
+        Factor by which their kernels are wider.
     """
 
     objects: NDArray[np.int64]
@@ -51,11 +58,6 @@ class BehaviorRecordings:
         return self.landmarks is not None
 
     @property
-    def features(self) -> NDArray[np.float64]:
-        """Standardized features of all modalities side by side, (n,d)."""
-        return np.hstack([space.rows for space in self.spaces])
-
-    @property
     def compared(self) -> tuple[FeatureSpace, ...]:
         """Spaces that hold the rows which recordings are compared with."""
         if self.landmarks is None:
@@ -65,15 +67,15 @@ class BehaviorRecordings:
     def kernels(self, *, joint: bool = False) -> NDArray[np.float64]:
         """Compute the kernels (M,n,m) with what recordings are compared with.
 
-        With `joint`, the kernel of all modalities at once is one more.
+        With `joint`, the kernel of all modalities at once is one more; a single one is its own.
         """
-        if self.landmarks is None:
-            kernels = np.stack([space.gram() for space in self.spaces])
-        else:
-            pairs = zip(self.compared, self.spaces, strict=True)
-            kernels = np.stack([near.similarity(space.rows) for near, space in pairs])
-        kernels = widened(kernels, self.width)
-        return with_joint(kernels) if joint else kernels
+        pairs = zip(self.compared, self.spaces, strict=True)
+        kernels = np.stack([near.similarity(space.rows) for near, space in pairs])
+        if self.width != 1.0:  # an RBF wider by f: exp(-d^2 / (f w)^2) = k^(1 / f^2)
+            kernels **= self.width**-2.0
+        if not joint or len(kernels) == 1:
+            return kernels
+        return np.concatenate([kernels, joint_kernel(kernels)[None]])
 
     def of(self, attributes: NDArray[np.integer]) -> "BehaviorRecordings":
         """Keep the labels of some attributes."""
@@ -111,123 +113,74 @@ def dealt(names: NDArray[np.integer], folds: int) -> NDArray[np.int64]:
 def groups_of(
     behaviors: Iterable[BehaviorRecordings], objects: int, settings: PerceptionSettings
 ) -> NDArray[np.int64]:
-    """Return what each object is left out with: itself, or a fold where there are many.
-
-    Returns
-    -------
-    NDArray[np.int64]
-        (O,).
-    """
+    """Return what each object (O,) is left out with: itself, or a fold where there are many."""
     names = np.arange(objects)
     many = any(recordings.large for recordings in behaviors)
     return dealt(names, settings.folds) if many else names
 
 
-@dataclass(frozen=True, slots=True)
-class Kernels:
-    """All n = O R recordings of a data set in feature spaces that many refits share.
+def fit_spaces(
+    dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
+) -> Spaces:
+    """Fit feature spaces (means, standard deviations, widths, whitening), which need no labels.
 
-    A robot refits its classifiers after every batch. Its feature spaces (means, standard
-    deviations, kernel widths, whitening) need no labels: they are fitted once, or again as
-    recordings come in.
+    A robot refits its classifiers as labels come in, and keeps the spaces. A behavior without
+    recordings has none: percepts of it are at even odds.
 
-    Attributes
+    Parameters
     ----------
     dataset : Dataset
-        Of the recordings.
-    spaces : Mapping[tuple[str, str], FeatureSpace]
-        (behavior, modality) -> space with rows (n,d).
+        All n = O R recordings, which the spaces hold.
+    gathered : TrainingSet
+        Those that the robot has, to which the spaces are fitted.
+    kernel : str
+        "rbf" or "polynomial".
+    whiten : bool
+        Shrink directions in which repeats of one object differ.
     """
-
-    dataset: Dataset
-    spaces: Mapping[tuple[str, str], FeatureSpace]
-
-    __repr__ = short_repr
-
-    @classmethod
-    def of(
-        cls, dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
-    ) -> "Kernels":
-        """Fit the spaces to the recordings that a robot has, without labels.
-
-        A behavior without recordings has no kernels: percepts of it are at even odds.
-
-        Parameters
-        ----------
-        dataset : Dataset
-            All recordings.
-        gathered : TrainingSet
-            Those that the robot has.
-        kernel : str
-            "rbf" or "polynomial".
-        whiten : bool
-            Shrink directions in which repeats of one object differ.
-
-        Returns
-        -------
-        Kernels
-            With all recordings of the data set.
-        """
-        spaces = {}
-        n = len(dataset.objects) * dataset.recordings
-        for behavior, modality in dataset.features:
-            rows = gathered.behavior == dataset.domain.behavior_index(behavior)
-            if rows.any():
-                values, objects = dataset.features[behavior, modality], gathered.object[rows]
-                known = values[objects, gathered.recording[rows]]
-                space = _space((behavior, modality), known, kernel, objects if whiten else None)
-                spaces[behavior, modality] = space.over(values.reshape(n, -1))
-        return cls(dataset, spaces)
-
-    def spaces_of(self, behavior: str, rows: NDArray[np.int64]) -> tuple[FeatureSpace, ...]:
-        """Return the spaces of a behavior's modalities with some recordings (r,)."""
-        return tuple(space.at(rows) for (name, _), space in self.spaces.items() if name == behavior)
+    spaces = {}
+    n = len(dataset.objects) * dataset.recordings
+    for behavior, modality in dataset.features:
+        rows = gathered.behavior == dataset.domain.behavior_index(behavior)
+        if rows.any():
+            values, objects = dataset.features[behavior, modality], gathered.object[rows]
+            known = values[objects, gathered.recording[rows]]
+            space = fit_space(known, kernel, objects if whiten else None)
+            if len(known) > 1 and not len(space.kept):
+                warnings.warn(
+                    f"None of the {known.shape[1]} features of {(behavior, modality)} varies over "
+                    f"{len(known)} recordings: the modality says nothing. Check its sensor.",
+                    stacklevel=2,
+                )
+            rows_of_all = space.standardize(values.reshape(n, -1))
+            spaces[behavior, modality] = replace(space, rows=rows_of_all)
+    return spaces
 
 
 def gather(
     dataset: Dataset,
     training_set: TrainingSet,
     settings: PerceptionSettings,
-    kernels: Kernels | None = None,
+    spaces: Spaces | None = None,
 ) -> dict[int, BehaviorRecordings]:
     """Collect the recordings of each sensing behavior, by its index; no entry where there is none.
 
     If one behavior is above the settings' exact sizes, all have landmarks, spaced evenly over the
     recordings. Other methods than "stacked" compare all recordings with each other at any size.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Features of the recordings.
-    training_set : TrainingSet
-        Which recordings, and their labels.
-    settings : PerceptionSettings
-        Kernel and sizes.
-    kernels : Kernels, optional
-        Spaces that were fitted before; by default they are fitted to these recordings.
-
-    Returns
-    -------
-    dict[int, BehaviorRecordings]
-        In the order of the domain's behaviors.
+    Without `spaces` they are fitted to the training set.
     """
+    if spaces is None:
+        spaces = fit_spaces(dataset, training_set, kernel=settings.kernel)
     gathered = {}
     for e, behavior in enumerate(dataset.domain.behaviors):
         rows = np.flatnonzero(training_set.behavior == e)  # they are sorted by object
-        if not len(rows) or not behavior.modalities:
-            continue
         objects = training_set.object[rows].astype(np.int64)
-        numbers = training_set.recording[rows]
-        if kernels is not None:
-            spaces = kernels.spaces_of(behavior.name, objects * dataset.recordings + numbers)
-        else:
-            contexts = [(behavior.name, modality) for modality in behavior.modalities]
-            spaces = tuple(
-                _space(context, dataset.features[context][objects, numbers], settings.kernel)
-                for context in contexts
-            )
-        if spaces:
-            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], spaces)
+        places = objects * dataset.recordings + training_set.recording[rows]
+        own = tuple(
+            space.at(places) for (name, _), space in spaces.items() if name == behavior.name
+        )
+        if len(rows) and own:
+            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], own)
     if any(
         len(np.unique(recordings.objects)) > settings.exact_objects
         or len(recordings.objects) > settings.exact_recordings
@@ -239,20 +192,3 @@ def gather(
             landmarks = np.linspace(0, n - 1, number).round().astype(np.int64)
             gathered[e] = replace(recordings, landmarks=landmarks)
     return gathered
-
-
-def _space(
-    context: tuple[str, str],
-    features: NDArray[np.floating],
-    kernel: str,
-    objects: NDArray[np.integer] | None = None,
-) -> FeatureSpace:
-    """Fit the space of a (behavior, modality); warn where no feature varies."""
-    space = fit_space(features, kernel, objects)
-    if len(features) > 1 and not len(space.kept):
-        warnings.warn(
-            f"None of the {features.shape[1]} features of {context} varies over "
-            f"{len(features)} recordings: the modality says nothing. Check its sensor.",
-            stacklevel=2,
-        )
-    return space

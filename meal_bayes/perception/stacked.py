@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.perception.ensemble import KernelFit
-from meal_bayes.perception.landmarks import landmark_problem
 from meal_bayes.perception.leave_out import (
+    NOBODY,
     Problem,
     each_group,
-    full_stackers,
     kernel_problem,
     known_patterns,
+    landmark_problem,
     leave_out,
 )
 from meal_bayes.perception.recordings import BehaviorRecordings, dealt
@@ -35,7 +35,8 @@ class Stacker:
 
     Attributes
     ----------
-    weights : (P,1+M) intercept and slopes.
+    weights : NDArray[np.float64]
+        (P,1+M) intercept and slopes.
     """
 
     weights: Floats
@@ -55,10 +56,14 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    rows : (r,) recordings whose labels are known, group by group.
-    attributes : (a,).
-    columns : (c,) what the problem's duals weigh, of what recordings are compared with.
-    problem : of these rows.
+    rows : NDArray[np.int64]
+        (r,) recordings whose labels are known, group by group.
+    attributes : NDArray[np.int64]
+        (a,).
+    columns : NDArray[np.int64]
+        (c,) what the problem's duals weigh, of what recordings are compared with.
+    problem : Problem
+        Of these rows.
     """
 
     rows: Ints
@@ -110,10 +115,10 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelF
     nested = np.full((n, n_attributes), np.nan)
     for part in parts(recordings, kernels, settings, by_object=settings.by_object):
         attributes, problem = part.attributes, part.problem
-        weights[attributes] = full_stackers(problem, settings)
+        weights[attributes] = leave_out(problem, NOBODY, settings).weights[0]
         nested[np.ix_(part.rows, attributes)] = each_group(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_kernels), attributes, part.columns)] = problem.duals
-    return KernelFit(dual, np.zeros((n_kernels, n_attributes)), Stacker(weights), nested)
+    return KernelFit(dual, Stacker(weights), nested)
 
 
 def outputs(
@@ -123,47 +128,43 @@ def outputs(
 
     Parameters
     ----------
-    recordings : all of the behavior; of each object all labels are known, or none.
-    held : (H,) what to hold out: objects, or folds of them where there are many (see `dealt`).
+    recordings : BehaviorRecordings
+        All of the behavior; of each object all labels are known, or none.
+    held : NDArray[np.int64]
+        (H,) what to hold out: objects, or folds of them where there are many (see `dealt`).
+    settings : PerceptionSettings
+        The method.
 
     Returns
     -------
-    The outputs on what is held out, (n,P), and for each of it those on the others, (H,n,P); NaN
-    where none was computed.
+    NDArray[np.float64]
+        (n,P) the outputs on what is held out.
+    NDArray[np.float64]
+        (H,n,P) for each of it those on the others; NaN where none was computed.
     """
     kernels = recordings.kernels(joint=settings.joint)
     (part,) = parts(recordings, kernels, settings)
     problem = part.problem
-    weights = full_stackers(problem, settings)
+    weights = leave_out(problem, NOBODY, settings).weights[0]
     own = np.full(recordings.labels.shape, np.nan)
     own[part.rows] = each_group(problem, settings, weights)
     # An object without labels or recordings is in no training set: what serves others serves it.
     training = np.tile(own, (len(held), 1, 1))
-    pairs = _pairs(problem, held)
+    # Unordered pairs of groups, at least one held out: each gives the training side of the other.
+    pairs = np.stack(np.triu_indices(len(problem.groups), 1), axis=1)
+    pairs = pairs[np.isin(problem.groups[pairs], held).any(axis=1)]
     both = leave_out(problem, pairs, settings, weights).log_odds  # (S,P,2,R)
-    index = {name: h for h, name in enumerate(held.tolist())}
-    rows = {
-        name: part.rows[start:end]
-        for name, (start, end) in zip(
-            problem.groups.tolist(), pairwise(problem.starts), strict=True
-        )
-    }
-    for (first, second), scores in zip(problem.groups[pairs].tolist(), both, strict=True):
+    rows = [part.rows[start:end] for start, end in pairwise(problem.starts)]
+    place = {name: h for h, name in enumerate(held.tolist())}
+    places = [place.get(name) for name in problem.groups.tolist()]  # among what is held out
+    for (first, second), scores in zip(pairs.tolist(), both, strict=True):
         for out, other, side in ((first, second, 1), (second, first, 0)):
-            if out in index:
-                there = rows[other]
-                training[index[out], there] = scores[:, side, : len(there)].T
-    for name, h in index.items():
-        training[h, rows.get(name, [])] = np.nan
+            if places[out] is not None:
+                training[places[out], rows[other]] = scores[:, side, : len(rows[other])].T
+    for out, there in zip(places, rows, strict=True):
+        if out is not None:
+            training[out, there] = np.nan
     unknown = np.setdiff1d(np.arange(len(own)), part.rows)
     across = kernels[:, unknown][:, :, part.columns]
     own[unknown] = Stacker(weights).log_odds(np.einsum("mbn,mpn->bmp", across, problem.duals))
     return own, training
-
-
-def _pairs(problem: Problem, held: Ints) -> Ints:
-    """Return the unordered pairs of groups of which at least one is held out, (S,2)."""
-    first, second = np.triu_indices(len(problem.groups), 1)
-    wanted = np.isin(problem.groups, held)
-    chosen = wanted[first] | wanted[second]
-    return np.stack([first[chosen], second[chosen]], axis=1)

@@ -10,8 +10,13 @@ the folds of o, o' and o'' take their place.
 The methods "paper" and "classifier" leave folds of objects out at any size (see `folds`).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +25,11 @@ from threadpoolctl import threadpool_limits
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet, object_index
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
+from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.errors import SettingsError
-from meal_bayes.perception.confusion import by_truth, positive_youden
+from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.perception.fitting import method_of
 from meal_bayes.perception.leave_out import known_patterns
-from meal_bayes.perception.provenance import provenance_of
 from meal_bayes.perception.recordings import (
     BehaviorRecordings,
     gather,
@@ -33,12 +38,12 @@ from meal_bayes.perception.recordings import (
 )
 from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
 from meal_bayes.perception.width import Map, learned_widths
+from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]
+Ints = NDArray[np.int64]
 
 _MOST = 255  # recordings of an object and behavior that a bin can count
-
-Progress = Callable[[int, int], None]
 
 
 def build_percept_table(
@@ -48,20 +53,31 @@ def build_percept_table(
     classifier: Any = None,
     attributes: Iterable[str] | None = None,
     objects: Iterable[str] | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
     each: Map = map,
 ) -> PerceptTable:
     """Compute the percept table of a data set.
 
     Parameters
     ----------
-    perception : "default", "paper", or settings.
-    classifier : any scikit-learn classifier, in place of a method; see `with_classifier`.
-    attributes, objects : what to compute; all by default. The rest is NaN.
-    progress : called with (behaviors done, behaviors in all).
-    each : calls a function on every behavior, perhaps at once; results may come in any order.
+    dataset : Dataset
+        Recordings and labels.
+    perception : str | PerceptionSettings
+        "default", "paper", or settings.
+    classifier : Any
+        Any scikit-learn classifier, in place of a method; see `with_classifier`.
+    attributes, objects : Iterable[str] | None
+        What to compute; all by default. The rest is NaN.
+    progress : Callable[[int, int], None] | None
+        Called with (behaviors done, behaviors in all).
+    each : Map
+        Calls a function on every behavior, perhaps at once; results may come in any order.
     """
-    settings = _settings(perception, classifier)
+    if classifier is not None:
+        if perception != "default":
+            raise SettingsError("Give perception or a classifier, not both (see with_classifier).")
+        perception = with_classifier(classifier)
+    settings = named_settings(perception) if isinstance(perception, str) else perception
     if dataset.recordings > _MOST:
         raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
     domain, n_objects = dataset.domain, len(dataset.objects)
@@ -74,11 +90,11 @@ def build_percept_table(
     shape = (dataset.recordings, len(domain.behaviors), len(domain.attributes))
     log_odds = np.full((n_objects, *shape), np.nan, np.float16)
     bins = np.zeros((groups.max() + 1, n_objects, *shape[:0:-1], len(BIN_EDGES) + 1), np.uint8)
-    by_width = dict(zip(held_groups.tolist(), widths.tolist(), strict=True))
+    some = {e: recordings.of(columns) for e, recordings in gathered.items()}
     score = partial(
-        _score_behavior, columns=columns, groups=groups, widths=by_width, settings=settings
+        _score_behavior, held=held_groups, widths=widths, groups=groups, settings=settings
     )
-    for done, (e, own, shown) in enumerate(each(score, gathered.items())):
+    for done, (e, own, shown) in enumerate(each(score, some.items())):
         recorded = gathered[e].objects
         rows = np.flatnonzero(np.isin(recorded, held))
         place = recorded[rows, None], number_in_object(recorded)[rows, None]
@@ -88,106 +104,122 @@ def build_percept_table(
             progress(done + 1, len(gathered))
     if settings.positive_youden_only:
         _neutralize(log_odds, bins, dataset.labels, groups)
-    made = BIN_EDGES, bins, provenance_of(dataset, settings), dataset.recording_counts, groups
+    made = BIN_EDGES, bins, _provenance(dataset, settings), dataset.recording_counts, groups
     return PerceptTable(domain, dataset.objects, dataset.labels, log_odds, *made)
-
-
-def _settings(perception: str | PerceptionSettings, classifier: Any) -> PerceptionSettings:
-    if classifier is None:
-        return named_settings(perception) if isinstance(perception, str) else perception
-    if perception != "default":
-        raise SettingsError("Give perception or a classifier, not both (see with_classifier).")
-    return with_classifier(classifier)
 
 
 def _positions(
     what: str, names: Iterable[str] | None, known: Sequence[str], find: Callable[[str], int]
-) -> NDArray[np.int64]:
-    found = sorted({find(name) for name in (known if names is None else names)})
-    if not found:
+) -> Ints:
+    positions = sorted({find(name) for name in (known if names is None else names)})
+    if not positions:
         raise SettingsError(f"{what} is empty; name at least one, or leave it out for all.")
-    return np.array(found)
+    return np.array(positions)
 
 
 def _score_behavior(
     piece: tuple[int, BehaviorRecordings],
-    columns: NDArray[np.int64],
-    groups: NDArray[np.int64],
-    widths: Mapping[int, float],
+    held: Ints,
+    widths: NDArray[np.float64],
+    groups: Ints,
     settings: PerceptionSettings,
 ) -> tuple[int, Halves, NDArray[np.uint8]]:
     """Score one behavior.
 
     Parameters
     ----------
-    piece : its number and its recordings.
-    columns : (p,) attributes.
-    groups : (O,) what each object is left out with.
-    widths : by what is held out (H,).
+    piece : tuple[int, BehaviorRecordings]
+        Its number and its recordings, with the labels of p attributes.
+    held : NDArray[np.int64]
+        (H,) what is held out.
+    widths : NDArray[np.float64]
+        (H,) factors of the kernels' widths.
+    groups : NDArray[np.int64]
+        (O,) what each object is left out with.
+    settings : PerceptionSettings
+        The method.
 
     Returns
     -------
-    The behavior's number, the held-out outputs (n,p), and for each that is held out how often the
-    objects showed each fine bin, (H,O,p,L).
+    int
+        The behavior's number.
+    NDArray[np.float16]
+        (n,p) the held-out outputs.
+    NDArray[np.uint8]
+        (H,O,p,L) for each that is held out, how often the objects showed each fine bin.
     """
     index, recordings = piece
-    held, factors = np.array(list(widths)), np.array(list(widths.values()))
-    own = np.full((len(recordings.objects), len(columns)), np.nan, np.float16)
-    shown = np.zeros((len(held), len(groups), len(columns), len(BIN_EDGES) + 1), np.uint8)
+    n, n_attributes = recordings.labels.shape
+    own = np.full((n, n_attributes), np.nan, np.float16)
+    shown = np.zeros((len(held), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    names, starts = np.unique(recordings.objects, return_index=True)
+    patterns = list(known_patterns(recordings.labels >= 0))
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
-        for width in np.unique(factors):
-            some = factors == width
-            wide = recordings.of(columns).widened(width)
-            outputs, training = _outputs(wide, held[some], settings)
-            rows = np.isin(groups[recordings.objects], held[some])
-            own[rows] = outputs[rows]
-            shown[some] = _histograms(training, recordings.objects, len(groups))
+        for width in np.unique(widths):
+            chosen = np.flatnonzero(widths == width)
+            rows = np.isin(groups[recordings.objects], held[chosen])
+            for _, attributes in patterns:
+                part = recordings.of(attributes).widened(width)
+                outputs, training = method_of(settings).outputs(part, held[chosen], settings)
+                own[np.ix_(rows, attributes)] = round_log_odds(outputs)[rows]
+                bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
+                bins[np.isnan(training)] = -1
+                for level in range(len(BIN_EDGES) + 1):
+                    counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
+                    shown[..., level][np.ix_(chosen, names, attributes)] = counts
     return index, own, shown
 
 
-def _outputs(
-    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
-) -> tuple[Halves, Halves]:
-    """Score one behavior by kernels of one width, rounded; see `stacked.outputs`."""
-    n, n_attributes = recordings.labels.shape
-    own = np.full((n, n_attributes), np.nan, np.float16)
-    training = np.full((len(held), n, n_attributes), np.nan, np.float16)
-    for _, attributes in known_patterns(recordings.labels >= 0):
-        part = recordings.of(attributes)
-        own_part, training_part = method_of(settings).outputs(part, held, settings)
-        own[:, attributes] = round_log_odds(own_part)
-        training[..., attributes] = round_log_odds(training_part)
-    return own, training
-
-
-def _histograms(training: Halves, objects: NDArray[np.int64], n_objects: int) -> NDArray[np.uint8]:
-    """Count the recordings of each object in each fine bin, (H,n,P) -> (H,O,P,L)."""
-    place = np.searchsorted(BIN_EDGES, training)
-    place[np.isnan(training)] = -1
-    held, _, n_attributes = training.shape
-    counts = np.zeros((held, n_objects, n_attributes, len(BIN_EDGES) + 1), np.uint8)
-    names, starts = np.unique(objects, return_index=True)
-    for level in range(len(BIN_EDGES) + 1):
-        shown = np.add.reduceat(place == level, starts, axis=1, dtype=np.uint8)
-        counts[..., level][:, names] = shown
-    return counts
-
-
-def _neutralize(
-    log_odds: Halves, bins: NDArray[np.uint8], labels: NDArray[np.int8], groups: NDArray[np.int64]
-) -> None:
+def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: Ints) -> None:
     """Set percepts to even odds, in place, where Youden's J <= 0 on the training side.
 
     Decided for each held-out group from the other groups alone.
     """
-    n_bins = bins.shape[-1]
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, own in enumerate(bins):
-        levels = own.reshape(*own.shape[:-1], 2, n_bins // 2).sum(axis=-1)
-        uninformative = ~positive_youden(by_truth(levels.astype(np.int64), labels))  # (P,E)
+        uninformative = youden(by_truth(own.astype(np.int64), labels).total()) <= 0  # (P,E)
         for o in np.flatnonzero(groups == group):
             computed = ~np.isnan(log_odds[o])
             log_odds[o][computed & uninformative.T] = 0.0
         recordings = own.sum(axis=-1)
         own[:, uninformative] = 0
         own[:, uninformative, even] = recordings[:, uninformative]
+
+
+def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:
+    """Return what identifies a table: package, settings, recordings, command, classifier."""
+    digest = hashlib.sha256(dataset.labels.tobytes())
+    for context, values in sorted(dataset.features.items()):
+        digest.update(repr(context).encode())
+        digest.update(values.tobytes())
+    data, classifier, kind = dataset.domain.data, settings.classifier, type(settings.classifier)
+    home, name = SOURCES.get(data), f"{kind.__module__}:{kind.__qualname__}"
+    options = {"paper": " --perception paper", "classifier": f" --classifier {name}"}
+    values_of = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    del values_of["classifier"]  # it has entries of its own
+    provenance = {
+        "package": f"meal-bayes {package_version()}",
+        "perception": _listed(values_of),
+        "source": f"{home.repository}@{home.commit}" if home else "own data",
+        "recordings_sha256": digest.hexdigest(),
+        "command": f"meal-bayes data percepts --dataset {data}{options.get(settings.method, '')}",
+    }
+    if classifier is not None:
+        provenance["classifier"] = name
+        parameters = sorted(classifier.get_params().items())
+        provenance["classifier_parameters"] = _listed({k: repr(v) for k, v in parameters})
+        package = kind.__module__.partition(".")[0]
+        version = getattr(sys.modules.get(package), "__version__", None)
+        if isinstance(version, str):
+            provenance["classifier_package"] = f"{package} {version}"
+        else:
+            try:
+                source = hashlib.sha256(Path(inspect.getfile(kind)).read_bytes()).hexdigest()
+            except (OSError, TypeError):  # typed at a prompt
+                source = "unknown"
+            provenance["classifier_source_sha256"] = source
+    return provenance
+
+
+def _listed(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in values.items())

@@ -36,23 +36,31 @@ def learned_widths(
 
     Parameters
     ----------
-    held : objects, or folds of them where there are many, each left out in turn.
-    each : calls a function on every behavior, perhaps at once; results may come in any order.
+    behaviors : Iterable[BehaviorRecordings]
+        All that sense.
+    settings : PerceptionSettings
+        Their width, where one is set, is the factor; it is 1 where there is no RBF or no stacker.
+    held : Iterable[int]
+        Objects, or folds of them where there are many, each left out in turn.
+    each : Map
+        Calls a function on every behavior, perhaps at once; results may come in any order.
 
     Returns
     -------
-    The factor by all labels, and those (H,) by all labels but the held one's. It is the settings'
-    width where one is set, and 1 where there is no RBF or no stacker.
+    float
+        By all labels.
+    NDArray[np.float64]
+        (H,) by all labels but the held one's.
     """
     groups = np.fromiter(held, np.int64)
     fixed = settings.width if (settings.method, settings.kernel) == ("stacked", "rbf") else 1.0
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
     pieces = list(enumerate(behaviors))
-    found = dict(each(partial(_losses_of_widths, held=groups, settings=settings), pieces))
+    by_behavior = dict(each(partial(_losses_of_widths, held=groups, settings=settings), pieces))
     losses = np.zeros((len(WIDTHS), 1 + len(groups)))
     for index, _ in pieces:  # in their order, so that the sum is the same to the last bit
-        losses += found[index]
+        losses += by_behavior[index]
     best = np.array(WIDTHS)[losses.argmin(axis=0)]
     return float(best[0]), best[1:]
 
@@ -60,27 +68,26 @@ def learned_widths(
 def _losses_of_widths(
     piece: tuple[int, BehaviorRecordings], held: Ints, settings: PerceptionSettings
 ) -> tuple[int, Floats]:
-    """Return a behavior's number and its losses by width, (W,1+H)."""
+    """Sum the stackers' losses over a behavior's attributes.
+
+    Returns its number, and by width (W,1+H) the sums with all groups and without each held one.
+    """
     index, recordings = piece
+    total = np.zeros((len(WIDTHS), 1 + len(held)))
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
-        return index, np.stack(
-            [_losses(recordings.widened(width), held, settings) for width in WIDTHS]
-        )
-
-
-def _losses(recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings) -> Floats:
-    """Sum the stackers' losses over attributes: with all groups, and without each held one."""
-    total = np.zeros(1 + len(held))
-    for part in parts(recordings, recordings.kernels(joint=settings.joint), settings):
-        problem = part.problem
-        everyone = leave_out(problem, NOBODY, settings)
-        (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)
-        total += all_losses
-        present = np.flatnonzero(np.isin(held, problem.groups))
-        sets = np.searchsorted(problem.groups, held[present])[:, None]
-        without = leave_out(problem, sets, settings, everyone.weights[0])
-        total[1 + present] += (without.losses * _votes(problem, sets)).sum(axis=1) - all_losses
-    return total
+        for w, width in enumerate(WIDTHS):
+            wide = recordings.widened(width)
+            for part in parts(wide, wide.kernels(joint=settings.joint), settings):
+                problem = part.problem
+                everyone = leave_out(problem, NOBODY, settings)
+                (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)
+                total[w] += all_losses
+                present = np.flatnonzero(np.isin(held, problem.groups))
+                sets = np.searchsorted(problem.groups, held[present])[:, None]
+                without = leave_out(problem, sets, settings, everyone.weights[0])
+                losses = (without.losses * _votes(problem, sets)).sum(axis=1)
+                total[w, 1 + present] += losses - all_losses
+    return index, total
 
 
 def _votes(problem: Problem, sets: Ints) -> Floats:

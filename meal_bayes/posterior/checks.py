@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logsumexp
 
-from meal_bayes.posterior.dispersion import youden
+from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.draws import Draws, replicate, sensing
 from meal_bayes.posterior.pointwise import log_likelihood
 

@@ -12,7 +12,8 @@ from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion, youden
+from meal_bayes.perception.confusion import youden
+from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion
 
 if TYPE_CHECKING:
     from meal_bayes.perception.confusion import ConfusionCounts

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.grid import (
     DISPERSIONS,
     Profile,
@@ -126,17 +127,6 @@ def _posterior(
     diversity = prob * profile.diversity
     s = diversity.sum(axis=1) / (diversity @ (1 / (DISPERSIONS + 1))) - 1
     return GridPosterior(rows, alpha, prob, mean, s)
-
-
-def youden(counts: Array) -> Array:
-    """Return TPR - FPR (...,P,E) of counts (...,P,E,2,K); the upper half of the levels says "true".
-
-    It is 0 where a truth has no percept.
-    """
-    total = counts.sum(axis=-1)
-    positive = counts[..., counts.shape[-1] // 2 :].sum(axis=-1)
-    rates = positive / np.where(total > 0, total, 1.0)
-    return np.where((total > 0).all(axis=-1), rates[..., 1] - rates[..., 0], 0.0)
 
 
 def _common_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:

@@ -28,7 +28,8 @@ from scipy.special import gammaln
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior.dispersion import fit_dispersion, youden
+from meal_bayes.perception.confusion import youden
+from meal_bayes.posterior.dispersion import fit_dispersion
 from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.processes import EndingContext

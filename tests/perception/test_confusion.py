@@ -6,7 +6,7 @@ from sklearn.metrics import cohen_kappa_score
 
 from meal_bayes.errors import DataError
 from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.perception.confusion import positive_youden
+from meal_bayes.perception.confusion import cohens_kappa, youden
 
 
 def counts_of(*rows):
@@ -22,25 +22,31 @@ def test_kappa_is_cohens(pairs):
     table = np.zeros((2, 2), int)
     np.add.at(table, (truth.astype(int), said.astype(int)), 1)
     expected = cohen_kappa_score(truth, said)
-    assert counts_of(*table).kappa()[0, 0] == pytest.approx(expected, abs=1e-12)
+    assert cohens_kappa(counts_of(*table).total())[0, 0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_kappa_of_four_levels_is_that_of_yes_and_no():
+def test_four_levels_are_halves_of_yes_and_no():
     four, two = counts_of([5, 3, 1, 1], [0, 2, 4, 4]), counts_of([8, 2], [2, 8])
-    assert four.kappa() == pytest.approx(two.kappa())
+    assert youden(four.total()) == pytest.approx(youden(two.total()))
     assert four.levels == 4
 
 
 @pytest.mark.parametrize("rows", [([0, 0], [0, 0]), ([5, 5], [0, 0]), ([7, 0], [3, 0])])
 def test_kappa_is_zero_where_nothing_is_said(rows):
-    assert counts_of(*rows).kappa()[0, 0] == 0
+    assert cohens_kappa(np.array(rows)) == 0
 
 
-def test_only_tables_with_more_hits_than_false_alarms_are_positive_youden():
-    assert positive_youden(counts_of([8, 2], [5, 5]))[0, 0]
-    assert not positive_youden(counts_of([8, 2], [8, 2]))[0, 0]
-    assert not positive_youden(counts_of([5, 5], [8, 2]))[0, 0]
-    assert not positive_youden(counts_of([5, 5], [0, 0]))[0, 0]  # no true object
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        (([8, 2], [5, 5]), 0.3),
+        (([8, 2], [8, 2]), 0.0),
+        (([5, 5], [8, 2]), -0.3),
+        (([5, 5], [0, 0]), 0.0),  # no true object
+    ],
+)
+def test_youden_s_j_is_hits_less_false_alarms(rows, expected):
+    assert youden(np.array(rows)) == pytest.approx(expected)
 
 
 def test_totals_add_the_objects():

@@ -4,7 +4,7 @@ import pytest
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.perception import recorded_percepts, sampled_percepts, scored_percepts
+from meal_bayes.perception import RecordedPercepts, SampledPercepts
 from meal_bayes.perception.perceiver import answer, draw_levels
 
 BOTH = Query(("heavy", "red"))  # not in the domain's order
@@ -17,7 +17,7 @@ def rng():
 
 def test_recorded_percepts_are_looked_up_by_object_recording_and_behavior(small_table, rng):
     for levels in (2, 4):
-        perceiver = recorded_percepts(small_table, levels)
+        perceiver = RecordedPercepts(small_table, levels)
         for o in range(4):
             for r in range(3):
                 instance = Instance(o, "lift", r)
@@ -28,12 +28,12 @@ def test_recorded_percepts_are_looked_up_by_object_recording_and_behavior(small_
 
 def test_what_was_not_computed_is_refused(small_table, rng):
     with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'reinit' .* object 0"):
-        recorded_percepts(small_table).observe(Instance(0, "reinit", 0), Query(("red",)), rng)
+        RecordedPercepts(small_table).observe(Instance(0, "reinit", 0), Query(("red",)), rng)
 
 
 def test_levels_must_divide_the_bins(small_table):
     with pytest.raises(SettingsError, match=r"3 levels; expected one of \[2, 4, 8\]"):
-        recorded_percepts(small_table, 3)
+        RecordedPercepts(small_table, 3)
 
 
 @pytest.mark.statistical
@@ -46,7 +46,7 @@ def test_each_attribute_of_an_answer_is_right_with_its_accuracy(rng, n):
 
 
 def test_answers_come_from_the_labels_and_in_extreme_levels(small_table):
-    perceiver = recorded_percepts(small_table, 4)
+    perceiver = RecordedPercepts(small_table, 4)
     sure = small_table.domain.behaviors[3].answer_accuracy
     assert sure == 0.7
     drawn = [
@@ -58,26 +58,13 @@ def test_answers_come_from_the_labels_and_in_extreme_levels(small_table):
     assert (np.mean(np.array(drawn) == truth, axis=0) > 0.5).all()
 
 
-def test_fitted_percepts_are_looked_up_and_people_answer(small_table):
-    t = small_table
-    fitted = scored_percepts(t.domain, t.labels, t.log_odds.astype(np.float16), 4)
-    recorded = recorded_percepts(t, 4)
-    for o, r in np.ndindex(4, 3):
-        for behavior in ("look", "lift", "ask"):
-            said = [
-                one.observe(Instance(o, behavior, r), BOTH, np.random.default_rng(o)).tolist()
-                for one in (fitted, recorded)
-            ]
-            assert said[0] == said[1]
-
-
 def test_nobody_knows_is_a_coin(rng):
     yes = [int(answer(np.array([-1], np.int8), 1.0, 2, rng)[0]) for _ in range(400)]
     assert 100 < sum(yes) < 300
 
 
 def test_a_seed_gives_the_same_percepts(small_table):
-    perceiver = recorded_percepts(small_table, 2)
+    perceiver = RecordedPercepts(small_table, 2)
     first, second = (
         [perceiver.observe(Instance(0, "ask", 0), BOTH, rng).tolist() for _ in range(20)]
         for rng in (np.random.default_rng(5), np.random.default_rng(5))
@@ -88,7 +75,7 @@ def test_a_seed_gives_the_same_percepts(small_table):
 @pytest.mark.statistical
 def test_the_sampler_draws_from_the_row_of_the_truth(small_table, rng):
     confusion = np.random.default_rng(0).dirichlet(np.ones(4), size=(2, 4, 2))
-    sampler = sampled_percepts(small_table.domain, small_table.labels, confusion)
+    sampler = SampledPercepts(small_table.domain, small_table.labels, confusion)
     instance = Instance(0, "lift", 0)  # red: false, heavy: true
     drawn = np.array([sampler.observe(instance, BOTH, rng) for _ in range(4000)])
     for column, row in ((0, confusion[1, 1, 1]), (1, confusion[0, 1, 0])):
@@ -97,14 +84,14 @@ def test_the_sampler_draws_from_the_row_of_the_truth(small_table, rng):
 
 
 def test_the_sampler_answers_like_a_person(small_table, rng):
-    sampler = sampled_percepts(small_table.domain, small_table.labels, np.full((2, 4, 2, 4), 0.25))
+    sampler = SampledPercepts(small_table.domain, small_table.labels, np.full((2, 4, 2, 4), 0.25))
     said = [sampler.observe(Instance(0, "ask", 0), BOTH, rng).tolist() for _ in range(200)]
     assert {level for row in said for level in row} == {0, 3}
 
 
 def test_the_sampler_refuses_matrices_of_another_domain(small_table):
     with pytest.raises(DataError, match=r"expected \(2,4,2,K\)"):
-        sampled_percepts(small_table.domain, small_table.labels, np.full((2, 3, 2, 2), 0.5))
+        SampledPercepts(small_table.domain, small_table.labels, np.full((2, 3, 2, 2), 0.5))
 
 
 def test_certain_rows_give_certain_levels(rng):

@@ -13,12 +13,12 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
+    RecordedPercepts,
     build_percept_table,
-    recorded_percepts,
     with_classifier,
 )
+from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.leave_out import each_group, kernel_problem
-from meal_bayes.perception.modality import fit_space, widened, with_joint
 from meal_bayes.perception.recordings import gather
 from meal_bayes.perception.width import learned_widths
 
@@ -47,17 +47,13 @@ def test_held_out_outputs_are_the_nested_ones(make):
 def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     dataset = make(2, objects=8)
     table = build_percept_table(dataset, perception=ALL)
-    grams = np.stack(
-        [fit_space(dataset.features["lift", m].reshape(16, -1), "rbf").gram() for m in "abc"]
-    )
-    objects = np.repeat(np.arange(8), 2)
-    truth = np.repeat(dataset.labels == 1, 2, axis=0)
     gathered = gather(dataset, TrainingSet.everything(dataset), ALL)
     _, widths = learned_widths(gathered.values(), ALL, range(8))
     assert len(set(widths)) > 1  # so that each table has its own
+    objects, truth = gathered[1].objects, gathered[1].labels == 1
     for held_out in range(8):
         rest = objects != held_out
-        wide = with_joint(widened(grams, widths[held_out]))[:, rest][:, :, rest]
+        wide = gathered[1].widened(widths[held_out]).kernels(joint=True)[:, rest][:, :, rest]
         problem = kernel_problem(wide, truth[rest], objects[rest], ALL.noise)
         outputs = each_group(problem, ALL)
         for other in range(8):
@@ -129,7 +125,7 @@ def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
     assert np.isnan(part.log_odds[0]).all()
     assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == held
     with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'look'"):
-        recorded_percepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
+        RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
 
 
 def test_names_that_do_not_exist_are_refused(make):
@@ -186,5 +182,5 @@ def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     for seed in range(1 if name == "cy101" else 2):
         shuffled = permuted(dataset, np.random.default_rng(seed))
         counts = yes_counts(held_out_log_odds(shuffled), shuffled.labels)
-        kappa.append(counts.kappa()[np.ix_(asked, sensing)].mean())
+        kappa.append(cohens_kappa(counts.total())[np.ix_(asked, sensing)].mean())
     assert abs(np.mean(kappa)) < 0.03

@@ -9,9 +9,7 @@ from meal_bayes.datasets import Dataset, TrainingSet, load_percepts, save_percep
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    Kernels,
     build_percept_table,
-    fit_and_score,
     fit_and_validate,
     table_counts,
     with_classifier,
@@ -65,13 +63,3 @@ def test_every_recording_that_is_there_counts_once(ragged, settings):
     np.testing.assert_array_equal(shown, ragged.recording_counts[:, None].repeat(2, axis=1))
     finite = ~np.isnan(held_out_log_odds(ragged, settings=settings)).any(axis=-1)
     np.testing.assert_array_equal(finite.sum(axis=1), ragged.recording_counts)
-
-
-@SETTINGS
-def test_absent_recordings_are_not_scored_online(ragged, settings):
-    everything = TrainingSet.everything(ragged, range(8))
-    log_odds, _ = fit_and_score(
-        Kernels.of(ragged, everything), everything, np.arange(10), settings=settings
-    )
-    there = np.arange(3)[:, None] < ragged.recording_counts[:, None, :]
-    np.testing.assert_array_equal(~np.isnan(log_odds[:, :, :2]).any(axis=-1), there[:, :, :2])

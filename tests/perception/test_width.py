@@ -10,7 +10,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, fit_and_validate
 from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.recordings import BehaviorRecordings, gather
-from meal_bayes.perception.width import WIDTHS, _losses, learned_widths
+from meal_bayes.perception.width import WIDTHS, _losses_of_widths, learned_widths
 
 
 def recordings_in(dataset):
@@ -24,6 +24,10 @@ def on_a_line(truth_of, objects=40):
     return BehaviorRecordings(
         np.arange(objects), truth_of(place)[:, None].astype(np.int8), (space,)
     )
+
+
+def losses(recordings, held):
+    return _losses_of_widths((0, recordings), held, DEFAULT)[1][0]  # of the narrowest
 
 
 def stripes():
@@ -51,7 +55,7 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
     for place in hidden:
         labels[place] = -1
     for recordings in recordings_in(relabel(dataset, labels)):
-        found = _losses(recordings, np.arange(9), DEFAULT)
+        found = losses(recordings, np.arange(9))
         assert len(set(found)) > 8  # the object without a label is no loss
         for held in range(9):
             rest = recordings.objects != held
@@ -60,12 +64,12 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
                 recordings.labels[rest],
                 tuple(space.at(rest) for space in recordings.spaces),
             )
-            (expected,) = _losses(others, np.empty(0, np.int64), DEFAULT)
+            (expected,) = losses(others, np.empty(0, np.int64))
             assert found[1 + held] == pytest.approx(expected, rel=1e-6)
         flipped = np.where(recordings.labels < 0, -1, 1 - recordings.labels)
         own = recordings.objects == 4
         changed = replace(recordings, labels=np.where(own[:, None], flipped, recordings.labels))
-        again = _losses(changed, np.arange(9), DEFAULT)
+        again = losses(changed, np.arange(9))
         assert again[5] == pytest.approx(found[5], rel=1e-6)
         assert again[0] != pytest.approx(found[0], rel=1e-3)
 
