@@ -5,8 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from paper_repro import online
-from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, risk, table3, table4
+from meal_bayes.datasets import load_percepts
+from paper_repro import frame, online
+from paper_repro.items import (
+    eq7,
+    fig4,
+    fig8,
+    fig9,
+    fig10,
+    fig11,
+    fig12,
+    losses,
+    risk,
+    table3,
+    table4,
+)
 from paper_repro.items.table5 import predicted
 from paper_repro.online import Curves
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED, Evidence
@@ -249,3 +262,16 @@ def test_the_sixth_belief_of_table_5_follows_from_the_others():
     low, high = predicted(0.80, 0.79, 0.54)  # a percept that says nothing leaves it
     assert low < 0.53 < high
     assert not low - 0.005 <= 0.06 <= high + 0.005
+
+
+def test_true_theta_counts_the_object_at_hand(tmp_path):
+    table = load_percepts("roc36")
+    informed = load_percepts(losses.informed_table(frame.Setting(logs=tmp_path), table))
+    yes = (table.levels_of(table.log_odds, 2) == 1)[4].sum(axis=0)  # (E,P) of one object
+    for p in range(len(table.domain.attributes)):
+        changed = (informed.training_bins[4, :, p] != table.training_bins[4, :, p]).any(axis=(1, 2))
+        (other,) = np.flatnonzero(changed)
+        assert table.labels[other, p] == table.labels[4, p]
+        shown = informed.training_levels(4, 2)[other, p, :-1, 1]  # reinit shows nothing
+        np.testing.assert_array_equal(shown, yes[:-1, p])
+    assert losses.cheapest_percept(table) == 0.5
