@@ -206,7 +206,7 @@ def viewer_program() -> Path:
             if (place / name).is_file():
                 return place / name
     raise ViewerError(
-        "The viewer's program is missing; install it with: pip install 'rerun-sdk>=0.41,<0.42'"
+        "The viewer's program is missing; install it with: pip install --force-reinstall rerun-sdk"
     )
 
 
