@@ -25,7 +25,7 @@ from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.dispersion import youden
-from meal_bayes.posterior.draws import Draws, draw_grid, replicate
+from meal_bayes.posterior.draws import draw_grid, draws_of, replicate, rows_of
 from meal_bayes.seeds import stream
 
 RANKED = 99  # posterior draws that a true value is ranked among
@@ -125,7 +125,7 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
             made = simulate(rng, prior, objects=20, recordings=5)
             found = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
                               draws=499)  # fmt: skip
-            mean, s = found.rows()
+            mean, s, _ = rows_of(found)
             kind = {2: "grid, exact"}.get(levels, f"grid, {levels} levels")
             yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)
             yield judged(kind, "s", made.dispersion[0], s[:, 0], rng)
@@ -154,10 +154,13 @@ def same(settings: argparse.Namespace) -> Iterator[Row]:
         rng, start = stream(settings.seed, "sbc", "same", levels), time.perf_counter()
         prior = leaning(levels, 4.0, 3, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5)
-        found = fit_hierarchical(made.counts, **names(3, behaviors), prior=prior,
-                                 sampling=Sampling(500, 500, 2, seed=settings.seed))  # fmt: skip
-        mean, s = found.rows()
-        extra = {"divergences": found.divergences, "seconds": round(time.perf_counter() - start)}
+        found, of_chains = fit_hierarchical(
+            made.counts, **names(3, behaviors), prior=prior,
+            sampling=Sampling(500, 500, 2, seed=settings.seed),
+        )  # fmt: skip
+        mean, s, _ = rows_of(found)
+        lost = int(of_chains["diverging"].sum())
+        extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
         kind = f"NUTS same, {levels} levels"
         yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng) | extra
         yield judged(kind, "s", made.dispersion[0], s[:, 0], rng) | extra
@@ -172,10 +175,11 @@ def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
 
     number, counts = work
-    found = fit_hierarchical(counts, **PAIRS, model="crossed",
-                             sampling=Sampling(250, 400, 2, cores=1, seed=number))  # fmt: skip
-    mean, s = found.rows()
-    return number, found.divergences, (yes(mean), s, found.misperception.ravel())
+    found, of_chains = fit_hierarchical(
+        counts, **PAIRS, model="crossed", sampling=Sampling(250, 400, 2, cores=1, seed=number)
+    )
+    mean, s, epsilon = rows_of(found)
+    return number, int(of_chains["diverging"].sum()), (yes(mean), s, epsilon)
 
 
 def crossed(settings: argparse.Namespace) -> Iterator[Row]:
@@ -192,7 +196,7 @@ def crossed(settings: argparse.Namespace) -> Iterator[Row]:
         [model["mean"], model["dispersion"], model["misperception"]], settings.fits,
         random_seed=int(stream(settings.seed, "sbc", "prior").integers(2**31)),
     )  # fmt: skip
-    before = Draws(*map(tuple, PAIRS.values()), *(values[None] for values in prior))
+    before = draws_of(*PAIRS.values(), *(values[None] for values in prior))
     rng, start = stream(settings.seed, "sbc", "crossed"), time.perf_counter()
     made = replicate(before, template, rng, size=settings.fits)
     fits: list[Fit] = []
@@ -247,15 +251,16 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "attributes": table.domain.attributes[:4],
             "behaviors": [behavior.name for behavior in table.domain.behaviors[:4]],
         }
-        nuts = fit_hierarchical(counts, **named, sampling=Sampling(3000, seed=settings.seed))
+        sampling = Sampling(3000, seed=settings.seed)
+        nuts, of_chains = fit_hierarchical(counts, **named, sampling=sampling)
         exact = draw_grid(counts, stream(settings.seed, "agree"), **named, draws=20_000)
         votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
-        first, second = (yes(found.rows()[0])[:, votes] for found in (nuts, exact))
+        first, second = (yes(rows_of(found)[0])[:, votes] for found in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))
         widths = width(first) / width(second)
         width_off = np.hypot(width_error(first), width_error(second))
-        s = [1 / (1 + found.rows()[1][:, votes]) for found in (nuts, exact)]
+        s = [1 / (1 + rows_of(found)[1][:, votes]) for found in (nuts, exact)]
         told = convergence(to_idata(nuts))
         yield {
             "posterior": "NUTS same",
@@ -271,7 +276,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
             "r_hat": round(max(one.r_hat for one in told), 4),
             "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),
-            "divergences": nuts.divergences,
+            "divergences": int(of_chains["diverging"].sum()),
             "seconds": round(time.perf_counter() - start),
         }
 

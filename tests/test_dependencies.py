@@ -8,8 +8,6 @@ from importlib import metadata
 from itertools import chain
 from pathlib import Path
 
-from meal_bayes.posterior import idata
-
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -41,11 +39,6 @@ def test_what_is_imported_is_declared():
         if not names(homes.get(name, [name])) & declared
     }
     assert missing == set()
-
-
-def test_a_posterior_can_be_saved_without_a_second_install():
-    declared = names(PROJECT["dependencies"])
-    assert any(set(modules) <= declared for modules in idata._ENGINES.values())
 
 
 def test_what_is_declared_is_pinned_for_the_ci():

@@ -16,7 +16,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
 from meal_bayes.perception import fit_and_validate
-from meal_bayes.posterior import draw_grid
 from meal_bayes.trials import Trial, trials_frame
 
 LONGEST = 2000  # characters
@@ -61,15 +60,11 @@ def things(trial):
     dataset = make_synthetic(domain, objects=40, recordings=3, rng=np.random.default_rng(0))
     everything = TrainingSet.everything(dataset)
     perception, counts = fit_and_validate(dataset, everything)
-    draws = draw_grid(
-        counts.counts, np.random.default_rng(0), draws=50,
-        attributes=domain.attributes, behaviors=domain.behavior_names,
-    )  # fmt: skip
     morc = OfflineRunner(load_percepts("roc36"), load_agent("bayes"), 0)
     return [
         trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
         trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,
-        dataset.instance(0, "look", 0), everything, perception, counts, draws, morc.agent, morc,
+        dataset.instance(0, "look", 0), everything, perception, counts, morc.agent, morc,
         morc.knowledge(0), morc.knowledge(0).posterior, morc.knowledge(0).trait,
         OfflineConfig("roc36"), summarize([trial]), summarize([trial])[0], load_domain("ispy32"),
     ]  # fmt: skip

@@ -1,5 +1,7 @@
 """`meal-bayes posterior`: fit the confusion matrices Theta, check the fit, save and plot it."""
 
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +21,13 @@ from meal_bayes.cli.options import dataset_option, digest, json_option, table_of
 from meal_bayes.cli.values import LARGEST_SEED
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.posterior.draws import Draws
 
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
-_CLIP = 1e-6  # of beliefs, in the logarithm
 _SHOWN = 12  # pairs in the table
 
 
@@ -77,12 +78,14 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     table, columns, counts = _counts(config)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
-    drawn = _fit(table, columns, counts, config)
-    facts = _write(drawn, counts, table.objects, config["seed"], folder)
+    names = [table.domain.attributes[p] for p in columns]
+    draws, statistics = _fit(counts, names, table.domain.behavior_names, config)
+    rows = _rows(draws)
+    facts = _write(draws, statistics, counts, table.objects, config["seed"], folder)
     if as_json:
-        print_json({"config": config, **facts, "rows": _rows(drawn), "out": str(folder)})
+        print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
         return
-    _print(drawn, facts)
+    _print(facts, rows, sampled=bool(statistics))
     note(f"draws, summary and figures in {folder}")
 
 
@@ -107,127 +110,133 @@ def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[A
 
 
 def _fit(
-    table: "PerceptTable",
-    columns: list[int],
-    counts: "NDArray[Any]",
-    config: "dict[str, Any]",
-) -> "Draws":
+    counts: "NDArray[Any]", attributes: list[str], behaviors: Sequence[str], config: dict[str, Any]
+) -> "tuple[xr.Dataset, xr.Dataset]":
+    """Return the draws, and the sampler's statistics, which the grid has none of."""
+    import xarray as xr
+
     from meal_bayes.posterior import draw_grid
     from meal_bayes.seeds import stream
 
-    attributes = [table.domain.attributes[p] for p in columns]
-    behaviors = [behavior.name for behavior in table.domain.behaviors]
+    named = {"attributes": attributes, "behaviors": behaviors}
     draws, chains, seed = config["draws"], config["chains"], config["seed"]
     if config["method"] == "grid":
         with patience("drawing from the grid ..."):
-            return draw_grid(
-                counts, stream(seed, "posterior"), attributes=attributes, behaviors=behaviors,
-                draws=draws, chains=chains,
-            )  # fmt: skip
+            rng = stream(seed, "posterior")
+            return draw_grid(counts, rng, **named, draws=draws, chains=chains), xr.Dataset()
     note("the model is compiled first, which takes half a minute or two")
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 
     with progress("NUTS", "steps") as advance:
+        sampling = Sampling(draws, config["tune"], chains, seed=seed)
         return fit_hierarchical(
-            counts, attributes=attributes, behaviors=behaviors, model=config["model"],
-            sampling=Sampling(draws, config["tune"], chains, seed=seed), progress=advance,
-        )  # fmt: skip
+            counts, **named, model=config["model"], sampling=sampling, progress=advance
+        )
 
 
 def _write(
-    draws: "Draws", counts: "NDArray[Any]", objects: "tuple[str, ...]", seed: int, folder: Path
-) -> "dict[str, Any]":
+    draws: "xr.Dataset", statistics: "xr.Dataset", counts: "NDArray[Any]",
+    objects: tuple[str, ...], seed: int, folder: Path,
+) -> dict[str, Any]:  # fmt: skip
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
+    import xarray as xr
 
+    from meal_bayes.evaluation import calibration_error, expected_calibration_error
+    from meal_bayes.evaluation.calibration import negative_log_likelihood
     from meal_bayes.evaluation.canvas import save
     from meal_bayes.evaluation.plots import reliability_diagram
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
-    from meal_bayes.posterior.draws import sensing
+    from meal_bayes.posterior.draws import ROW, sensing
     from meal_bayes.posterior.pointwise import pointwise_log_likelihood
     from meal_bayes.seeds import stream
 
     with patience("checking the fit ..."):
         check = predictive_check(draws, counts, stream(seed, "predictive"))
-        beliefs = beliefs_without_itself(draws, counts)
-        n = check.observed.shape[1]
-        likelihood, units = pointwise_log_likelihood(draws, counts, objects)
-        dims = ("object", "attribute", "behavior", "truth", "level")
+        belief = beliefs_without_itself(draws, counts)
+        likelihood = pointwise_log_likelihood(draws, counts, objects)
+        shown = xr.DataArray(
+            counts[:, :, sensing(counts)],
+            {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
+        )
+        truths = {"truth": draws["truth"].values, "number": range(check.observed.shape[1])}
+        replicates = xr.DataArray(
+            check.predicted[None], truths, ("chain", "draw", "truth", "number")
+        )
         made = idata.to_idata(
             draws,
-            observed={
-                "yes": (("truth", "number"), check.observed),
-                "counts": (dims, counts[:, :, sensing(counts)]),
-            },
-            predicted={"yes": (("truth", "number"), check.predicted[None])},
-            log_likelihood={"percepts": (("unit",), likelihood)},
-            coords={"number": np.arange(n), "object": objects, "unit": units},
+            **({"sample_stats": statistics} if statistics else {}),
+            observed_data=xr.Dataset(
+                {"yes": xr.DataArray(check.observed, truths), "counts": shown}
+            ),
+            posterior_predictive=xr.Dataset({"yes": replicates}),
+            log_likelihood=xr.Dataset({"percepts": likelihood}),
         )
         idata.save_netcdf(made, folder / "posterior.nc")
         write_whole(folder / "summary.csv", idata.summary_csv(made))
         low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
-        save(forest(middle, low, high, draws.attributes, draws.behaviors), folder / "forest.png")
+        names = draws["attribute"].values.tolist(), draws["behavior"].values.tolist()
+        save(forest(middle, low, high, *names), folder / "forest.png")
         save(predictive(check.observed, check.predicted), folder / "predictive.png")
         pairs = {
-            "each": (beliefs.each, beliefs.each_truth),
-            "together": (beliefs.together, beliefs.together_truth),
+            "each": (belief.each, belief.each_truth),
+            "together": (belief.together, belief.together_truth),
         }
-        for name, (belief, truth) in pairs.items():
-            save(reliability_diagram(belief, truth), folder / f"reliability_{name}.png")
-    epsilon = draws.misperception
+        for name, pair in pairs.items():
+            save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
+    epsilon = draws.get("misperception")
     return {
-        "convergence": [one._asdict() for one in idata.convergence(made)],
-        "divergences": draws.divergences,
+        "convergence": [row._asdict() for row in idata.convergence(made)],
+        "divergences": int(statistics.get("diverging", np.zeros(1)).sum()),
         "misperception": None if epsilon is None else float(epsilon.mean()),
         "predictive_p": check.p_values.tolist(),
-        "belief": {name: _quality(*pair, seed) for name, pair in pairs.items()},
+        "belief": {
+            name: {
+                "nll": float(negative_log_likelihood(*pair).mean()),
+                "ece": calibration_error(*pair),
+                "ece_calibrated": expected_calibration_error(
+                    pair[0], stream(seed, "calibrated belief")
+                ),
+            }
+            for name, pair in pairs.items()
+        },
     }
 
 
-def _quality(belief: "NDArray[Any]", truth: "NDArray[Any]", seed: int) -> dict[str, float]:
-    import numpy as np
-
-    from meal_bayes.evaluation import calibration_error, expected_calibration_error
-    from meal_bayes.seeds import stream
-
-    right = np.clip(np.where(truth, belief, 1 - belief), _CLIP, 1)
-    return {
-        "nll": float(-np.log(right).mean()),
-        "ece": calibration_error(belief, truth),
-        "ece_calibrated": expected_calibration_error(belief, stream(seed, "calibrated belief")),
-    }
-
-
-def _yes(draws: "Draws") -> "NDArray[Any]":
+def _yes(draws: "xr.Dataset") -> "NDArray[Any]":
     """Return Pr(yes) of each row, (C*S,P,E,2)."""
     import numpy as np
 
-    mean, _ = draws.rows()
+    from meal_bayes.posterior.draws import rows_of
+
+    mean, *_ = rows_of(draws)
     return np.asarray(mean[..., mean.shape[-1] // 2 :].sum(axis=-1))
 
 
-def _rows(draws: "Draws") -> "list[dict[str, object]]":
+def _rows(draws: "xr.Dataset") -> list[dict[str, Any]]:
     """Return for each pair Pr(yes) of true and false objects, and how far objects differ."""
     import numpy as np
 
-    rates, (_, s) = _yes(draws), draws.rows()
-    found = []
-    for p, attribute in enumerate(draws.attributes):
-        for e, behavior in enumerate(draws.behaviors):
-            row: dict[str, object] = {"attribute": attribute, "behavior": behavior}
-            for truth, name in ((1, "tpr"), (0, "fpr")):
-                low, high = np.quantile(rates[:, p, e, truth], [0.025, 0.975])
-                row[name] = float(rates[:, p, e, truth].mean())
-                row[f"{name}_interval"] = [float(low), float(high)]
-                row[f"s_{draws.coords['truth'][truth]}"] = float(np.median(s[:, p, e, truth]))
-            found.append(row)
-    return found
+    low, high = np.quantile(rates := _yes(draws), [0.025, 0.975], axis=0)
+    mean, s = rates.mean(axis=0), draws["dispersion"].median(("chain", "draw")).values
+    rows = []
+    for (p, attribute), (e, behavior) in product(
+        enumerate(draws["attribute"].values.tolist()), enumerate(draws["behavior"].values.tolist())
+    ):
+        row: dict[str, Any] = {"attribute": attribute, "behavior": behavior}
+        for truth, name, of in ((1, "tpr", "true"), (0, "fpr", "false")):
+            at = p, e, truth
+            row[name] = float(mean[at])
+            row[f"{name}_interval"] = [float(low[at]), float(high[at])]
+            row[f"s_{of}"] = float(s[at])
+        rows.append(row)
+    return rows
 
 
-def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
+def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) -> None:
     console = output()
     table = new_table("variable", "entries", "R-hat", "ESS bulk", "ESS tail")
     for one in facts["convergence"]:
@@ -235,14 +244,29 @@ def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
         table.add_row(one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", *ess)
     console.print(table)
     console.print()
-    _print_rows(draws)
-    belief, p = facts["belief"], facts["predictive_p"]
+    names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
+    table = new_table(*names, left=("behavior",))
+    for row in sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]:
+        rates = [
+            "{:.2f} ({:.2f} to {:.2f})".format(row[name], *row[f"{name}_interval"])
+            for name in ("tpr", "fpr")
+        ]
+        s = (f"{row[name]:.1f}" for name in ("s_true", "s_false"))
+        table.add_row(row["attribute"], row["behavior"], *rates, *s)
+    console.print(table)
+    if len(rows) > _SHOWN:
+        note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
+    p = facts["predictive_p"]
+    scores = {
+        name: "NLL {nll:.3f}, ECE {ece:.3f} ({ece_calibrated:.3f} if calibrated)".format(**quality)
+        for name, quality in facts["belief"].items()
+    }
     shown = {
-        "draws": _convergence_text(facts) if draws.statistics else "independent, from the grid",
+        "draws": _convergence_text(facts) if sampled else "independent, from the grid",
         "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
         "objects seen; near 0 or 100 % the model does not fit",
         "beliefs": "learned without the object, after one behavior: "
-        f"{_scores_text(belief['each'])}; after all: {_scores_text(belief['together'])}",
+        f"{scores['each']}; after all: {scores['together']}",
     }
     if facts["misperception"] is not None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
@@ -250,11 +274,7 @@ def _print(draws: "Draws", facts: "dict[str, Any]") -> None:
     print_facts(console, shown)
 
 
-def _scores_text(one: dict[str, float]) -> str:
-    return f"NLL {one['nll']:.3f}, ECE {one['ece']:.3f} ({one['ece_calibrated']:.3f} if calibrated)"
-
-
-def _convergence_text(facts: "dict[str, Any]") -> str:
+def _convergence_text(facts: dict[str, Any]) -> str:
     worst = max(one["r_hat"] for one in facts["convergence"])
     few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
     text = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
@@ -263,22 +283,3 @@ def _convergence_text(facts: "dict[str, Any]") -> str:
     if few < _ESS:
         return f"{text}; few independent draws ({few:.0f}), give more --draws"
     return text
-
-
-def _print_rows(draws: "Draws") -> None:
-    rows = sorted(_rows(draws), key=lambda row: row["fpr"] - row["tpr"])  # type: ignore[operator]
-    names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
-    table = new_table(*names, left=("behavior",))
-    for row in rows[:_SHOWN]:
-        table.add_row(
-            str(row["attribute"]), str(row["behavior"]), _rate(row, "tpr"), _rate(row, "fpr"),
-            f"{row['s_true']:.1f}", f"{row['s_false']:.1f}",
-        )  # fmt: skip
-    output().print(table)
-    if len(rows) > _SHOWN:
-        note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
-
-
-def _rate(row: "dict[str, Any]", name: str) -> str:
-    low, high = row[f"{name}_interval"]
-    return f"{row[name]:.2f} ({low:.2f} to {high:.2f})"

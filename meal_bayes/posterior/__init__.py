@@ -8,6 +8,7 @@ Modules that draw, check and save are loaded when they are used: `draws`, `check
 `hierarchical` (PyMC), `idata` (ArviZ).
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
@@ -15,13 +16,12 @@ from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
 from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 if TYPE_CHECKING:
-    from meal_bayes.posterior.draws import Draws, draw_grid
+    from meal_bayes.posterior.draws import draw_grid
     from meal_bayes.posterior.hierarchical import fit_hierarchical
 
 __all__ = [
     "ConfusionPosterior",
     "DispersionFit",
-    "Draws",
     "SharedTrait",
     "draw_grid",
     "fit_dispersion",
@@ -30,15 +30,10 @@ __all__ = [
     "row_precision",
     "truth_evidence",
 ]
+_LATER = {"draw_grid": "draws", "fit_hierarchical": "hierarchical"}  # in which modules
 
 
 def __getattr__(name: str) -> object:
-    if name in ("Draws", "draw_grid"):
-        from meal_bayes.posterior import draws  # noqa: PLC0415
-
-        return getattr(draws, name)
-    if name == "fit_hierarchical":
-        from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
-
-        return fit_hierarchical
+    if name in _LATER:
+        return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

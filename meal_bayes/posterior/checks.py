@@ -3,11 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logsumexp
 
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.draws import Draws, replicate, sensing
+from meal_bayes.posterior.draws import replicate, rows_of, sensing
 from meal_bayes.posterior.pointwise import log_likelihood
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class Beliefs(NamedTuple):
 
 
 def predictive_check(
-    draws: Draws, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
+    draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
 ) -> Prediction:
     """Compare the numbers of "yes" of each object with those predicted of new objects.
 
@@ -80,7 +81,7 @@ def _yes(
     return table, squares / np.maximum(full.sum(axis=(0, 1, 2)), 1)
 
 
-def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) -> Beliefs:
+def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 400) -> Beliefs:
     """Compute beliefs in each object's attributes as if it had not been learned from.
 
     Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
@@ -97,18 +98,19 @@ def beliefs_without_itself(draws: Draws, counts: ArrayLike, *, size: int = 400) 
     kept = array[:, :, sensing(array)]
     by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
     shown = kept.sum(axis=3).astype(float)  # (O,P,E,K)
-    mean, s = draws.rows()
+    mean, s, epsilon = rows_of(draws)
     shown[:, youden(mean.mean(axis=0)) <= 0] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
     each = np.array(
         [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
     )  # (S,2,O,P,E)
-    epsilon, truth, odds = draws.epsilon[picked], by_truth[..., 1], _base_log_odds(by_truth)
+    others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2), for the base rate (n+ + 1) / (n + 2)
+    truth, odds = by_truth[..., 1], np.log(others[..., 1] / others[..., 0])
     known = np.asarray(by_truth.any(axis=-1))  # (O,P)
     seen = known[..., None] & (shown.sum(axis=-1) > 0)  # (O,P,E)
     own = np.broadcast_to(truth[..., None], seen.shape)
-    together = odds + _log_ratio(each.sum(axis=-1), truth, epsilon)
-    single = odds[..., None] + _log_ratio(each, own, epsilon)
+    together = odds + _log_ratio(each.sum(axis=-1), truth, epsilon[picked])
+    single = odds[..., None] + _log_ratio(each, own, epsilon[picked])
     return Beliefs(expit(single[seen]), own[seen], expit(together[known]), truth[known])
 
 
@@ -120,9 +122,3 @@ def _log_ratio(scores: Array, truth: NDArray[np.bool_], epsilon: Array) -> Array
     weight = -np.where(truth, scores[:, 1], scores[:, 0])
     false, true = logsumexp(scores + weight[:, None], axis=0)
     return np.asarray(true - false)
-
-
-def _base_log_odds(by_truth: NDArray[np.bool_]) -> Array:
-    """Return the log-odds (O,P) of the other objects' base rate, (n+ + 1) / (n + 2)."""
-    others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
-    return np.asarray(np.log(others[..., 1] / others[..., 0]))

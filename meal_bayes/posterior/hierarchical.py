@@ -22,6 +22,7 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
@@ -30,7 +31,7 @@ from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.dispersion import fit_dispersion
-from meal_bayes.posterior.draws import TRUTHS, Draws, sensed
+from meal_bayes.posterior.draws import ROW, TRUTHS, sensed
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
@@ -57,7 +58,6 @@ _LOG_S = np.log(DISPERSIONS)
 _STEP = float(_LOG_S[1] - _LOG_S[0])
 _LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a point is a cell
 _ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
-_ROW = ("attribute", "behavior", "truth")
 _LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
 _MISPERCEIVED = 0.05  # prior scale of epsilon
 _SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
@@ -94,7 +94,7 @@ def fit_hierarchical(
     prior: ArrayLike | None = None,
     sampling: Sampling | None = None,
     progress: Progress | None = None,
-) -> Draws:
+) -> tuple[xr.Dataset, xr.Dataset]:
     """Draw from the posterior of a hierarchical model.
 
     nutpie samples where it is installed, PyMC's own NUTS elsewhere; each repeats under its seed.
@@ -108,6 +108,10 @@ def fit_hierarchical(
         the grid learned by default.
     progress : called with (steps done, steps in all); nutpie shows its own bar instead.
 
+    Returns
+    -------
+    The draws (see `draws`), and the sampler's statistics.
+
     Raises
     ------
     SettingsError : an unknown model, counts and names that do not agree, nothing to fit.
@@ -116,19 +120,16 @@ def fit_hierarchical(
     kept, names, sensors = sensed(counts, attributes, behaviors)
     built = build_model(kept, names, sensors, model=model, prior=prior)
     trace = _sample(built, sampling or Sampling(), progress)
-    found = {
-        str(name): (tuple(values.dims[2:]), values.values)
-        for name, values in trace["posterior"].data_vars.items()
-        if not str(name).endswith(_INNER)
-    }
-    (_, mean), (_, s) = found.pop("mean"), found.pop("dispersion")
-    _, epsilon = found.pop("misperception", ((), None))
-    statistics = {
-        str(name): values.values
-        for name, values in trace["sample_stats"].data_vars.items()
+    posterior, stats = trace["posterior"], trace["sample_stats"]
+    inner = [name for name in posterior.data_vars if str(name).endswith(_INNER)]
+    numbers = [
+        name
+        for name, values in stats.data_vars.items()
         if values.dims == ("chain", "draw") and values.dtype.kind in "biuf"
-    }
-    return Draws(names, sensors, mean, s, epsilon, found, statistics)
+    ]
+    # as files hold them, without what PyMC notes of the machine
+    draws = xr.Dataset(posterior.drop_vars(inner).variables)
+    return draws, xr.Dataset(stats[numbers].variables)
 
 
 def build_model(
@@ -176,7 +177,7 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     # it has a law of its own, about the tau that the rows speak for, which leaves theirs as it is.
     width = pm.Flat("width_standard", dims=("behavior", "truth"))  # log
     place = pm.math.logit((mu - _LOW) / (_HIGH - _LOW))
-    place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=_ROW)
+    place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=ROW)
     log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
     jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
     center, tau = mu[..., None], TAUS  # (T,)
@@ -187,8 +188,8 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     own = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
     pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian + own.sum())
     pm.Deterministic("tau", mean_tau, dims=("behavior", "truth"))  # given the rest
-    mean = pm.Dirichlet("mean", alpha, dims=(*_ROW, "level"))
-    return mean, pm.Deterministic("dispersion", pt.exp(log_s), dims=_ROW)
+    mean = pm.Dirichlet("mean", alpha, dims=(*ROW, "level"))
+    return mean, pm.Deterministic("dispersion", pt.exp(log_s), dims=ROW)
 
 
 def _crossed() -> tuple[Any, Any]:
@@ -200,8 +201,8 @@ def _crossed() -> tuple[Any, Any]:
     log_odds = (lean + odds)[:, None, None] + _effects("log_odds", ("level",))
     log_s = center[:, None, None] + _effects("log_s", ())
     mean = pm.math.softmax(log_odds.transpose(1, 2, 0, 3), axis=-1)
-    mean = pm.Deterministic("mean", mean, dims=(*_ROW, "level"))
-    s = pm.Deterministic("dispersion", pt.exp(log_s.transpose(1, 2, 0)), dims=_ROW)
+    mean = pm.Deterministic("mean", mean, dims=(*ROW, "level"))
+    s = pm.Deterministic("dispersion", pt.exp(log_s.transpose(1, 2, 0)), dims=ROW)
     return mean, s
 
 

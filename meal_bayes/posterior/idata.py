@@ -5,25 +5,21 @@ built and share their names: `found["posterior"]["mean"].sel(attribute="heavy")`
 """
 
 import warnings
-from collections.abc import Mapping
-from importlib import util
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+import xarray as xr
 
 from meal_bayes.cache import writable_caches
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError
 from meal_bayes.files import draft_of
-from meal_bayes.posterior.draws import Draws
 
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import arviz
 az: Any = arviz  # not typed
 
-_ENGINES = {"h5netcdf": ("h5netcdf", "h5py"), "netcdf4": ("netCDF4",)}
 _CLASSIC = az.__version__.startswith("0.")
 
 
@@ -37,57 +33,33 @@ class Convergence(NamedTuple):
     ess_tail: float
 
 
-def to_idata(
-    draws: Draws,
-    *,
-    observed: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
-    predicted: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
-    log_likelihood: Mapping[str, tuple[tuple[str, ...], ArrayLike]] | None = None,
-    coords: Mapping[str, ArrayLike] | None = None,
-) -> Any:
-    """Build an InferenceData (0.x) or DataTree (1.x) of draws.
+def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
+    """Build an InferenceData (0.x) or DataTree (1.x) of draws and other groups.
 
     Parameters
     ----------
-    draws : become the groups posterior and sample_stats.
-    observed, predicted, log_likelihood : name -> (dims, values), for the groups observed_data,
-        posterior_predictive and log_likelihood; the values of the last two have chain and draw
-        before their dims. `az.loo` needs the last.
-    coords : names along dims that the draws do not have.
+    posterior : xr.Dataset
+        Draws.
+    groups : xr.Dataset
+        `sample_stats`, `observed_data`, `posterior_predictive`, `log_likelihood`: `az.loo` needs
+        the last.
     """
-    groups: dict[str, dict[str, Any]] = {"posterior": {}, "sample_stats": dict(draws.statistics)}
-    dims: dict[str, list[str]] = {}
-    parts = (("posterior", draws.variables), ("observed_data", observed or {}),
-             ("posterior_predictive", predicted or {}),
-             ("log_likelihood", log_likelihood or {}))  # fmt: skip
-    for group, variables in parts:
-        for name, (along, values) in variables.items():
-            groups.setdefault(group, {})[name] = np.asarray(values)
-            dims[name] = list(along)
-    names = {
-        key: list(np.asarray(value)) for key, value in {**draws.coords, **(coords or {})}.items()
-    }
-    full = {group: variables for group, variables in groups.items() if variables}
-    if _CLASSIC:
-        return az.from_dict(**full, coords=names, dims=dims)
-    return az.from_dict(full, coords=names, dims=dims)
+    every = {"posterior": posterior, **groups}
+    return az.InferenceData(**every) if _CLASSIC else xr.DataTree.from_dict(every)
 
 
 def convergence(idata: Any) -> list[Convergence]:
     """Return the largest R-hat and the smallest effective sample sizes of each variable."""
-    posterior = idata["posterior"]
-    found = []
-    for name in posterior.data_vars:
-        values = {str(name): np.asarray(posterior[name].values)}
-        one = az.from_dict(values) if _CLASSIC else az.from_dict({"posterior": values})
+    posterior, rows = idata["posterior"], []
+    for name, values in posterior.data_vars.items():
+        variable = to_idata(posterior[[name]])
         worst = (
-            float(np.max(az.rhat(one)[name])),
-            float(np.min(az.ess(one, method="bulk")[name])),
-            float(np.min(az.ess(one, method="tail")[name])),
+            float(np.max(az.rhat(variable)[name])),
+            float(np.min(az.ess(variable, method="bulk")[name])),
+            float(np.min(az.ess(variable, method="tail")[name])),
         )
-        chains, draws = values[str(name)].shape[:2]
-        found.append(Convergence(str(name), values[str(name)].size // (chains * draws), *worst))
-    return found
+        rows.append(Convergence(str(name), values[0, 0].size, *worst))
+    return rows
 
 
 def summary_csv(idata: Any) -> str:
@@ -96,16 +68,10 @@ def summary_csv(idata: Any) -> str:
 
 
 def save_netcdf(idata: Any, path: str | Path) -> Path:
-    """Write netCDF; the file is there when it is whole.
-
-    Raises
-    ------
-    OutputError : the file cannot be written.
-    SettingsError : no library that writes groups of netCDF is installed.
-    """
-    target, engine = Path(path), _engine()
+    """Write netCDF; the file is there when it is whole, or an `OutputError` says why not."""
+    target = Path(path)
     with draft_of(target) as draft:
-        idata.to_netcdf(str(draft), engine=engine)
+        idata.to_netcdf(str(draft), engine="h5netcdf")
     return target
 
 
@@ -121,11 +87,3 @@ def load_netcdf(path: str | Path) -> Any:
         return az.from_netcdf(str(path))
     except (OSError, ValueError) as fault:
         raise DataError(f"{path} is no posterior in netCDF: {fault}.") from None
-
-
-def _engine() -> str:
-    """Choose the library that writes netCDF with groups."""
-    for name, modules in _ENGINES.items():
-        if all(util.find_spec(module) for module in modules):
-            return name
-    raise SettingsError("netCDF needs two packages; get them with: pip install h5netcdf h5py")

@@ -7,17 +7,18 @@ dependent percepts can be compared with models without. Its rows theta are integ
 from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
-from meal_bayes.posterior.draws import Draws, sensing
+from meal_bayes.posterior.draws import rows_of, sensing
 
 Array = NDArray[np.float64]
 
 
 def pointwise_log_likelihood(
-    draws: Draws, counts: ArrayLike, objects: Sequence[str]
-) -> tuple[Array, list[str]]:
+    draws: xr.Dataset, counts: ArrayLike, objects: Sequence[str]
+) -> xr.DataArray:
     """Compute the log-likelihood of every object and attribute whose label is known.
 
     Parameters
@@ -28,31 +29,14 @@ def pointwise_log_likelihood(
 
     Returns
     -------
-    values : (C,S,U) ln Pr(percepts of a unit | draw), nats.
-    units : (U,) their names, "object: attribute".
+    (chain, draw, unit) ln Pr(percepts of a unit | draw), nats; units are "object: attribute".
     """
     array = np.asarray(counts)
     kept = array[:, :, sensing(array)]
-    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
+    by_truth, shown = np.asarray(kept.any(axis=(2, 4))), kept.sum(axis=3)  # (O,P,2), (O,P,E,K)
     o, p = np.nonzero(by_truth.any(axis=-1))
-    evidence = _evidence(draws, kept.sum(axis=3), o, p)  # (C*S,U,2)
-    truth, unit = by_truth[o, p, 1].astype(int), np.arange(len(o))
-    right, wrong = evidence[:, unit, truth], evidence[:, unit, 1 - truth]
-    epsilon = draws.epsilon[:, None]
-    with np.errstate(divide="ignore"):
-        values = np.logaddexp(np.log1p(-epsilon) + right, np.log(epsilon) + wrong)
-    names = [
-        f"{objects[i]}: {draws.attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)
-    ]
-    return values.reshape(*draws.mean.shape[:2], -1), names
-
-
-def _evidence(
-    draws: Draws, shown: NDArray[np.int64], o: NDArray[np.intp], p: NDArray[np.intp]
-) -> Array:
-    """Compute the log-probability (C*S,U,2) of units of percepts (O,P,E,K) given each truth."""
-    mean, s = draws.rows()
-    evidence = np.zeros((len(mean), len(o), 2))
+    mean, s, epsilon = rows_of(draws)
+    evidence = np.zeros((len(mean), len(o), 2))  # of each truth
     for attribute in np.unique(p):
         members = np.flatnonzero(p == attribute)
         for e in range(shown.shape[2]):
@@ -60,7 +44,14 @@ def _evidence(
             rows, weight = mean[:, None, attribute, e], s[:, None, attribute, e]  # (C*S,1,2,K)
             scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
             evidence[:, members] += scores[:, place.ravel()]
-    return evidence
+    truth, unit = by_truth[o, p, 1].astype(int), np.arange(len(o))
+    right, wrong = evidence[:, unit, truth], evidence[:, unit, 1 - truth]
+    with np.errstate(divide="ignore"):
+        values = np.logaddexp(np.log1p(-epsilon[:, None]) + right, np.log(epsilon[:, None]) + wrong)
+    attributes = draws["attribute"].values
+    names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p, strict=True)]
+    shape = (draws.sizes["chain"], draws.sizes["draw"], len(names))
+    return xr.DataArray(values.reshape(shape), {"unit": names}, ("chain", "draw", "unit"))
 
 
 def log_likelihood(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import meal_bayes
 from meal_bayes.datasets import load_percepts
@@ -35,7 +36,9 @@ def drawn(dataset, levels, objects):
         counts, rng, attributes=domain.attributes, behaviors=domain.behavior_names, draws=50
     )
     dims = ("object", "attribute", "behavior", "truth", "level")
-    return to_idata(draws, observed={"counts": (dims, counts[:, :, :2])})
+    names = {dim: draws[dim].values for dim in dims[1:]}
+    shown = xr.DataArray(counts[:, :, :2], names, dims)
+    return to_idata(draws, observed_data=xr.Dataset({"counts": shown}))
 
 
 class TestAPosteriorOfOnesOwn:

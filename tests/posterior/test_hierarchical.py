@@ -13,6 +13,7 @@ from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import draw_grid, fit_hierarchical
 from meal_bayes.posterior.dispersion import youden
+from meal_bayes.posterior.draws import rows_of, summarize_draws
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.posterior.hierarchical import Sampling, build_model
 from meal_bayes.posterior.idata import convergence, to_idata
@@ -123,25 +124,24 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:15, ..., 1, :] = counts[15:, ..., 0, :] = 0
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
-    found = fit_hierarchical(
+    found, statistics = fit_hierarchical(
         counts, **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
-    assert found.divergences == 0
+    assert statistics["diverging"].sum() == 0
     told = {one.variable: one for one in convergence(to_idata(found))}
     assert set(told) == {"mean", "dispersion", "mu", "tau"}
     assert all(one.r_hat < 1.01 for one in told.values())
-    (mean, s), (exact_mean, exact_s) = found.rows(), exact.rows()
-    assert found.behaviors == ("look", "lift")
+    (mean, s, _), (exact_mean, exact_s, _) = rows_of(found), rows_of(exact)
+    assert found["behavior"].values.tolist() == ["look", "lift"]
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
     np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
     np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
-    assert found.others["tau"][0] == ("behavior", "truth")
+    assert found["tau"].dims == ("chain", "draw", "behavior", "truth")
     assert not steps or steps[-1] == (5000, 5000)  # nutpie has a bar of its own
-    posterior = found.posterior(counts)
-    assert posterior.mean.shape == (4, 3, 2, 2)
+    posterior = summarize_draws(found, counts)
     np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))
 
 
@@ -159,5 +159,5 @@ def test_one_attribute_or_behavior_has_nothing_to_cross():
 
 
 def test_the_package_does_not_load_pymc():
-    code = "import sys, meal_bayes.posterior as p; p.Draws; sys.exit('pymc' in sys.modules)"
+    code = "import sys, meal_bayes.posterior as p; p.draw_grid; sys.exit('pymc' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

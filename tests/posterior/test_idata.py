@@ -1,12 +1,13 @@
 import arviz as az
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.stats import dirichlet_multinomial
 
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError
 from meal_bayes.posterior import ConfusionPosterior, draw_grid, idata
-from meal_bayes.posterior.draws import Draws
+from meal_bayes.posterior.draws import draws_of, rows_of, summarize_draws
 from meal_bayes.posterior.pointwise import pointwise_log_likelihood
 
 
@@ -15,45 +16,23 @@ def draws():
     rng = np.random.default_rng(0)
     mean = rng.dirichlet([2.0, 2.0], (4, 250, 2, 3, 2))
     dispersion = rng.lognormal(size=(4, 250, 2, 3, 2))
-    return Draws(
-        ("red", "full"),
-        ("look", "lift", "tap"),
-        mean,
-        dispersion,
-        rng.beta(1, 20, (4, 250)),
-        {"mu": (("behavior", "truth"), rng.normal(size=(4, 250, 3, 2)))},
-        {"diverging": np.zeros((4, 250), dtype=bool), "energy": rng.normal(size=(4, 250))},
-    )
+    names = ("red", "full"), ("look", "lift", "tap")
+    made = draws_of(*names, mean, dispersion, rng.beta(1, 20, (4, 250)))
+    return made.assign(mu=(("chain", "draw", "behavior", "truth"), rng.normal(size=(4, 250, 3, 2))))
 
 
-def test_every_dimension_has_its_names(draws):
-    found = idata.to_idata(draws)
+def test_netcdf_keeps_names_and_groups(draws, tmp_path):
+    stats = draws[["misperception"]].rename(misperception="energy")
+    made = idata.to_idata(draws, sample_stats=stats)
+    path = idata.save_netcdf(made, tmp_path / "new" / "posterior.nc")
+    found = az.from_netcdf(path)
+    assert found["posterior"]["mean"].identical(draws["mean"])
+    assert found["posterior"]["mu"].dims == ("chain", "draw", "behavior", "truth")
+    assert "energy" in found["sample_stats"]
     entry = found["posterior"]["mean"].sel(
         attribute="full", behavior="tap", truth="true", level="yes"
     )
-    assert entry.dims == ("chain", "draw")
-    np.testing.assert_array_equal(entry.values, draws.mean[:, :, 1, 2, 1, 1])
-    assert found["posterior"]["dispersion"].dims == (
-        "chain", "draw", "attribute", "behavior", "truth",
-    )  # fmt: skip
-    assert found["posterior"]["mu"].dims == ("chain", "draw", "behavior", "truth")
-    assert found["posterior"]["misperception"].dims == ("chain", "draw")
-    assert found["sample_stats"]["diverging"].values.sum() == 0
-
-
-def test_netcdf_keeps_everything(draws, tmp_path):
-    observed = {"yes": (("truth", "number"), np.arange(12).reshape(2, 6))}
-    predicted = {"yes": (("truth", "number"), np.ones((1, 9, 2, 6), dtype=int))}
-    made = idata.to_idata(
-        draws, observed=observed, predicted=predicted, coords={"number": range(6)}
-    )
-    path = idata.save_netcdf(made, tmp_path / "new" / "posterior.nc")
-    found = az.from_netcdf(path)
-    np.testing.assert_array_equal(found["posterior"]["mean"].values, draws.mean)
-    assert found["posterior"]["mean"].coords["attribute"].values.tolist() == ["red", "full"]
-    assert found["posterior"]["mean"].coords["level"].values.tolist() == ["no", "yes"]
-    assert found["observed_data"]["yes"].dims == ("truth", "number")
-    assert found["posterior_predictive"]["yes"].dims == ("chain", "draw", "truth", "number")
+    np.testing.assert_array_equal(entry, draws["mean"].values[:, :, 1, 2, 1, 1])
     assert [file.name for file in path.parent.iterdir()] == ["posterior.nc"]
 
 
@@ -62,10 +41,9 @@ def test_convergence_tells_the_worst(draws):
     assert told["mean"].entries == 24
     assert told["misperception"].entries == 1
     assert all(one.r_hat < 1.02 and one.ess_bulk > 600 for one in told.values())
-    shifted = draws.mean.copy()
-    shifted[0, :, 1, 1, 0] = [0.999, 0.001]  # one chain, one row
-    shifted[0, ::2, 1, 1, 0] = [0.998, 0.002]
-    lost = Draws(draws.attributes, draws.behaviors, shifted, draws.dispersion)
+    lost = draws.copy(deep=True)
+    lost["mean"][0, :, 1, 1, 0] = [0.999, 0.001]  # one chain, one row
+    lost["mean"][0, ::2, 1, 1, 0] = [0.998, 0.002]
     worst = idata.convergence(idata.to_idata(lost))[0]
     assert worst.r_hat > 1.3
     assert worst.ess_bulk < 50
@@ -77,14 +55,8 @@ def test_the_summary_names_every_entry(draws):
     assert len(lines) == 1 + 24 + 12 + 1 + 6
     row = next(line for line in lines if line.startswith('"mean[red, look, true, yes]"'))
     value = float(row.split('"')[2].split(",")[1])
-    assert value == pytest.approx(draws.mean[:, :, 0, 0, 1, 1].mean(), abs=1e-12)
-
-
-def test_netcdf_needs_a_library(draws, tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(SettingsError, match="pip install h5netcdf h5py"):
-        idata.save_netcdf(idata.to_idata(draws), tmp_path / "posterior.nc")
-    assert list(tmp_path.iterdir()) == []
+    expected = draws["mean"].sel(attribute="red", behavior="look", truth="true", level="yes").mean()
+    assert value == pytest.approx(float(expected), abs=1e-12)
 
 
 DIMS = ("object", "attribute", "behavior", "truth", "level")
@@ -105,33 +77,29 @@ def fitted():
     return domain, counts, draws
 
 
-def saved(counts, draws, path, **groups):
-    objects = [f"object {o}" for o in range(len(counts))]
-    made = idata.to_idata(
-        draws,
-        observed={"counts": (DIMS, counts[:, :, :2])},
-        coords={"object": objects, **groups.pop("coords", {})},
-        **groups,
-    )
-    return az.from_netcdf(idata.save_netcdf(made, path))
+def grouped(counts, draws, **groups):
+    """Return draws with the percepts that they come from."""
+    names = {dim: draws[dim].values for dim in DIMS[1:]}
+    shown = xr.DataArray(counts, {"object": [str(o) for o in range(len(counts))], **names}, DIMS)
+    return idata.to_idata(draws, observed_data=xr.Dataset({"counts": shown}), **groups)
 
 
 def test_a_posterior_read_back_is_the_agents(fitted, tmp_path):
     domain, counts, draws = fitted
-    expected = draws.posterior(counts)
-    found = ConfusionPosterior.from_idata(saved(counts, draws, tmp_path / "p.nc"), domain)
+    expected = summarize_draws(draws, counts)
+    idata.save_netcdf(grouped(counts[:, :, :2], draws), tmp_path / "p.nc")
+    found = ConfusionPosterior.from_idata(tmp_path / "p.nc", domain)
     for name in ("prior", "counts", "concentration", "dispersion"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name))
-    turned = draws.select(("heavy", "red"), ("lift", "look"))
-    swapped = saved(counts[:, ::-1, 1::-1], turned, tmp_path / "q.nc")
-    found = ConfusionPosterior.from_idata(swapped, domain)  # laid out for the domain again
-    np.testing.assert_allclose(found.concentration, expected.concentration)
+    turned = draws.sel(attribute=["heavy", "red"], behavior=["lift", "look"])
+    found = ConfusionPosterior.from_idata(grouped(counts[:, ::-1, 1::-1], turned), domain)
+    np.testing.assert_allclose(found.concentration, expected.concentration)  # laid out again
 
 
-def test_names_count_and_not_the_order(fitted, tmp_path):
+def test_names_count_and_not_the_order(fitted):
     domain, counts, draws = fitted
-    made = saved(counts, draws, tmp_path / "p.nc")
-    expected = ConfusionPosterior.from_idata(tmp_path / "p.nc", domain)
+    made = grouped(counts[:, :, :2], draws)
+    expected = ConfusionPosterior.from_idata(made, domain)
     turned = {"truth": ["true", "false"], "level": ["yes", "no"], "attribute": ["heavy", "red"]}
     groups = {
         group: made[group].sel(turned).transpose(..., "truth", "behavior")
@@ -152,9 +120,9 @@ def test_names_count_and_not_the_order(fitted, tmp_path):
         ("dispersion", lambda s: s * np.nan, "above 0"),
     ],
 )
-def test_rows_that_mean_nothing_are_refused(fitted, tmp_path, variable, change, says):
+def test_rows_that_mean_nothing_are_refused(fitted, variable, change, says):
     domain, counts, draws = fitted
-    made = saved(counts, draws, tmp_path / "p.nc")
+    made = grouped(counts[:, :, :2], draws)
     posterior = {name: made["posterior"][name] for name in ("mean", "dispersion")}
     groups = {"posterior": {**posterior, variable: change(posterior[variable])}}
     with pytest.raises(DataError, match=says):
@@ -174,34 +142,23 @@ def test_what_is_no_posterior_is_told(fitted):
         ConfusionPosterior.from_idata({}, domain)
     with pytest.raises(DataError, match="without the percepts it was drawn from"):
         ConfusionPosterior.from_idata(idata.to_idata(draws), domain)
-    part = idata.to_idata(
-        draws.select(("red",), ("look", "lift")), observed={"counts": (DIMS, counts[:, :1, :2])}
-    )
+    part = grouped(counts[:, :1, :2], draws.sel(attribute=["red"]))
     with pytest.raises(DataError, match="Unknown attribute 'heavy'"):
         ConfusionPosterior.from_idata(part, domain)
 
 
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
 def test_log_likelihood_is_that_of_each_object(fitted):
     _, counts, draws = fitted
-    values, units = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
+    values = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
     assert values.shape == (4, 100, 12)
-    unit = units.index("2: heavy")
-    expected = 0.0
+    (mean, s, _), expected = rows_of(draws), 0.0
     for e in range(2):
-        k, alpha = counts[2, 1, e, 1], (draws.dispersion[..., None] * draws.mean)[3, 7, 1, e, 1]
+        k, alpha = counts[2, 1, e, 1], (s[..., None] * mean)[307, 1, e, 1]
         ways = {0: 1, 1: 3, 2: 3, 3: 1}[int(k[0])]
         expected += dirichlet_multinomial(alpha, 3).logpmf(k) - np.log(ways)
-    assert values[3, 7, unit] == pytest.approx(expected)
-
-
-@pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
-def test_arviz_leaves_one_out(fitted, tmp_path):
-    _, counts, draws = fitted
-    values, units = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
-    found = saved(
-        counts, draws, tmp_path / "p.nc",
-        log_likelihood={"percepts": (("unit",), values)}, coords={"unit": units},
-    )  # fmt: skip
+    assert float(values[3, 7].sel(unit="2: heavy")) == pytest.approx(expected)
+    found = grouped(counts[:, :, :2], draws, log_likelihood=xr.Dataset({"percepts": values}))
     loo = idata.az.loo(found)
     assert loo.n_data_points == 12
     assert np.isfinite(float(getattr(loo, "elpd", getattr(loo, "elpd_loo", np.nan))))
