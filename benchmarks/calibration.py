@@ -37,13 +37,12 @@ from meal_bayes.evaluation import (
     negative_log_likelihood,
 )
 from meal_bayes.experiments import askable
-from meal_bayes.perception.confusion import by_truth
+from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.posterior import (
     ConfusionPosterior,
     learn_trait,
     truth_evidence,
 )
-from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.pointwise import log_likelihood
 from meal_bayes.seeds import stream
 

@@ -23,8 +23,8 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
+from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.draws import draw_grid, draws_of, replicate, rows_of
 from meal_bayes.seeds import stream
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,13 +67,15 @@ class TrialBuilder:
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
             self._remember(message.id, _Known(*_momdp(message), len(data)))
-        elif topic == TRIAL:
-            self._check_closed()
-            self._keep(data)
-        elif topic == STEP:
-            if not self._open:
-                raise LogCorruptError("a step has no trial")
-            self._keep(data)
+        elif topic in (TRIAL, STEP):
+            if bool(self._open) == (topic == TRIAL):
+                raise LogCorruptError(
+                    "a trial has no outcome" if self._open else "a step has no trial"
+                )
+            self._open.append(data)
+            self._size += len(data)
+            if self._size > TRIAL_LIMIT:
+                raise LogCorruptError(f"a trial is longer than {TRIAL_LIMIT} bytes")
         elif topic in (OUTCOME, OUTCOMES):
             first, found = self._finish(data) if topic == OUTCOME else decode_outcomes(data)
             if first < self._next:
@@ -101,10 +104,6 @@ class TrialBuilder:
         while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
             del self._momdps[next(iter(self._momdps))], sizes[0]
 
-    def _check_closed(self) -> None:
-        if self._open:
-            raise LogCorruptError("a trial has no outcome")
-
     def unfinished(self) -> Trial | None:
         """Return the trial under way as far as it went, with `ended`; None where there is none."""
         if not self._open:
@@ -124,12 +123,6 @@ class TrialBuilder:
     def drop(self) -> None:
         """Forget the trial under way."""
         self._open, self._size = [], 0
-
-    def _keep(self, data: bytes) -> None:
-        self._open.append(data)
-        self._size += len(data)
-        if self._size > TRIAL_LIMIT:
-            raise LogCorruptError(f"a trial is longer than {TRIAL_LIMIT} bytes")
 
     def _finish(self, data: bytes) -> tuple[int, Trial]:
         if not self._open:
@@ -222,10 +215,6 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
     if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
         raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
-    if len(begin.truth) != len(momdp.query):  # before they are copied: there may be millions
-        raise LogCorruptError(
-            f"trial {begin.trial} has {len(begin.truth)} truths, expected {len(momdp.query)}"
-        )
     belief = _belief(begin, nothing, momdp)
     first, steps, edges = belief, list[Step](), 0
     for index, message in enumerate(messages):
@@ -275,14 +264,7 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     n, e, k = before.percept_counts.shape
-    for name in ("values", "value_se", "visits"):
-        if (found := len(getattr(message, name))) != e + 1:
-            raise LogCorruptError(f"a step has {found} {name}, expected {e + 1}")
-    levels = list(message.observation)
-    if levels and not (len(levels) == n and 0 <= min(levels) <= max(levels) < k <= 127):  # int8
-        raise LogCorruptError(f"percepts {levels}, expected {n} levels below {k}")
-    action = message.action
-    counts = before.percept_counts
+    action, counts, levels = message.action, before.percept_counts, list(message.observation)
     if action >= e:
         if len(message.report) not in (n, 0 if momdp.abstain else n):
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
@@ -291,6 +273,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1
+    rows = message.sampled_rows  # (M,N,K) of the sampled MOMDPs that the decision kept, if any
     return Step(
         x=message.x,
         decision=Decision(
@@ -300,7 +283,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             visits=np.array(message.visits, np.int64),
             tree=_tree(message),
             simulations=message.simulations,
-            sampled_rows=_sampled_rows(message, n, k),
+            sampled_rows=_array(rows, (-1, n, k)) if rows else None,
             gap=message.gap[0] if message.gap else None,
         ),
         next_x=message.next_x,
@@ -312,32 +295,14 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     )
 
 
-def _sampled_rows(message: Any, n: int, k: int) -> NDArray[np.float64] | None:
-    """Read the rows (M,N,K) of the sampled MOMDPs that a decision kept; None where it kept none."""
-    if not message.sampled_rows:
-        return None
-    if len(message.sampled_rows) % (n * k):
-        raise LogCorruptError(
-            f"{len(message.sampled_rows)} sampled probabilities, not of {n} x {k}"
-        )
-    return _array(message.sampled_rows, (-1, n, k))
-
-
 def _tree(message: Any) -> tuple[TreeEdge, ...]:
-    levels, edges, at = list(message.tree_observation), list[TreeEdge](), 0
-    columns = zip(
-        message.tree_level,
-        message.tree_parent,
-        message.tree_action,
-        message.tree_observation_size,
-        message.tree_visits,
-        message.tree_value,
-        strict=True,
-    )
-    for level, parent, action, size, visits, value in columns:
-        observation = tuple(levels[at : at + size])
-        at += size
+    percepts, edges = iter(message.tree_observation), list[TreeEdge]()
+    for level, parent, action, size, visits, value in zip(
+        message.tree_level, message.tree_parent, message.tree_action,
+        message.tree_observation_size, message.tree_visits, message.tree_value, strict=True,
+    ):  # fmt: skip
+        observation = tuple(islice(percepts, size))
         edges.append(TreeEdge(level, parent, action, observation, visits, value))
-    if at != len(levels):
+    if sum(message.tree_observation_size) != len(message.tree_observation):
         raise LogCorruptError("a search tree's percepts do not fit its edges")
     return tuple(edges)

@@ -5,11 +5,15 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp.belief import log_odds
 from meal_bayes.planners import TreeEdge
 from meal_bayes.trial_log.schema import (
+    COUNT_LIMIT,
+    EDGE_LIMIT,
     LINES,
     MESSAGE_LIMIT,
     OUTCOME,
@@ -23,13 +27,7 @@ from meal_bayes.trial_log.schema import (
     TrialMessage,
     log_time,
 )
-from meal_bayes.trial_log.shapes import (
-    odds_misfits,
-    report_misfits,
-    size_misfits,
-    start_misfits,
-    step_misfits,
-)
+from meal_bayes.trial_log.shapes import report_misfits, start_misfits, step_misfits
 from meal_bayes.trials import Step, Trial, task_key
 
 _SHOWN = 6  # attributes in a line of text
@@ -96,34 +94,77 @@ class TrialEncoder:
 
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
-        self._check(start_misfits(trial))
-        self._check(odds_misfits(trial.first_belief, trial.momdp))
-        self._check(size_misfits(0, 0, trial.first_belief.percept_counts.size))
-        self._trial, self._before = trial, trial.first_belief
-        start = _bytes(_start(trial, self._number, self._momdp))
-        return self._counted([Packed(TRIAL, log_time(self._number, 0), start)])
+        task, first = trial.task, trial.first_belief
+        self._check(start_misfits(trial), first, trial.momdp)
+        self._trial, self._before = trial, first
+        start = TrialMessage(
+            trial=self._number,
+            momdp=self._momdp,
+            agent=trial.agent,
+            name=task.name,
+            attributes=task.query.attributes,
+            object_index=task.object_index,
+            object_name=task.object_name,
+            key=task_key(task.key),
+            truth=trial.truth.tolist(),
+            **_belief(first, replayed=not first.percept_counts.any()),
+        )
+        return self._packed((TRIAL, 0, start))
 
     def step(self, step: Step) -> list[Packed]:
         """Pack the next step with a line of text."""
-        momdp, index = self._trial.momdp, self._steps
-        self._edges += len(step.decision.tree)
-        self._check(size_misfits(index + 1, self._edges, step.belief.percept_counts.size))
-        self._check(step_misfits(step, momdp, index))
-        self._check(odds_misfits(step.belief, momdp))
-        positive = step.belief.positive.tolist()
-        replayed = _replays(self._before, step, momdp)
-        counts = [] if replayed else step.belief.percept_counts.ravel().tolist()
-        data = _bytes(_step(step, momdp, self._number, index, positive, counts))
-        time = log_time(self._number, index + 1)
-        self._steps, self._before = index + 1, step.belief
-        line = _line(self._trial, step, self._number, index, positive, time)
-        return self._counted([Packed(STEP, time, data), Packed(LINES, time, line)])
+        momdp, index, decision = self._trial.momdp, self._steps, step.decision
+        self._steps, self._edges = index + 1, self._edges + len(decision.tree)
+        self._check(step_misfits(step, momdp, index), step.belief, momdp)
+        # Percept counts stand in the file only where they do not follow from action and percept.
+        change, action = step.belief.percept_counts - self._before.percept_counts, decision.action
+        if step.observation is not None and action < momdp.n_behaviors:
+            change[np.arange(len(change)), action, step.observation] -= 1
+        self._before = step.belief
+        report = momdp.reported(action) if action >= momdp.n_behaviors else None
+        message = StepMessage(
+            trial=self._number,
+            step=index,
+            x=step.x,
+            action=min(action, momdp.n_behaviors),
+            action_name=momdp.action_name(action),
+            report=_values(report),
+            legal=momdp.legal[step.x].tolist(),
+            next_x=step.next_x,
+            observation=_values(step.observation),
+            cost=step.cost,
+            reward=step.reward,
+            values=decision.values.tolist(),
+            value_se=decision.value_se.tolist(),
+            visits=decision.visits.tolist(),
+            simulations=decision.simulations,
+            sampled_rows=_values(decision.sampled_rows),
+            gap=() if decision.gap is None else (decision.gap,),
+            warning=step.warning,
+            **_tree(decision.tree),
+            **_belief(step.belief, replayed=not change.any()),
+        )
+        line = LogMessage(
+            level=_WARNING if step.warning else _INFO,
+            message=self._line(step, index),
+            name=self._trial.agent,
+        )
+        line.timestamp.seconds = log_time(self._number, index + 1) // 1_000_000_000
+        return self._packed((STEP, index + 1, message), (LINES, index + 1, line))
 
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
         self._check(report_misfits(trial))
-        time = log_time(self._number, self._steps + 1)
-        return self._counted([Packed(OUTCOME, time, _bytes(_outcome(trial, self._number)))])
+        outcome = OutcomeMessage(
+            trial=self._number,
+            steps=len(trial.steps),
+            report=_values(trial.report),
+            success=judgment(trial),
+            cost=trial.cost,
+            reward=trial.reward,
+            ended=trial.ended,
+        )
+        return self._packed((OUTCOME, self._steps + 1, outcome))
 
     def whole(self, trial: Trial) -> list[Packed]:
         """Pack a trial that is whole."""
@@ -132,17 +173,49 @@ class TrialEncoder:
             packed += self.step(step)
         return packed + self.end(trial)
 
-    def _check(self, problems: Iterator[str]) -> None:
-        for problem in problems:
-            raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
+    def _check(
+        self, misfits: Iterator[str], belief: Belief | None = None, momdp: MOMDP | None = None
+    ) -> None:
+        """Raise the first misfit, or what is beyond the limits or no reader would compute."""
+        problems = list(misfits)
+        if self._edges > EDGE_LIMIT:
+            problems += [f"its search trees have more than {EDGE_LIMIT} edges"]
+        if belief is not None and momdp is not None and not problems:
+            if (1 + self._steps) * belief.percept_counts.size > COUNT_LIMIT:
+                problems += [f"its beliefs count more than {COUNT_LIMIT} percepts"]
+            if not np.array_equal(
+                belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True
+            ):
+                problems += ["a belief has other log-odds than its log-probabilities make"]
+        if problems:
+            raise LogError(f"Trial {self._number} cannot be logged: {problems[0]}.")
 
-    def _counted(self, packed: list[Packed]) -> list[Packed]:
+    def _packed(self, *messages: tuple[str, int, Any]) -> list[Packed]:
+        """Pack messages, each given with its topic and the number of its step on the clock."""
+        packed = [
+            Packed(topic, log_time(self._number, step), _bytes(message))
+            for topic, step, message in messages
+        ]
         self._size += sum(len(message.data) for message in packed)
         if self._size > TRIAL_LIMIT:
             raise LogError(
                 f"Trial {self._number} takes {self._size} bytes; a log holds at most {TRIAL_LIMIT}."
             )
         return packed
+
+    def _line(self, step: Step, index: int) -> str:
+        momdp, percept = self._trial.momdp, "none"
+        if step.observation is not None:
+            percept = " ".join(map(str, step.observation.tolist()))
+        names, positive = momdp.query.attributes[:_SHOWN], step.belief.positive.tolist()
+        belief = ", ".join(f"{name} {p:.3f}" for name, p in zip(names, positive, strict=False))
+        more = ", ..." if len(positive) > _SHOWN else ""
+        text = (
+            f"trial {self._number} step {index}: {momdp.action_name(step.decision.action)}, "
+            f"{momdp.x_names[step.x]} -> {momdp.x_names[step.next_x]}, {step.cost:g} s, "
+            f"percept {percept}, belief {belief}{more}, reward {step.reward:g}"
+        )
+        return text + (f"; {step.warning}" if step.warning else "")
 
 
 def _bytes(message: Any) -> bytes:
@@ -155,64 +228,17 @@ def _bytes(message: Any) -> bytes:
     return data
 
 
-def _start(trial: Trial, number: int, momdp: int) -> Any:
-    task, first = trial.task, trial.first_belief
-    return TrialMessage(
-        trial=number,
-        momdp=momdp,
-        agent=trial.agent,
-        name=task.name,
-        attributes=task.query.attributes,
-        object_index=task.object_index,
-        object_name=task.object_name,
-        key=task_key(task.key),
-        truth=trial.truth.tolist(),
-        belief_x=first.x,
-        log_prob=first.log_prob.ravel().tolist(),
-        positive=first.positive.tolist(),
-        percept_counts=first.percept_counts.ravel().tolist() if first.percept_counts.any() else [],
-    )
+def _values(array: NDArray[Any] | None) -> list[Any]:
+    return [] if array is None else array.ravel().tolist()
 
 
-def _replays(before: Belief, step: Step, momdp: MOMDP) -> bool:
-    """Return whether the percept counts after a step follow from action and percept."""
-    change = step.belief.percept_counts - before.percept_counts
-    action = step.decision.action
-    if step.observation is not None and action < momdp.n_behaviors:
-        change[np.arange(len(change)), action, step.observation] -= 1
-    return not change.any()
-
-
-def _step(
-    step: Step, momdp: MOMDP, trial: int, index: int, positive: list[float], counts: list[int]
-) -> Any:
-    decision, e = step.decision, momdp.n_behaviors
-    report = momdp.reported(decision.action) if decision.action >= e else None
-    return StepMessage(
-        trial=trial,
-        step=index,
-        x=step.x,
-        action=min(decision.action, e),
-        action_name=momdp.action_name(decision.action),
-        report=() if report is None else report.tolist(),
-        legal=momdp.legal[step.x].tolist(),
-        next_x=step.next_x,
-        observation=() if step.observation is None else step.observation.tolist(),
-        cost=step.cost,
-        reward=step.reward,
-        values=decision.values.tolist(),
-        value_se=decision.value_se.tolist(),
-        visits=decision.visits.tolist(),
-        simulations=decision.simulations,
-        sampled_rows=() if decision.sampled_rows is None else decision.sampled_rows.ravel(),
-        gap=() if decision.gap is None else (decision.gap,),
-        belief_x=step.belief.x,
-        log_prob=step.belief.log_prob.ravel().tolist(),
-        positive=positive,
-        percept_counts=counts,
-        warning=step.warning,
-        **_tree(decision.tree),
-    )
+def _belief(belief: Belief, *, replayed: bool) -> dict[str, Any]:
+    return {
+        "belief_x": belief.x,
+        "log_prob": belief.log_prob.ravel().tolist(),
+        "positive": belief.positive.tolist(),
+        "percept_counts": [] if replayed else belief.percept_counts.ravel().tolist(),
+    }
 
 
 def _tree(tree: tuple[TreeEdge, ...]) -> dict[str, Any]:
@@ -230,38 +256,6 @@ def _tree(tree: tuple[TreeEdge, ...]) -> dict[str, Any]:
     }
 
 
-def _outcome(trial: Trial, number: int) -> Any:
-    return OutcomeMessage(
-        trial=number,
-        steps=len(trial.steps),
-        report=() if trial.report is None else trial.report.tolist(),
-        success=judgment(trial),
-        cost=trial.cost,
-        reward=trial.reward,
-        ended=trial.ended,
-    )
-
-
 def judgment(trial: Trial) -> int:
     """Return 1 where a trial's report is right, 0, or -1 where that is unknown."""
     return -1 if trial.success is None else int(trial.success)
-
-
-def _line(
-    trial: Trial, step: Step, number: int, index: int, positive: list[float], time: int
-) -> bytes:
-    momdp = trial.momdp
-    percepts = "none" if step.observation is None else " ".join(map(str, step.observation.tolist()))
-    names = momdp.query.attributes[:_SHOWN]
-    belief = ", ".join(f"{name} {p:.3f}" for name, p in zip(names, positive, strict=False))
-    more = ", ..." if len(positive) > _SHOWN else ""
-    text = (
-        f"trial {number} step {index}: {momdp.action_name(step.decision.action)}, "
-        f"{momdp.x_names[step.x]} -> {momdp.x_names[step.next_x]}, {step.cost:g} s, "
-        f"percept {percepts}, belief {belief}{more}, reward {step.reward:g}"
-    )
-    if step.warning:
-        text += f"; {step.warning}"
-    line = LogMessage(level=_WARNING if step.warning else _INFO, message=text, name=trial.agent)
-    line.timestamp.seconds = time // 1_000_000_000
-    return _bytes(line)

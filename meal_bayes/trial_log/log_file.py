@@ -52,7 +52,9 @@ class LogFile:
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
         self.active_path = new_draft(self.path)  # its name while it is being written
-        self.header = {"versions": _versions(), **header}
+        versions = {"meal_bayes": package_version(), "numpy": np.__version__}
+        versions["python"] = platform.python_version()
+        self.header = {"versions": versions, **header}
         self._text = _json(self.header)
         self._file: BinaryIO | None = None
         self._timing: TextIO | None = None
@@ -91,17 +93,15 @@ class LogFile:
         if self._file is None:
             return
         whole = kind is None and not self._torn and not self.begun
-        file = self._file
         with self._faults_named(), contextlib.ExitStack() as stack:
-            stack.enter_context(file)
-            stack.callback(self._close_timing)
+            stack.callback(setattr, self, "_file", None)
+            stack.enter_context(self._file)
+            stack.callback(lambda: self._timing is None or self._timing.close())
             if whole:
                 self.flush()
-                self._mcap.add_attachment(
-                    0, 0, END, "application/json", _json(self.written._asdict()).encode()
-                )
+                end = _json(self.written._asdict()).encode()
+                self._mcap.add_attachment(0, 0, END, "application/json", end)
                 self._mcap.finish()
-                file.flush()
         if whole:
             with self._faults_named():
                 if self._timing is None:
@@ -109,11 +109,6 @@ class LogFile:
                 else:
                     replace_whole(timing_of(self.active_path), self.timing_path)
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
-
-    def _close_timing(self) -> None:
-        self._file = None
-        if self._timing is not None:
-            self._timing.close()
 
     def flush(self) -> None:
         """Write what is waiting."""
@@ -126,11 +121,15 @@ class LogFile:
         self._torn = True
         with self._faults_named():
             for message in packed:
-                self._add(message.topic, message.time, message.data)
+                self._add(message)
             self._mcap.flush()
             for number, taken in enumerate(seconds, start=self.written.trials):
                 if taken is not None:
-                    self._note_seconds(number, taken)
+                    if self._timing is None:
+                        self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
+                        self._timing.write("trial,seconds\n")
+                    self._timing.write(f"{number},{taken:.6f}\n")
+                    self._timing.flush()
             if sync and self._file is not None:
                 self._file.flush()
                 os.fsync(self._file.fileno())
@@ -140,6 +139,14 @@ class LogFile:
         """Raise where nothing can be written."""
         if self._file is None or self._torn:
             raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
+
+    @contextlib.contextmanager
+    def trial_named(self, number: int) -> Iterator[None]:
+        """Turn the errors of a trial that no message can hold into ours, with its number."""
+        try:
+            yield
+        except (SettingsError, TypeError, ValueError, OverflowError) as fault:
+            raise LogError(f"Trial {number} cannot be logged: {fault}.") from fault
 
     @contextlib.contextmanager
     def _faults_named(self) -> Iterator[None]:
@@ -162,23 +169,12 @@ class LogFile:
         config = _json(self.header.get("config", self.header))
         self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
         run = RunMessage(format_version=FORMAT_VERSION, header=self._text)
-        self._add(RUN, 0, run.SerializeToString())
+        self._add(Packed(RUN, 0, run.SerializeToString()))
         self._mcap.flush()
 
-    def _add(self, topic: str, time: int, data: bytes) -> None:
+    def _add(self, message: Packed) -> None:
+        topic, time, data = message
         self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
-
-    def _note_seconds(self, number: int, seconds: float) -> None:
-        if self._timing is None:
-            self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
-            self._timing.write("trial,seconds\n")
-        self._timing.write(f"{number},{seconds:.6f}\n")
-        self._timing.flush()
-
-
-def _versions() -> dict[str, str]:
-    own = package_version()
-    return {"meal_bayes": own, "numpy": np.__version__, "python": platform.python_version()}
 
 
 def _json(value: object) -> str:

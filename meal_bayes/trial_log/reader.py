@@ -72,7 +72,14 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
         The file has another format version.
     """
     files = log_files(path) if Path(path).is_dir() else [path]
-    return itertools.chain.from_iterable([_trials(Scan(_whole(file))) for file in files])
+    return itertools.chain.from_iterable([_trials(_whole(file)) for file in files])
+
+
+def _trials(path: Path) -> Iterator[Trial]:
+    for entry in Scan(path).entries():
+        if isinstance(entry, TrialOutcomes):
+            raise LogError(without_steps(path))
+        yield entry
 
 
 def read_outcomes(path: str | Path) -> TrialOutcomes:
@@ -145,24 +152,24 @@ class Scan:
         with opened(self.path) as file:
             limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
             records = read_records(file)
-            while (record := self._next(records)) is not None:
-                yield from self._read(record, limit)
-            self._check_end()
+            while True:
+                record = None
+                with self._noting():
+                    record = next(records, None)
+                if record is None:
+                    break
+                with self._noting():
+                    yield from self._read(record, limit)
+            with self._noting():
+                if self.builder.header is None:
+                    raise LogCorruptError("the header of the run is missing")
+                self.builder.check_end(self._end)
 
     def unfinished(self) -> Trial | None:
         """Return the trial that was under way when the file ends, once all has been read."""
-        try:
+        with self._noting():
             return self.builder.unfinished()
-        except FAULTS as fault:
-            self._note(fault)
-            return None
-
-    def _next(self, records: Iterator[McapRecord]) -> McapRecord | None:
-        try:
-            return next(records, None)
-        except FAULTS as fault:
-            self._note(fault)
-            return None
+        return None
 
     def _read(self, record: McapRecord, limit: int) -> Iterator[Trial | TrialOutcomes]:
         try:
@@ -182,23 +189,20 @@ class Scan:
                     # Without its first chunk the others still mean what this format says.
                     names = (topic for topic, _, _ in channels(self.form))
                     self._channels = dict(enumerate(names, start=1))
-        except FAULTS as fault:
+        except FAULTS:
             self.builder.drop()
-            self._note(fault)
+            raise
 
-    def _check_end(self) -> None:
+    @contextlib.contextmanager
+    def _noting(self) -> Iterator[None]:
+        """Note a fault of the block where the reading is tolerant."""
         try:
-            if self.builder.header is None:
-                raise LogCorruptError("the header of the run is missing")
-            self.builder.check_end(self._end)
+            yield
         except FAULTS as fault:
-            self._note(fault)
-
-    def _note(self, fault: Exception) -> None:
-        if not self._tolerant:
-            raise fault
-        if len(self.problems) < _PROBLEMS:
-            self.problems.append(fault_text(fault))
+            if not self._tolerant:
+                raise
+            if len(self.problems) < _PROBLEMS:
+                self.problems.append(fault_text(fault))
 
 
 @contextlib.contextmanager
@@ -231,13 +235,6 @@ def form_of(header: Header) -> str:
         if header.profile == profile:
             return form
     raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
-
-
-def _trials(scan: Scan) -> Iterator[Trial]:
-    for found in scan.entries():
-        if isinstance(found, TrialOutcomes):
-            raise LogError(without_steps(scan.path))
-        yield found
 
 
 def without_steps(path: Path) -> str:

@@ -2,13 +2,13 @@
 
 import hashlib
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError
 from meal_bayes.trial_log.compact import encode_outcomes
 from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
 from meal_bayes.trial_log.log_file import LogFile
@@ -24,10 +24,6 @@ from meal_bayes.trial_log.schema import (
     log_time,
 )
 from meal_bayes.trials import Step, Trial, TrialOutcomes
-
-Value = TypeVar("Value")
-Result = TypeVar("Result")
-
 
 ROWS = 250  # trials in a message of the compact form
 
@@ -52,7 +48,8 @@ class TrialWriter(LogFile):
         super().__init__(path, header)
         self._momdps = 0
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
-        self._last: tuple[Trial, bytes] | None = None
+        self._last: Trial | None = None
+        self._content = b""  # a digest of its MOMDP and counts
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
@@ -63,62 +60,56 @@ class TrialWriter(LogFile):
             The trial's arrays do not fit each other, and the file stays as it was; or the disk is
             full, and the trials before stay in the draft.
         """
-        packed = self._place_trial(trial)
-        packed += self._packed(self._encoder.whole, trial)
+        with self.trial_named(self.written.trials):
+            packed = self._place(trial) + self._encoder.whole(trial)
         self.put(packed, seconds=[seconds])
         self._close(trial)
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
-        packed = self._place_trial(trial)
-        packed += self._packed(self._encoder.begin, trial)
+        with self.trial_named(self.written.trials):
+            packed = self._place(trial) + self._encoder.begin(trial)
         self.begun = True
         self.put(packed, sync=True)
 
     def step(self, step: Step) -> None:
         """Write the next step of the trial that was begun to disk."""
-        self.put(self._packed(self._encoder.step, step), sync=True)
+        with self.trial_named(self.written.trials):
+            packed = self._encoder.step(step)
+        self.put(packed, sync=True)
 
     def end(self, trial: Trial) -> None:
         """Write the outcome of the trial that was begun to disk."""
-        packed = self._packed(self._encoder.end, trial)
+        with self.trial_named(self.written.trials):
+            packed = self._encoder.end(trial)
         self.put(packed, sync=True)
         self.begun = False
         self._close(trial)
 
-    def _place_trial(self, trial: Trial) -> list[Packed]:
+    def _place(self, trial: Trial) -> list[Packed]:
         """Create the encoder of the next trial, and pack its MOMDP where that is new."""
         self.check_open()
         if self.begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
-        number = self.written.trials
-        content, momdp = self._packed(self._place, trial)
-        self._content, self._momdp_size = content, len(momdp)
-        known = self._known.get(content)
+        number, momdp = self.written.trials, b""
+        same = False
+        if self._last is not None:
+            same = np.array_equal(self._last.counts, trial.counts)  # type: ignore[arg-type]  # or None
+            same &= self._last.momdp is trial.momdp
+        if not same:
+            packed = encode_momdp(trial)
+            self._content = hashlib.blake2b(packed, digest_size=16).digest()
+            if self._content not in self._known:
+                momdp = numbered(self._momdps, packed)
+        self._momdp_size = len(momdp)
+        known = self._known.get(self._content)
         self._encoder = TrialEncoder(number, known.number if known else self._momdps)
         return [] if known else [Packed(MOMDPS, log_time(number, 0), momdp)]
-
-    def _packed(self, pack: Callable[[Value], Result], value: Value) -> Result:
-        try:
-            return pack(value)
-        except (TypeError, ValueError, OverflowError) as fault:
-            raise LogError(f"Trial {self.written.trials} cannot be logged: {fault}.") from fault
-
-    def _place(self, trial: Trial) -> tuple[bytes, bytes]:
-        """Return a digest of the MOMDP's content and, where it is new, its message."""
-        if self._last is not None:
-            last, content = self._last
-            same = np.array_equal(last.counts, trial.counts)  # type: ignore[arg-type]  # or None
-            if last.momdp is trial.momdp and same:
-                return content, b""
-        packed = encode_momdp(trial)
-        content = hashlib.blake2b(packed, digest_size=16).digest()
-        return content, b"" if content in self._known else numbered(self._momdps, packed)
 
     def _close(self, trial: Trial) -> None:
         """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
         self.written = self.written.after(trial)
-        self._last = trial, self._content
+        self._last = trial
         if self._content not in self._known:
             self._known[self._content] = _Placed(self._momdps, self._momdp_size)
             self._momdps += 1
@@ -144,11 +135,8 @@ class OutcomeWriter(LogFile):
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append the outcome of one trial; parameters and errors as for `TrialWriter.write`."""
         self.check_open()
-        try:
+        with self.trial_named(self.written.trials + len(self._waiting)):
             self._waiting.append(TrialOutcomes.of([trial]))
-        except (SettingsError, ValueError, TypeError) as fault:
-            number = self.written.trials + len(self._waiting)
-            raise LogError(f"Trial {number} cannot be logged: {fault}") from fault
         self._seconds.append(seconds)
         if len(self._waiting) == ROWS:
             self.flush()

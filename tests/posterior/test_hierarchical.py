@@ -11,8 +11,8 @@ from scipy.special import expit, logit, logsumexp
 from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import draw_grid, fit_hierarchical
-from meal_bayes.posterior.dispersion import youden
 from meal_bayes.posterior.draws import rows_of, summarize_draws
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.posterior.hierarchical import Sampling, build_model

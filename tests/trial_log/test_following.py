@@ -23,21 +23,15 @@ def test_the_logs_of_a_folder_in_order(make, tmp_path):
             log.write(trial)
         (tmp_path / "run" / "note.txt").write_text("no log")
         found = Logs(tmp_path / "run")
-        assert [file.name for file in found.files] == [
-            "a.mcap",
-            "unit-0000.mcap",
-            log.active_path.name,
-        ]
+        names = ["a.mcap", "unit-0000.mcap", log.active_path.name]
+        assert [file.name for file in found.files] == names
         assert found.header["unit"] == 0
         assert all(map(make.equal, found.trials(), trials))
         (problem,) = found.problems
         assert "not finished by its writer" in problem
     groups = Logs(tmp_path / "run").groups()
-    assert [(group.header["unit"], len(group.trials)) for group in groups] == [
-        (0, 2),
-        (1, 2),
-        (2, 2),
-    ]
+    found = [(group.header["unit"], group.places) for group in groups]
+    assert found == [(0, (0, 1)), (1, (0, 1)), (2, (0, 1))]
 
 
 def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
@@ -94,16 +88,6 @@ def test_every_cut_of_a_growing_file_waits_for_the_rest(make, tmp_path):
     assert len(seen) == 3
     assert follower.finished
     assert follower.problems == []
-
-
-def test_a_folder_is_followed_file_by_file(make, tmp_path):
-    trials, follower, seen = make.trials(4, 9), Follower(tmp_path), []
-    for number, name in enumerate(("a", "b")):
-        write_trials(tmp_path / name / "u.mcap", trials[2 * number : 2 * number + 2], header={})
-        seen += follower.poll()
-        assert len(seen) == 2 * number + 2
-    assert follower.finished
-    assert all(map(make.equal, seen, trials))
 
 
 def test_damage_ends_the_following_with_what_was_before(make, tmp_path):

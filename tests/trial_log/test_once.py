@@ -47,7 +47,10 @@ def test_recovered_and_unfinished_files_do_not_count_twice(killed, make):
             file.unlink()
         assert all(map(make.equal, Logs(folder).trials(), trials))
         assert len(list(Logs(folder).trials())) == len(trials)
+    assert log_files(folder) == [folder / "unit-0000.mcap"]
     assert len(list(Logs(folder, folder).trials())) == len(trials)
+    (folder / "unit-0000.mcap").rename(folder / "unit-0000.recovered.mcap")  # all there is
+    assert len(list(Logs(folder).trials())) == len(trials)
 
 
 def test_named_recovered_files_do_not_count_twice_either(killed):
@@ -56,14 +59,6 @@ def test_named_recovered_files_do_not_count_twice_either(killed):
         expected = 4 if folder not in files else len(trials)
         assert len(list(Logs(*files).trials())) == expected
     assert len(list(Logs(saved).trials())) == 4
-
-
-def test_a_recovered_file_counts_where_it_is_all_there_is(killed):
-    folder, draft, saved, _ = killed
-    draft.unlink()
-    (folder / "unit-0000.mcap").unlink()
-    assert log_files(folder) == [saved]
-    assert len(list(Logs(folder).trials())) == 4
 
 
 def test_a_follower_gives_each_trial_once(killed, make):
@@ -84,19 +79,12 @@ def test_equal_trials_of_one_file_are_different_trials(make, tmp_path):
     assert len(list(Follower(tmp_path / "a.mcap").poll())) == 2
 
 
-def test_other_seeds_are_other_trials(make, tmp_path):
-    trials = make.trials(3)
-    for seed in (1, 2):
-        write_trials(tmp_path / f"{seed}.mcap", trials, header={**CONFIG, "seed": seed})
-    assert len(list(Logs(tmp_path).trials())) == 6
-
-
-def test_the_agents_of_a_run_do_not_matter(make, tmp_path):
-    trials = make.trials(3)
-    for agents in (["bayes"], ["bayes", "morc"]):
-        header = {"config": {**CONFIG["config"], "agents": agents}}
-        write_trials(tmp_path / f"{len(agents)}.mcap", trials, header=header)
-    assert len(list(Logs(tmp_path).trials())) == 3
+@pytest.mark.parametrize(("entry", "trials"), [("seed", 6), ("agents", 3)])
+def test_settings_tell_trials_apart_but_not_the_agents_of_a_run(make, tmp_path, entry, trials):
+    for value in (1, 2):
+        header = {"config": {**CONFIG["config"], entry: value}}
+        write_trials(tmp_path / f"{value}.mcap", make.trials(3), header=header)
+    assert len(list(Logs(tmp_path).trials())) == trials
 
 
 def test_data_sets_are_not_mixed(make, tmp_path):
@@ -116,13 +104,6 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
         write_trials(tmp_path / name / "unit.mcap", [one], header=CONFIG)
     with pytest.raises(LogError, match="different trials of one task under equal settings"):
         list(Logs(tmp_path).trials())
-
-
-def test_the_positions_of_a_file_stay(killed):
-    folder, _, _, trials = killed
-    (first,) = Logs(folder).groups()
-    assert first.places == (0, 1, 2, 3, 4, 5)
-    assert len(trials) == 6
 
 
 def test_drafts_have_names_of_their_own(make, tmp_path):
