@@ -1,6 +1,5 @@
 """A lab from nothing: a domain in Python, a driver whose microphone dies, labels, a restart."""
 
-
 import numpy as np
 import pytest
 
