@@ -10,6 +10,7 @@ import os
 import re
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -67,9 +68,8 @@ def check_folder(folder: str | Path) -> Path:
     folder = Path(folder)
     with _with_path(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        probe = _unique(folder, "probe")
-        os.close(_created(probe))
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     return folder
 
 
@@ -89,10 +89,11 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
     """
     named = Path(path)
     target = check_output(named, inputs=inputs)
-    draft = _unique(target.parent, target.name)
+    shown = os.fsdecode(os.fsencode(target.name)[:_KEPT])
+    draft = target.parent / f".{shown}.{os.getpid()}-{secrets.token_hex(4)}.part"
     with _with_path(named):
         try:
-            os.close(_created(draft))
+            draft.touch(exist_ok=False)  # with the permissions of any new file
             yield draft
             replace_whole(draft, target)
         finally:
@@ -121,7 +122,8 @@ def replace_whole(draft: Path, target: Path) -> None:
 def _check_replaced(named: Path, target: Path, inputs: Iterable[str | Path]) -> None:
     """Refuse to replace what is no output."""
     for read in map(Path, inputs):
-        if target == Path(os.path.realpath(read)):
+        linked = target.exists() and read.exists() and read.samefile(target)  # by a hard link
+        if linked or target == Path(os.path.realpath(read)):
             raise OutputError(f"{named} is what is read; give the output another name.")
     if not target.exists():
         return
@@ -129,9 +131,6 @@ def _check_replaced(named: Path, target: Path, inputs: Iterable[str | Path]) -> 
         raise OutputError(f"{named} is a folder; give the name of a file.")
     if not target.is_file():
         raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
-    for read in map(Path, inputs):
-        if read.exists() and read.samefile(target):  # a hard link
-            raise OutputError(f"{named} is what is read; give the output another name.")
     with target.open("rb") as file:
         if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
             raise OutputError(f"{named} is a trial log, which stays; give another name.")
@@ -145,15 +144,6 @@ def _with_path(path: Path) -> Iterator[None]:
     except OSError as fault:
         why = fault.strerror or str(fault)
         raise OutputError(f"{path} cannot be written: {why}; give another place.") from fault
-
-
-def _unique(folder: Path, name: str) -> Path:
-    shown = os.fsdecode(os.fsencode(name)[:_KEPT])
-    return folder / f".{shown}.{os.getpid()}-{secrets.token_hex(4)}.part"
-
-
-def _created(path: Path) -> int:
-    return os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_CLOEXEC", 0), 0o666)
 
 
 def _sync(path: Path) -> None:

@@ -84,52 +84,45 @@ class Dataset:
         for name, count in Counter(self.objects).items():
             if count > 1:
                 raise DataError(f"Object {name!r} is listed twice; names must be unique.")
-        set_frozen(self, features=self._checked())
-        if len({values.shape[1] for values in self.features.values()}) != 1:
-            raise DataError(
-                "All contexts must have the same number of recordings an object; fill up with rows "
-                "of NaN, or use Dataset.from_frames, which does."
-            )
-        set_frozen(self, recording_counts=self._counts())
-
-    def _checked(self) -> dict[tuple[str, str], NDArray[np.float32]]:
-        frozen = {}
-        for behavior in self.domain.behaviors:
-            for modality in behavior.modalities:
-                context = (behavior.name, modality)
-                if context not in self.features:
-                    raise DataError(f"No features of {context}; the domain promises them.")
-                try:
-                    values = freeze(real_values(self.features[context]), np.float32)
-                except ValueError as fault:
-                    raise DataError(f"Features of {context}: {fault}.") from None
-                if values.ndim != 3 or values.shape[0] != len(self.objects):
-                    raise DataError(
-                        f"Features of {context} have shape {values.shape}; "
-                        f"expected (objects = {len(self.objects)}, recordings, features)."
-                    )
-                frozen[context] = values
-        return frozen
-
-    def _counts(self) -> NDArray[np.int64]:
+        frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
         for e, behavior in enumerate(self.domain.behaviors):
             for modality in behavior.modalities:
                 context = (behavior.name, modality)
-                own = _recordings_of(self.features[context], context)
-                if modality != behavior.modalities[0] and (own != counts[:, e]).any():
-                    bad = self.objects[int(np.flatnonzero(own != counts[:, e])[0])]
+                frozen[context] = values = self._values(context)
+                number = _recordings_of(values, context)
+                if modality != behavior.modalities[0] and (number != counts[:, e]).any():
+                    bad = self.objects[int(np.flatnonzero(number != counts[:, e])[0])]
                     raise DataError(
                         f"{bad!r} has another number of recordings of {context} than of "
                         f"{(behavior.name, behavior.modalities[0])}; each needs all modalities."
                     )
-                counts[:, e] = own
+                counts[:, e] = number
             if behavior.modalities and not (counts[:, e].any() or self.partial):
                 raise DataError(
                     f"Features of {behavior.name!r} are NaN or infinity for every object; give "
                     "recordings of it, or leave the behavior out of the domain."
                 )
-        return freeze(counts, np.int64)
+        if len({values.shape[1] for values in frozen.values()}) != 1:
+            raise DataError(
+                "All contexts must have the same number of recordings an object; fill up with rows "
+                "of NaN, or use Dataset.from_frames, which does."
+            )
+        set_frozen(self, features=frozen, recording_counts=freeze(counts, np.int64))
+
+    def _values(self, context: tuple[str, str]) -> NDArray[np.float32]:
+        if context not in self.features:
+            raise DataError(f"No features of {context}; the domain promises them.")
+        try:
+            values = freeze(real_values(self.features[context]), np.float32)
+        except ValueError as fault:
+            raise DataError(f"Features of {context}: {fault}.") from None
+        if values.ndim != 3 or values.shape[0] != len(self.objects):
+            raise DataError(
+                f"Features of {context} have shape {values.shape}; "
+                f"expected (objects = {len(self.objects)}, recordings, features)."
+            )
+        return values
 
     @classmethod
     def from_frames(

@@ -6,9 +6,9 @@ times as long for ISPY32's 4,096 columns, and fills rows that are too short with
 
 import contextlib
 import csv
-import logging
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.untrusted import read_bytes
-
-log = logging.getLogger("meal_bayes.datasets")
 
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
@@ -97,10 +95,7 @@ def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     DataError
         As of `read_text`.
     """
-    text = read_text(path)
-    if not text.endswith("\n"):
-        log.info("read the last row of %s, which no newline ends", path.name)
-    for number, line in enumerate(text.split("\n"), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         if not line.strip():
             continue
         try:
@@ -119,18 +114,17 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
         A row too short or too long, a cell that is no finite number, a header that does not begin
         with the key columns, no rows, bytes that are not UTF-8.
     """
-    count = width = 0
+    count, width = len(key_columns), 0
     places, keys, values = list[str](), list[tuple[str, ...]](), list[list[float]]()
     for place, cells in read_rows(path):
         where = f"{path}, {place}"
         if header and not width:
-            count, width = len(key_columns), len(cells)
+            width = len(cells)
             if cells[:count] != list(key_columns) or width <= count:
                 expected = f"{','.join(key_columns)},<feature>,..."
                 repair = "write it so (commas, not semicolons)"
                 raise fault(where, f"the header {','.join(cells)[:60]!r}", expected, repair)
             continue
-        count = len(key_columns)
         width = width or max(len(cells), count + 1)
         if len(cells) != width:
             side = "short" if len(cells) < width else "long"
@@ -209,56 +203,48 @@ def join_features(
     DataError
         An unknown object or recording, one that comes twice, one that is missing.
     """
-    fixed = None if recordings is None else {name: list(recordings) for name in objects}
-    by_behavior: dict[str, dict[str, list[str]]] = {}
-    joined: dict[Context, NDArray[np.float32]] = {}
+    place = {name: o for o, name in enumerate(objects)}
+    by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order
+    tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
     for context, rows in contexts:
-        if context[0] not in by_behavior:
-            by_behavior[context[0]] = fixed or _recordings_of(objects, rows)
-        expected = by_behavior[context[0]]
-        row_of = _row_of(rows, expected)
-        most = max(map(len, expected.values()))
-        last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
-        joined[context] = np.full((len(objects), most, rows.values.shape[1]), np.nan, np.float32)
-        for o, name in enumerate(objects):
-            for r, recording in enumerate(expected[name]):
-                if (name, recording) not in row_of:
-                    raise DataError(
-                        f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
-                        f"expected {len(expected[name])} of it, as in the "
-                        "other features of this behavior; add the row, or remove the recording "
-                        "from all of them."
-                    )
-                joined[context][o, r] = rows.values[row_of[name, recording]]
-    most = max(values.shape[1] for values in joined.values())
-    return {
-        context: np.pad(
-            values, ((0, 0), (0, most - values.shape[1]), (0, 0)), constant_values=np.nan
-        )
-        for context, values in joined.items()
-    }
+        row_of = _row_of(rows, place)
+        order = by_behavior.get(context[0])
+        if order is None:
+            every = row_of if recordings is None else product(objects, recordings)
+            order = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
+            by_behavior[context[0]] = order
+        for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
+            known = [recording for name, recording in order if name == key[0]]
+            expected = f"one of {', '.join(known) or 'none'}"
+            repair = "correct the number or remove the row"
+            raise rows.fault(row_of[key], f"recording {key[1]!r} of {key[0]}", expected, repair)
+        for name, recording in order:
+            if (name, recording) not in row_of:
+                last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
+                raise DataError(
+                    f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
+                    f"expected {[known for known, _ in order].count(name)} of it, as in the other "
+                    "features of this behavior; add the row, or remove the recording from all."
+                )
+        o = np.array([place[name] for name, _ in order], np.int64)
+        r = np.arange(len(o)) - np.searchsorted(o, o)
+        tables[context] = o, r, rows.values[[row_of[key] for key in order]]
+    most = max((int(r.max(initial=-1)) + 1 for _, r, _ in tables.values()), default=0)
+    joined = {}
+    for context, (o, r, values) in tables.items():
+        joined[context] = np.full((len(objects), most, values.shape[1]), np.nan, np.float32)
+        joined[context][o, r] = values
+    return joined
 
 
-def _recordings_of(objects: Sequence[str], rows: FeatureRows) -> dict[str, list[str]]:
-    """Return the recordings of each object in order; unknown objects are refused with their row."""
-    recordings: dict[str, set[str]] = {name: set() for name in objects}
-    for name, recording in rows.keys:
-        recordings.get(name, set()).add(recording)
-    return {n: sorted(own, key=lambda text: (len(text), text)) for n, own in recordings.items()}
-
-
-def _row_of(rows: FeatureRows, recordings: Mapping[str, Sequence[str]]) -> dict[Context, int]:
+def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]:
     """Return the row of each (object, recording)."""
     row_of: dict[tuple[str, str], int] = {}
     for row, (name, recording) in enumerate(rows.keys):
-        if name not in recordings:
-            hint = unknown("object", name, recordings).removesuffix(".")
+        if name not in objects:
+            hint = unknown("object", name, objects).removesuffix(".")
             expected = "an object of the list"
             raise rows.fault(row, f"object {name!r}", expected, f"correct it ({hint})")
-        if recording not in recordings[name]:
-            expected = f"one of {', '.join(recordings[name]) or 'none'}"
-            repair = "correct the number or remove the row"
-            raise rows.fault(row, f"recording {recording!r} of {name}", expected, repair)
         if (name, recording) in row_of:
             before = rows.places[row_of[name, recording]]
             found = f"recording {recording} of {name} again, after {before}"

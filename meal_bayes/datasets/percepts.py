@@ -95,41 +95,35 @@ class PerceptTable:
     groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
+        r = self.recordings
+        if self.groups is None:
+            set_frozen(self, groups=np.arange(o))
+        if self.recording_counts is None:
+            senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
+            set_frozen(self, recording_counts=np.tile(np.where(senses, r, 0), (o, 1)))
         set_frozen(
             self,
             labels=freeze(label_values(self.labels), np.int8),
             log_odds=freeze(self.log_odds, np.float16),
             edges=freeze(self.edges),
             training_bins=freeze(self.training_bins, np.uint8),
+            recording_counts=freeze(self.recording_counts, np.int64),
+            groups=freeze(self.groups, np.int64),
         )
-        own = np.arange(len(self.objects)) if self.groups is None else self.groups
-        set_frozen(self, groups=freeze(own, np.int64))
-        self._check()
-        if self.recording_counts is None:
-            senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
-            full = np.where(senses, self.recordings, 0)
-            set_frozen(self, recording_counts=np.tile(full, (len(self.objects), 1)))
-        counts = freeze(self.recording_counts, np.int64)
-        set_frozen(self, recording_counts=counts)
-        shape = (len(self.objects), len(self.domain.behaviors))
-        if counts.shape != shape or not ((counts >= 0) & (counts <= self.recordings)).all():
-            raise DataError(
-                f"Percept table: recording_counts must have shape {shape} and lie in 0 to "
-                f"{self.recordings}; found shape {counts.shape}."
-            )
-
-    def _check(self) -> None:
-        o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
         expected = {
             "labels": (o, p),
-            "log_odds": (o, self.log_odds.shape[1] if self.log_odds.ndim > 1 else 0, e, p),
+            "log_odds": (o, r, e, p),
             "groups": (o,),
             "training_bins": (int(self.groups.max(initial=-1)) + 1, o, p, e, len(self.edges) + 1),
+            "recording_counts": (o, e),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape
             if found != shape:
                 raise DataError(f"Percept table: {name} has shape {found}; expected {shape}.")
+        if not ((self.recording_counts >= 0) & (self.recording_counts <= r)).all():
+            raise DataError(f"Percept table: expected recording_counts in 0 to {r}.")
         if self.training_bins[self.groups, np.arange(o)].any():
             raise DataError(
                 "Percept table: an object's own recordings stand among what is learned without it; "
@@ -164,7 +158,7 @@ class PerceptTable:
     @property
     def recordings(self) -> int:
         """R, the most recordings that an object has of a behavior."""
-        return int(self.log_odds.shape[1])
+        return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
 
     def levels_of(self, log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
         """Return the percept levels 0 .. K-1 of log-odds of any shape."""

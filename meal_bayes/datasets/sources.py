@@ -1,15 +1,34 @@
-"""The sources of the public data sets: repository, commit, folder, loader."""
+"""The public data sets: where each one lies, and how its files are read.
 
-from collections.abc import Callable
+What a reader does to the files stands in its docstring.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from meal_bayes.datasets.cy101 import load_cy101
+import numpy as np
+from numpy.typing import NDArray
+
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.ispy32 import load_ispy32
-from meal_bayes.datasets.roc36 import load_roc36
+from meal_bayes.datasets.feature_file import (
+    Context,
+    FeatureRows,
+    fault,
+    join_features,
+    labels_by_words,
+    read_contexts,
+    read_rows,
+)
+from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
+
+log = logging.getLogger("meal_bayes.datasets")
+
+_OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +55,146 @@ class Source:
     def path(self) -> str:
         """Path below a mirror base: owner/name/commit/folder."""
         return f"{self.repository}/{self.commit}/{self.folder}"
+
+
+def load_roc36(domain: Domain, folder: Path) -> Dataset:
+    """Read ROC36: 36 containers = 3 weights x 3 colors x 4 contents, 10 recordings a behavior.
+
+    The files are `objects.txt` and `sensorimotor_features/<behavior>-<modality>.txt`.
+
+    * Rows name their object but not their recording: rows of one object are numbered 1 to 10 in
+      file order.
+    * Labels are the three words of an object's name (weight_color_content); every other attribute
+      is false.
+    * Kept, as it cannot be undone: the features are principal components fitted on all 36 objects,
+      held-out ones too, without labels.
+    """
+    words: dict[str, list[str]] = {}
+    for place, cells in read_rows(folder / "objects.txt"):
+        name, where = ",".join(cells), f"{folder / 'objects.txt'}, {place}"
+        if len(name.split("_")) != 3:
+            raise fault(where, f"{name!r}", "weight_color_content", "restore the name")
+        if name in words:
+            raise fault(where, f"{name!r} again", "each object once", "remove one")
+        words[name] = name.split("_")
+
+    def numbered(_: Context, rows: FeatureRows) -> FeatureRows:
+        so_far: Counter[str] = Counter()
+        keys = []
+        for (name,) in rows.keys:
+            so_far[name] += 1
+            keys.append((name, str(so_far[name])))
+        return rows._replace(keys=keys)
+
+    features = _features(
+        domain, list(words), folder / "sensorimotor_features/{}-{}.txt", ["object"], 10, numbered
+    )
+    return Dataset(domain, tuple(words), features, labels_by_words(domain, words, "ROC36"))
+
+
+def load_ispy32(domain: Domain, folder: Path) -> Dataset:
+    """Read ISPY32: 32 household objects, 81 words people said of them, 5 recordings a behavior.
+
+    The files are `object_list.csv` and `corl_features/<behavior>_<modality>.txt`.
+
+    * Column two, the trial number, is a key and not a feature.
+    * Labels are those of the percept table that ships, which come from
+      `full_annotations_ijcai2016.pickle`; no pickle is read. The crowd's `labels.csv` was not used
+      by the experiments and is not read.
+    * Kept as they are: objects 22 and 24 are both heavy and light.
+    """
+    names: dict[str, str] = {}  # by number
+    for place, cells in read_rows(folder / "object_list.csv"):
+        expected = f"name,{len(names) + 1}"
+        if len(cells) != 2 or cells[1] != str(len(names) + 1):  # name, number
+            where = f"{folder / 'object_list.csv'}, {place}"
+            raise fault(where, f"{','.join(cells)[:60]!r}", expected, "restore the row")
+        names[cells[1]] = cells[0]
+    objects = tuple(names.values())
+
+    def named(_: Context, rows: FeatureRows) -> FeatureRows:
+        return rows._replace(
+            keys=[(names.get(number, number), trial) for number, trial in rows.keys]
+        )
+
+    features = _features(
+        domain, objects, folder / "corl_features/{}_{}.txt", ["object", "trial"], 5, named
+    )
+    table = load_percepts("ispy32")
+    for kind, wanted, known in (
+        ("object", objects, table.objects),
+        ("word", domain.attributes, table.domain.attributes),
+    ):
+        for name in wanted:
+            if name not in known:
+                raise DataError(f"ISPY32 has no labels of it. {unknown(kind, name, known)}")
+    rows = [table.objects.index(name) for name in objects]
+    labels = table.labels[rows][:, table.domain.columns(domain.attributes)]
+    return Dataset(domain, objects, features, labels)
+
+
+def load_cy101(domain: Domain, folder: Path) -> Dataset:
+    """Read CY101: 100 household objects, 5 recordings a behavior.
+
+    The files are `objects.txt`, `cy101_labels.csv` and `normalized_data_without_noobject/`.
+
+    * Rows come in another order in each file; they are joined by their key `<object>_t<k>`.
+    * The 101st object, `no_object`, has labels but no recordings and is left out.
+    * One look_color count (`smallstuffedanimal_moose_t2`) has its 32-bit sign bit set
+      (-2147483519); 2^31 is added, which gives 129 and is logged.
+    * Kept: recordings that are copies of another, of the same object (`basket_cylinder_t5` of
+      nearly all behaviors, `ball_blue` look, `noodle_1` tap, `smallstuffedanimal_otter` hold) or of
+      another object (crush_vibro: `cannedfood_tomato_paste_t1` equals `ball_base_t1`).
+    * An absent word counts as false; repeated words count once; spaces around a word are removed.
+    """
+    listed = (cells[0] for _, cells in read_rows(folder / "objects.txt"))
+    objects = tuple(name for name in listed if name != "no_object")
+    path = folder / "cy101_labels.csv"
+    words: dict[str, set[str]] = {}
+    for place, cells in read_rows(path):
+        if cells == ["object", "words"]:
+            continue
+        if len(cells) != 2:  # object, words
+            expected = 'object,"word, word, ..."'
+            raise fault(f"{path}, {place}", f"{len(cells)} columns", expected, "quote the words")
+        name = cells[0]
+        if name in words:
+            raise fault(f"{path}, {place}", f"{name!r} again", "each object once", "remove one")
+        words[name] = {word.strip() for word in cells[1].split(", ")} - {""}
+    for name in objects:
+        if name not in words:
+            raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
+    labels = labels_by_words(domain, {name: words[name] for name in objects}, "CY101")
+
+    def corrected(context: Context, rows: FeatureRows) -> FeatureRows:
+        """Split the keys `<object>_t<k>`, and mend counts (in double precision: single rounds)."""
+        keys = [key.rpartition("_t")[::2] if "_t" in key else (key, "") for (key,) in rows.keys]
+        if context[1] != "color":
+            return rows._replace(keys=keys)
+        low = rows.values < -_OVERFLOW / 2
+        for row, column in np.argwhere(low):
+            where = f"{Path(rows.source).name}, {rows.places[row]}, feature {column + 1}"
+            log.info("cy101: added 2^31 to the count of %s in %s", rows.keys[row][0], where)
+        values = np.where(low, rows.values + _OVERFLOW, rows.values)
+        return rows._replace(keys=keys, values=values)
+
+    files = folder / "normalized_data_without_noobject/{}_{}.txt"
+    features = _features(domain, objects, files, ["object_t<k>"], 5, corrected)
+    return Dataset(domain, objects, features, labels)
+
+
+def _features(
+    domain: Domain,
+    objects: Sequence[str],
+    files: Path,
+    key_columns: Sequence[str],
+    recordings: int,
+    keyed: Callable[[Context, FeatureRows], FeatureRows],
+) -> dict[Context, NDArray[np.float32]]:
+    """Read and join the files of a domain; `keyed` gives rows the keys (object, recording)."""
+    contexts = read_contexts(domain, files.parent, files.name, key_columns)
+    numbers = [str(k) for k in range(1, recordings + 1)]
+    return join_features(objects, ((c, keyed(c, rows)) for c, rows in contexts), numbers)
 
 
 _POMDP = ("shiqizhang6/perception_pomdp", "4ab4abf1a47ce184f0327d3c143533d482c2604c")

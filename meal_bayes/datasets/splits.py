@@ -67,7 +67,12 @@ class ObjectSplit:
         names = dataset.domain.attributes if attributes is None else tuple(attributes)
         columns = dataset.domain.columns(names)
         positive = (dataset.labels[:, columns] == 1).astype(np.intp)  # (O,P)
-        _check_possible(positive, names, minimum)
+        for name, total in zip(names, positive.sum(axis=0), strict=True):
+            if total < PARTS * minimum:
+                raise SettingsError(
+                    f"Only {total} objects are {name!r}; {minimum} in each of three parts need "
+                    f"{PARTS * minimum}; lower the minimum, or leave the attribute out."
+                )
         ends = np.cumsum(sizes)
         fewest, worst = -1, ""
         for _ in range(tries):
@@ -82,12 +87,3 @@ class ObjectSplit:
             f"No split of {tries} has {minimum} objects of every attribute in each part; the best "
             f"has {fewest} of {worst!r}; lower the minimum, or leave the attribute out."
         )
-
-
-def _check_possible(positive: NDArray[np.intp], names: Sequence[str], minimum: int) -> None:
-    for name, total in zip(names, positive.sum(axis=0), strict=True):
-        if total < PARTS * minimum:
-            raise SettingsError(
-                f"Only {total} objects are {name!r}; {minimum} in each of three parts need "
-                f"{PARTS * minimum}; lower the minimum, or leave the attribute out."
-            )

@@ -102,20 +102,6 @@ def test_wrong_checksum_names_file_digests_and_way_out(mirror: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("kind", ["folder", "server"])
-def test_an_endless_body_is_not_written(
-    kind: str, server: str, mirror: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("meal_bayes.datasets.download._LARGEST", 1000)
-    if kind == "server":
-        monkeypatch.setenv("MEAL_BAYES_DATA_URL", server)
-    (mirror / HOME / "objects.txt").write_bytes(bytes(300_000))
-    with pytest.raises(DownloadError, match="more than 1,000 bytes"):
-        fetch("roc36")
-    kept = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
-    assert all(path.stat().st_size <= 1000 for path in kept)
-
-
-@pytest.mark.parametrize("kind", ["folder", "server"])
 def test_what_a_mirror_lacks_is_told_with_the_way_out(
     kind: str, server: str, mirror: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

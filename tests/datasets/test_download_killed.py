@@ -67,13 +67,8 @@ def test_a_killed_fetch_goes_on_to_the_end(recordings, tmp_path, monkeypatch):
     assert states.count("ok") == FEW
     assert states.count("missing") == len(registry(DATA)) - FEW  # and none is half there
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", str(recordings))
-    (torn,) = tmp_path.rglob("tmp????????")
-    new = torn.with_name("tmpabcdefgh")  # of a fetch that goes on
-    new.write_bytes(b"")
-    os.utime(torn, (0, 0))
     fetch(DATA)
     assert {state for _, state in verify(DATA)} == {"ok"}
-    assert (torn.exists(), new.exists()) == (False, True)
 
 
 @pytest.mark.real_data

@@ -1,4 +1,4 @@
-"""The published layouts in small: joins, repairs, and what each repair tells the log."""
+"""The published layouts in small: joins and repairs."""
 
 import logging
 from collections.abc import Callable
@@ -21,13 +21,8 @@ def test_cy101_joins_and_repairs(cy101: Path, caplog: pytest.LogCaptureFixture) 
     color = dataset.features["look", "color"]
     np.testing.assert_array_equal(color[:, :, 0], [[1, 2, 3, 129, 5], [11, 11, 13, 14, 15],
                                                    [21, 22, 23, 24, 25]])  # fmt: skip
-    told = caplog.text
-    assert "added 2^31 to the count of ball_t_t4 in look_color.txt, line 12, feature 1" in told
-    assert "kept can_t2, a copy of can_t1, in look_color" in told
-    assert "tap_flow" not in told  # rows of zeros are no copies
-    assert "look_color.txt, which no newline ends" in told
-    assert "repeat: can" in told
-    assert "removed a leading space of a label of bear" in told
+    told = "added 2^31 to the count of ball_t_t4 in look_color.txt, line 12, feature 1"
+    assert told in caplog.text
 
 
 def test_cy101_key_without_number(cy101: Path, change: Change) -> None:
@@ -42,14 +37,11 @@ def test_cy101_object_without_words(cy101: Path, change: Change) -> None:
         load_dataset(cy101 / "own.toml", root=cy101)
 
 
-def test_ispy32_trial_number_is_no_feature(ispy32: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
-        dataset = load_dataset(ispy32 / "own.toml", root=ispy32)
+def test_ispy32_trial_number_is_no_feature(ispy32: Path) -> None:
+    dataset = load_dataset(ispy32 / "own.toml", root=ispy32)
     expected = [[[o + 0.5, k] for k in range(1, 6)] for o in (1, 2)]
     np.testing.assert_array_equal(dataset.features["look", "rgb"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 1], [0, 0]])  # light, heavy
-    assert "both heavy and light: white_water_bottle_full" in caplog.text
-    assert "trial number" in caplog.text
 
 
 def test_ispy32_object_beyond_the_list(ispy32: Path, change: Change) -> None:
@@ -66,13 +58,11 @@ def test_ispy32_object_without_labels(ispy32: Path, change: Change) -> None:
         load_dataset(ispy32 / "own.toml", root=ispy32)
 
 
-def test_roc36_recordings_in_file_order(roc36: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
-        dataset = load_dataset(roc36 / "own.toml", root=roc36)
+def test_roc36_recordings_in_file_order(roc36: Path) -> None:
+    dataset = load_dataset(roc36 / "own.toml", root=roc36)
     expected = [[[o, k] for k in range(10)] for o in (0, 1)]
     np.testing.assert_array_equal(dataset.features["look", "patch"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 0, 1, 1, 0], [0, 1, 0, 0, 1]])
-    assert "in file order" in caplog.text
 
 
 def test_roc36_eleventh_row(roc36: Path, change: Change) -> None:

@@ -1,6 +1,5 @@
 """The public recordings themselves: shapes, labels, repairs."""
 
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -73,15 +72,3 @@ def test_published_domains_read_the_same_recordings(
         np.testing.assert_array_equal(values, loaded["roc36"].features[context])
     homes = {load_domain(name).data for name in domain_names() if name.endswith("_published")}
     assert homes == {"roc36", "ispy32", "cy101"}
-
-
-def test_repairs_are_told(recordings: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
-        load_dataset("cy101", root=recordings)
-    told = caplog.text
-    assert "added 2^31 to the count of smallstuffedanimal_moose_t2" in told
-    for copy in ("basket_cylinder_t5", "ball_blue_t2", "noodle_1_t2", "smallstuffedanimal_otter_t3",
-                 "cannedfood_tomato_paste_t1"):  # fmt: skip
-        assert f"kept {copy}, a copy of" in told
-    assert "medicine_calcium" in told
-    assert "crush_flow.txt, which no newline ends" in told
