@@ -25,11 +25,11 @@ looking at held-out figures of these data. Sigma is about .3 on ROC36, .95 on IS
 """
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
-from scipy.special import logsumexp
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
@@ -38,6 +38,7 @@ from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
+Floating = NDArray[np.floating[Any]]
 
 POINTS = 9  # M
 TYPICAL = 0.5  # sigma where nothing can be learned
@@ -47,6 +48,7 @@ _BOUNDS = (0.1, 2.0)  # of sigma
 _DRAWS = 2  # selections of one recording of each behavior
 _LEAST = 1e-3  # Pr(a level | t) is at least this: any percept may be a slip
 _MATCHED, _ROUNDS = 1e-4, 50  # tolerance of the rows' mixture, most iterations
+_SCORED = 10  # most iterations while sigma is sought: more move it by less than its tolerance
 _TINY = 1e-300
 
 
@@ -83,16 +85,19 @@ class SharedTrait:
             )
         t = np.linspace(-1.0, 1.0, points) * (1.0 + _REACH * sd)
         density = -0.5 * ((t - np.array([[-1.0], [1.0]])) / sd) ** 2
-        classes = np.exp(density - logsumexp(density, axis=1, keepdims=True))
+        classes = np.exp(density - density.max(axis=1, keepdims=True))
         return cls(float(sd), t, classes / classes.sum(axis=1, keepdims=True))
 
-    def select(self, confusion: ArrayLike, precision: ArrayLike) -> tuple[Array, Array]:
+    def select(
+        self, confusion: ArrayLike, precision: ArrayLike, *, rounds: int = _ROUNDS
+    ) -> tuple[Array, Array]:
         """Convert rows given the truth to rows given the trait.
 
         Parameters
         ----------
         confusion : (...,2,K) mean rows given the truth, above 0.
         precision : (...,2) their precision, inf = known exactly.
+        rounds : iterations that look for the rows, at most.
 
         Returns
         -------
@@ -100,7 +105,7 @@ class SharedTrait:
         """
         given = np.asarray(precision, dtype=float)
         within = _WITHIN * np.sqrt(given[..., 0] * given[..., 1])
-        rows = _rows(np.asarray(confusion, dtype=float), self)
+        rows = _rows(np.asarray(confusion, dtype=float), self, rounds)
         return freeze(rows), freeze(np.repeat(within[..., None], len(self.points), axis=-1))
 
 
@@ -121,20 +126,24 @@ def learn_trait(
     if not len(pairs):
         return SharedTrait.of_sd(TYPICAL)
     evidence = _Evidence(posterior, counts, truth, np.asarray(base_rates), pairs)
-    if not evidence.labelled.any():
+    if not evidence.known:
         return SharedTrait.of_sd(TYPICAL)
     low, high = np.log(_BOUNDS)
     found = minimize_scalar(
         lambda log: evidence.loss(SharedTrait.of_sd(np.exp(log))),
         bounds=(low, high),
         method="bounded",
-        options={"xatol": 0.05},
+        options={"xatol": 0.1},
     )
     return SharedTrait.of_sd(float(np.exp(found.x)))
 
 
 class _Evidence:
-    """Percepts of the training objects by V informative pairs, scored at any sigma."""
+    """Percepts of the training objects by V informative pairs, scored at any sigma.
+
+    Scores are in single precision, which moves sigma by less than its tolerance. Attributes are
+    weighted by the variance of their label: a rare one is predicted well by its base rate alone.
+    """
 
     def __init__(
         self,
@@ -144,74 +153,80 @@ class _Evidence:
         base_rates: Array,
         pairs: NDArray[np.intp],
     ) -> None:
-        attribute, behavior = pairs.T
+        attribute, behavior = pairs.T  # A attributes have a pair
         confusion, precision = posterior.select(range(truth.shape[1]))
         self.confusion = confusion[attribute, behavior]  # (V,2,K)
         self.precision = precision[attribute, behavior]  # (V,2)
         shown = counts[:, attribute, behavior]  # (O,V,K)
         total = shown.sum(axis=-1)  # (O,V)
-        self.attribute = attribute
-        self.labelled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
-        self.sign = np.where(truth == 1, 1.0, -1.0).T  # (P,O)
-        self.prior = (np.log(base_rates) - np.log1p(-base_rates))[:, None]  # (P,1)
-        self.balance = (base_rates * (1 - base_rates))[:, None]
-        self.top = int(total.max(initial=0))
-        self.total = total.T
+        labelled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
+        present = np.unique(attribute)  # (A,)
+        of = present[:, None] == attribute  # (A,V)
+        known, self.of = of @ labelled, of.astype(np.float32)
+        self.known, self.top = int(known.sum()), int(total.max(initial=0))
         # One-hot counts: one matrix product sums a table of log factors over all levels.
         hit = shown[..., None] == np.arange(self.top + 1)  # (O,V,K,top+1)
-        self.hit = hit.reshape(*shown.shape[:2], -1).transpose(1, 0, 2).astype(float)
+        hit &= labelled.T[..., None, None]
+        self.hit = _by_pair(hit)  # (V,K(top+1),O)
         rng, cumulative = stream(0, "shared degree"), shown.cumsum(axis=-1)
-        picks = [rng.random(total.shape) * np.maximum(total, 1) for _ in range(_DRAWS)]
-        self.drawn = [(pick[..., None] >= cumulative).sum(axis=-1).T for pick in picks]  # (V,O)
-        self.known = np.zeros(self.sign.shape, np.bool_)  # (P,O)
-        np.logical_or.at(self.known, attribute, self.labelled)
+        pick = rng.random((_DRAWS, *total.shape)) * np.maximum(total, 1)
+        drawn = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
+        once = (drawn == np.arange(shown.shape[-1])) & labelled.T[..., None]
+        self.once = _by_pair(once.reshape(-1, *shown.shape[1:]))  # (V,K,D x O)
+        prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
+        sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
+        balance = (base_rates * (1 - base_rates))[:, None]
+        apart, together = (
+            weight / max(weight.sum(), _TINY)
+            for weight in (balance[attribute] * labelled, balance[present] * known)
+        )
+        self.apart = _Truths(prior[attribute], sign[attribute], apart)
+        self.together = _Truths(
+            prior[present],
+            np.tile(sign[present], 1 + _DRAWS),
+            np.concatenate([together] + _DRAWS * [together / _DRAWS], axis=1),
+        )
 
     def loss(self, trait: SharedTrait) -> float:
-        """Return the sum of the three means, and the prior of sigma.
+        """Return the sum of the three means, and the prior of sigma."""
+        rows, precision = trait.select(self.confusion, self.precision, rounds=_SCORED)
+        log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
+        repeated = self._repeated(rows, precision[:, 0])  # (V,M,O)
+        once = np.log(rows).astype(np.float32) @ self.once  # (V,M,D x O)
+        every = np.concatenate([repeated, once], axis=2)
+        every = (self.of @ every.reshape(len(rows), -1)).reshape(-1, *every.shape[1:])
+        loss = self.apart.loss(repeated, log_classes) + self.together.loss(every, log_classes)
+        return loss + 0.5 * trait.sd**2 / self.known
 
-        Attributes are weighted by the variance of their label: a rare attribute is predicted well
-        by its base rate alone.
-        """
-        rows, precision = trait.select(self.confusion, self.precision)
-        log_classes = np.log(np.maximum(trait.latent_classes, _TINY))
-        repeated = self._repeated(rows, precision[:, 0])  # (V,O,M)
-        odds = self.prior[self.attribute] + truth_evidence(repeated, log_classes)
-        loss = self._mean_loss(odds, self.attribute, self.labelled)
-        log_rows = np.log(rows).transpose(0, 2, 1)  # (V,K,M)
-        once = [np.take_along_axis(log_rows, np.minimum(drawn, rows.shape[-1] - 1)[..., None], 1)
-                for drawn in self.drawn]  # fmt: skip
-        together, *first = (self._together(each, log_classes) for each in (repeated, *once))
-        return float(loss + together + np.mean(first) + 0.5 * trait.sd**2 / self.known.sum())
-
-    def _repeated(self, rows: Array, precision: Array) -> Array:
-        """Return the Dirichlet-multinomial log-likelihood of all recordings, (V,O,M)."""
-        steps = np.arange(self.top)
-        s = np.minimum(precision, 1e9)  # where it is inf
-        alpha = s[:, None, None] * rows
-        factors = np.log(alpha[..., None] + steps).cumsum(axis=-1)  # (V,M,K,top)
-        table = np.concatenate([np.zeros((*rows.shape, 1)), factors], axis=-1)
-        of_levels = self.hit @ table.transpose(0, 2, 3, 1).reshape(len(rows), -1, rows.shape[1])
-        of_total = np.concatenate([np.zeros((len(s), 1)), np.log(s[:, None] + steps).cumsum(1)], 1)
-        return np.asarray(of_levels - np.take_along_axis(of_total, self.total, 1)[..., None])
-
-    def _together(self, log_likelihood: Array, log_classes: Array) -> float:
-        """Return the mean loss of beliefs by all behaviors of an attribute, (V,O,M) each."""
-        added = np.zeros((*self.sign.shape, log_likelihood.shape[-1]))  # (P,O,M)
-        own = np.where(self.labelled[..., None], log_likelihood, 0.0)
-        for p, pair in zip(self.attribute.tolist(), own, strict=True):  # np.add.at is slow
-            added[p] += pair
-        odds = self.prior + truth_evidence(added, log_classes)
-        return self._mean_loss(odds, slice(None), self.known)
-
-    def _mean_loss(
-        self, odds: Array, attribute: NDArray[np.intp] | slice, use: NDArray[np.bool_]
-    ) -> float:
-        each = np.logaddexp(0.0, -self.sign[attribute] * odds)
-        weight = np.broadcast_to(self.balance[attribute], use.shape)[use]
-        return float((each[use] * weight).sum() / weight.sum())
+    def _repeated(self, rows: Array, precision: Array) -> NDArray[np.float32]:
+        """Return Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t."""
+        alpha = np.minimum(precision, 1e9)[:, None, None] * rows  # where it is inf
+        table = np.zeros((*rows.shape, self.top + 1), np.float32)  # (V,M,K,top+1)
+        np.log(alpha[..., None] + np.arange(self.top)).cumsum(axis=-1, out=table[..., 1:])
+        return table.reshape(*rows.shape[:2], -1) @ self.hit
 
 
-def truth_evidence(log_likelihood: Array, log_classes: Array) -> Array:
+def _by_pair(one_hot: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Move the objects of (O,V,...) last: sums over traits are then over an outer axis, fast."""
+    return one_hot.reshape(*one_hot.shape[:2], -1).transpose(1, 2, 0).astype(np.float32, order="C")
+
+
+class _Truths(NamedTuple):
+    """The truth of some beliefs: their prior log-odds (B,), and sign and weight (B,O) of each."""
+
+    prior: NDArray[np.float32]
+    sign: NDArray[np.float32]
+    weight: Array
+
+    def loss(self, log_likelihood: NDArray[np.float32], log_classes: NDArray[np.float32]) -> float:
+        """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O)."""
+        odds = self.prior[:, None] + truth_evidence(log_likelihood.swapaxes(1, 2), log_classes)
+        odds *= self.sign
+        loss = np.log(1 + np.exp(-np.abs(odds))) - np.minimum(odds, 0)  # logaddexp is slow
+        return float((loss * self.weight).sum())
+
+
+def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     """Return the log likelihood ratio (...) of the truths, traits summed out.
 
     Parameters
@@ -221,11 +236,11 @@ def truth_evidence(log_likelihood: Array, log_classes: Array) -> Array:
     """
     peak = log_likelihood.max(axis=-1, keepdims=True)
     each = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
-    each = np.log(np.maximum(each, _TINY))
+    each = np.log(np.maximum(each, np.finfo(each.dtype).tiny))
     return np.asarray(each[..., 1] - each[..., 0])
 
 
-def _rows(confusion: Array, trait: SharedTrait) -> Array:
+def _rows(confusion: Array, trait: SharedTrait, rounds: int) -> Array:
     """Find the rows (...,M,K), exponential in the trait, whose mixtures (...,2,K) are given.
 
     Levels come first meanwhile: to sum over a first axis is fast, over a short last one slow.
@@ -235,7 +250,7 @@ def _rows(confusion: Array, trait: SharedTrait) -> Array:
     wanted, mixed = np.log(given), trait.latent_classes.T
     middle = (wanted[..., 1] + wanted[..., 0]) / 2
     slope = (wanted[..., 1] - wanted[..., 0]) / 2
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         rows = points * slope[..., None]  # (K,B,M), in place from here
         rows += middle[..., None]
         rows -= rows.max(axis=0)
