@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable
 from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.momdp import write_pomdp, write_pomdpx
 from meal_bayes.trial_log import write_trials
 from meal_bayes.trials import TrialOutcomes
@@ -64,13 +64,13 @@ def make_sound(folder: Path) -> None:
 def _make_runs(folder: Path) -> None:
     """Run a few trials on recordings that ship, for what is written of runs and their problems."""
     table = load_percepts("roc36")
-    morc = OfflineRunner(table, load_agent("greedy"), seed=0)
-    trials = [morc.run(task) for task in offline_tasks(table, 2, TRIALS, 0)]
+    learner = Learner("roc36", agent="greedy", logs=None).fit(table)
+    trials = [learner.ask(task) for task in offline_tasks(table, 2, TRIALS, 0)]
     write_trials(folder / "run.mcap", trials, header={"config": {"dataset": "roc36"}, "seed": 0})
     header = {"config": {"dataset": "roc36"}}
     write_trials(folder / "outcomes.mcap", [TrialOutcomes.of(trials)], header=header)
-    paper = OfflineRunner(table, load_agent("morc"), seed=0)
-    momdp, _ = paper.prepare(offline_tasks(table, 1, 1, 0)[0])
+    learner.agent = "morc"
+    momdp = learner.problem(offline_tasks(table, 1, 1, 0)[0])
     write_pomdp(momdp, folder / "own.pomdp")
     write_pomdpx(momdp, folder / "own.pomdpx")
 

@@ -55,24 +55,24 @@ def _rows() -> Iterator[dict[str, Any]]:
 
 def cost(dataset: str, n: int, agent: str) -> dict[str, Any]:
     """Measure one agent on N attributes of a data set, in a process of its own."""
-    from meal_bayes.agents import OfflineRunner, load_agent  # noqa: PLC0415
     from meal_bayes.datasets import load_percepts  # noqa: PLC0415
     from meal_bayes.experiments import offline_tasks  # noqa: PLC0415
+    from meal_bayes.learner import Learner  # noqa: PLC0415
 
     table = load_percepts(dataset)
     tasks = offline_tasks(table, n, TRIALS, 0)
-    runner = OfflineRunner(table, load_agent(agent), 0)
-    runner.run(tasks[0])  # loads or compiles the kernels
+    learner = Learner(dataset, agent=agent, logs=None).fit(table)
+    learner.ask(tasks[0])  # loads or compiles the kernels
     policies = []
     for task in tasks[1 : 1 + QUERIES]:
-        known = runner.knowledge(task.object_index)
+        known = learner.knowledge(task.object_name)
         begin = time.process_time()
-        _, policy = runner.agent.prepare(task.query, known, _generator(), limit=table.recordings)
+        _, policy = learner.agent.prepare(task.query, known, _generator(), limit=table.recordings)
         getattr(policy, "plans", None)
         policies.append(1e3 * (time.process_time() - begin))
     begin = time.process_time()
     for task in tasks:
-        runner.run(task)
+        learner.ask(task)
     return {
         "dataset": dataset,
         "attributes": n,

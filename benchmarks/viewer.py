@@ -14,10 +14,10 @@ import time
 from itertools import cycle, islice
 from pathlib import Path
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import Logs, log_info, read_header, read_trials, write_trials
 from meal_bayes.viewer import write_recording
 
@@ -32,9 +32,9 @@ BARS = {  # name: (CPU seconds, megabytes) at 10,000 trials
 def make_log(path: Path, trials: int, agent: str) -> dict[str, float]:
     """Write a log of so many trials; give its size and the speed of writing."""
     table = load_percepts("roc36")
-    morc = OfflineRunner(table, load_agent(agent), seed=0)
+    learner = Learner("roc36", agent=agent, logs=None).fit(table)
     tasks = offline_tasks(table, 2, min(DISTINCT, trials), 0)
-    made = [morc.run(task) for task in tasks]
+    made = [learner.ask(task) for task in tasks]
     start = time.process_time()
     write_trials(path, islice(cycle(made), trials), header={"config": {"dataset": "roc36"}})
     seconds = time.process_time() - start

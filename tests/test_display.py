@@ -9,12 +9,13 @@ import pandas as pd
 import pytest
 
 import meal_bayes
-from meal_bayes.agents import OfflineRunner, load_agent
+from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
 from meal_bayes.display import bar_html, card, level_names, short_repr, table_html
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.learner import Learner
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.trials import Trial, trials_frame
 
@@ -60,12 +61,14 @@ def things(trial):
     dataset = make_synthetic(domain, objects=40, recordings=3, rng=np.random.default_rng(0))
     everything = TrainingSet.everything(dataset)
     perception, counts = fit_and_validate(dataset, everything)
-    morc = OfflineRunner(load_percepts("roc36"), load_agent("bayes"), 0)
+    roc36 = load_percepts("roc36")
+    known = knowledge_without(roc36, 0)
+    learner = Learner("roc36", agent="bayes", logs=None).fit(roc36)
     return [
         trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
         trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,
-        dataset.instance(0, "look", 0), everything, perception, counts, morc.agent, morc,
-        morc.knowledge(0), morc.knowledge(0).posterior, morc.knowledge(0).trait,
+        dataset.instance(0, "look", 0), everything, perception, counts, learner.agent,
+        learner, known, known.posterior, known.trait,
         OfflineConfig("roc36"), summarize([trial]), summarize([trial])[0], load_domain("ispy32"),
     ]  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Agents: `Knowledge` and a `Solver` make a `Trial`.
 
-Algorithm 1 is `offline.py`; the inner loop is `trials/session.py`, and what Algorithm 2 learns
-`learner/fitted.py`; the named agents are a table in `named.py`.
+Both algorithms are `learner/sessions.py`, their inner loop is `trials/session.py`, and what they
+learn `learner/held_out.py` and `learner/fitted.py`; the named agents are a table in `named.py`.
 """
 
 from meal_bayes.agents.agent import Agent
@@ -16,7 +16,6 @@ from meal_bayes.agents.exploration import (
 )
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.named import AGENTS, as_agent, distinct, load_agent
-from meal_bayes.agents.offline import OfflineRunner
 
 __all__ = [
     "AGENTS",
@@ -27,7 +26,6 @@ __all__ = [
     "InformationBonus",
     "Knowledge",
     "NoBonus",
-    "OfflineRunner",
     "Progress",
     "as_agent",
     "distinct",

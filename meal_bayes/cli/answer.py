@@ -56,9 +56,9 @@ def answer(
         if one.object_name in table.objects:
             values = {name: v for name, v in one.values.items() if name in table.domain.attributes}
             learner.tell(one.object_name, values)
-    narrator = None if console is None else Narrator(console, task, learner.runner.problem(task))
+    narrator = None if console is None else Narrator(console, task, learner.problem(task))
     with showing_compilation():
-        trial = learner.runner.run(task, on_step=None if narrator is None else narrator.step)
+        trial = learner.ask(task, on_step=None if narrator is None else narrator.step)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:

@@ -53,7 +53,7 @@ class Environment:
             done = boundary.execute(e, robot.execute(domain.behavior_names[e]))
             if done.instance is not None:
                 shown = done.instance, np.full(len(domain.attributes), -1, np.int8)
-            record_step(learner.experience, trial, step, shown)
+            record_step(learner.experience, task, trial.momdp, step, shown)
         self._tell(learner, trial)
 
     def _ask(self, learner: Learner, task: Task, robot: RecordedRobot, *, learn: bool) -> Trial:

@@ -160,12 +160,11 @@ class _Unit:
             percepts=config.percepts,
             logs=None,
         ).fit(_table(config))
-        runner = learner.runner  # checks the settings, before there is a file
         header = {"config": config.as_dict(), "seed": config.seed}
         with TrialWriter(self.path, header) as log:
             for task in _tasks(config)[self.first : self.first + UNIT]:
                 start = time.perf_counter()
-                trial = runner.run(task)
+                trial = learner.ask(task)
                 log.write(trial, seconds=time.perf_counter() - start)
 
 

@@ -1,7 +1,6 @@
 """One environment: a query about an object that was never learned from."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +9,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, OfflineRunner, load_agent
+from meal_bayes.agents import Agent, load_agent
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.experiments.percepts import percepts_for
+from meal_bayes.learner import Learner
+from meal_bayes.learner.sessions import commanded, fit_of, prepare, record_of, robot_of
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import unvalued
+from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Session, Task, Trial
+from meal_bayes.trials import Session, Streams, Task, Trial
 
 Observation = dict[str, Any]
 
@@ -58,6 +59,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     percepts : "recorded", or "model": drawn from the learned confusion matrices.
     reward : r, the domain's by default.
     max_steps : behaviors after which an episode is truncated.
+    logs : folder of the logs of episodes; none by default.
     render_mode : "ansi" or None.
     """
 
@@ -76,6 +78,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         percepts: str = "recorded",
         reward: float | None = None,
         max_steps: int = 100,
+        logs: str | Path | None = None,
         render_mode: str | None = None,
     ) -> None:
         if dataset is None:
@@ -89,8 +92,11 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self.render_mode, self._max_steps, self._scale = render_mode, max_steps, scale
         self._problems: dict[tuple[int, tuple[str, ...]], MOMDP] = {}
-        self._runner = OfflineRunner(table, chosen, seed, percepts, reward)
+        self._learner = Learner(
+            table.domain, agent=chosen, seed=seed, percepts=percepts, reward=reward, logs=logs
+        ).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
+        self._policy: Policy | None = None
         self._steps = 0
         n, x = attributes, len(table.domain.diagram.states)
         e, p = len(table.domain.behaviors), len(table.domain.attributes)
@@ -120,7 +126,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """
         super().reset(seed=seed)
         index = (options or {}).get("task")
-        seed_of_task = self._runner.seed
+        seed_of_task = self._learner.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
@@ -148,13 +154,20 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
-        running, _ = self._running
-        _, policy = self._runner.prepare(running.task)
-        return int(policy.decide(running.history, self._planner).action)
+        (running, _), learner = self._running, self._learner
+        if self._policy is None:
+            fit = fit_of(learner, running.task, learn=False)
+            _, self._policy = prepare(learner, fit, running.task, running.task.key)
+        return int(self._policy.decide(running.history, running.streams.planner).action)
 
     def render(self) -> str | None:
         """Return the trial so far as text, in the mode "ansi"."""
         return repr(self.trial) if self.render_mode == "ansi" else None
+
+    def close(self) -> None:
+        """End the episode; one that is not over is logged as far as it went."""
+        if self._begun is not None:
+            self._begun[0].cancel("left before the answer")
 
     @property
     def _running(self) -> tuple[Session, RecordedRobot]:
@@ -174,19 +187,21 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return self._running[0].trial
 
     def _begin(self, task: Task, seed: int) -> None:
-        key = task.object_index, task.query.attributes
+        learner, key = self._learner, (task.object_index, task.query.attributes)
         if key not in self._problems:
-            self._problems[key] = self._runner.problem(task)
-        momdp = self._problems[key]
-        runner = replace(self._runner, seed=seed)  # which shares what was learned
-        environment, robot = runner.environment(task), runner.robot(task)
-        self._planner = environment.streams.planner
-        session = Session(task, momdp, None, environment, agent=runner.agent.name)
-        self._begun = session.start(robot.start()), robot
+            self._problems[key] = learner.problem(task)
+        self.close()
+        robot = robot_of(learner, task, seed)
+        session = commanded(
+            learner, fit_of(learner, task, learn=False), task,
+            Streams(seed, task.key, learner.agent.name), self._problems[key],
+            recorder=record_of(learner, task.name, task, task.key),
+        )  # fmt: skip
+        self._begun, self._policy = (session.start(robot.start()), robot), None
         self._steps = 0
 
     def _observation(self) -> Observation:
-        (running, _), domain = self._running, self._runner.table.domain
+        (running, _), domain = self._running, self._learner.domain
         asked = domain.columns(running.task.query.attributes)
         return {
             "state": running.belief.x,

@@ -179,10 +179,8 @@ class Experience:
         """Number of features of each (behavior, modality) that was perceived."""
         return {context: kept.values.shape[1] for context, kept in self.features.items()}
 
-    def labels_for(self, names: Iterable[str]) -> Labels | None:
-        """Return the labels (O,P) of objects by name; None where nothing was told."""
-        if not self.objects:
-            return None
+    def labels_for(self, names: Iterable[str]) -> Labels:
+        """Return the labels (O,P) of objects by name; -1 unknown."""
         nothing = np.full(self.tally.shape[1], -1, np.int8)
         known = self.known.values
         return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
@@ -318,16 +316,24 @@ class Experience:
         self.trials = {key: t for t, key in enumerate(trials)}
         for name, values in rows.items():
             getattr(self, name).extend(values)
-        for place, (o, e, r) in enumerate(self.instances.values[:, :3].tolist()):
-            self._places[o, e, r] = place
-            self._gathered.setdefault(o, []).append(place)
-        for trial, behavior, place, success in self.executions.values.tolist():
-            if place >= 0:
-                self._shown.setdefault(trial, []).append(place)
-            if success >= 0:
-                self.attempts[behavior, success] += 1
+        instances, executions = self.instances.values, self.executions.values
+        self._places = {(o, e, r): n for n, (o, e, r) in enumerate(instances[:, :3].tolist())}
+        self._gathered = _grouped(instances[:, 0], np.arange(len(instances)))
+        perceived = executions[executions[:, 2] >= 0]
+        self._shown = _grouped(perceived[:, 0], perceived[:, 2])
+        known = executions[executions[:, 3] >= 0]
+        np.add.at(self.attempts, (known[:, 1], known[:, 3]), 1)
         for value in (0, 1):
             self.tally[value] = (self.known.values == value).sum(axis=0)
+
+
+def _grouped(keys: NDArray[np.int64], values: NDArray[np.int64]) -> dict[int, list[int]]:
+    """Return the values of each key, in order."""
+    order = np.argsort(keys, kind="stable")
+    each, starts = np.unique(keys[order], return_index=True)
+    listed, ends = values[order].tolist(), [*starts[1:].tolist(), len(keys)]
+    triples = zip(each.tolist(), starts.tolist(), ends, strict=False)  # no keys, no starts
+    return {key: listed[start:end] for key, start, end in triples}
 
 
 def check_data(data: object, domain: Domain) -> None:

@@ -1,19 +1,22 @@
 """What agents make of one record, and when it is made anew."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
+from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fitted import Fitted, LearnerSettings
+from meal_bayes.learner.held_out import HeldOut, Recent
 
 
 class Fits:
-    """A `Fitted` of each agent that asked, until all are made anew.
+    """A `Fitted` of each agent that asked, or a `HeldOut` of each object, until all is made anew.
 
     Parameters
     ----------
@@ -26,6 +29,8 @@ class Fits:
 
     Attributes
     ----------
+    table : PerceptTable or None
+        In place of the record's instances, where one is replayed.
     growth : list of int
         Labeled instances at the last refit; since; and labels since.
     """
@@ -36,8 +41,12 @@ class Fits:
         if refit_every is not None and not refit_every > 0:
             raise SettingsError(f"refit_every is {refit_every}; give a number above 0, or None.")
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
+        self.table: PerceptTable | None = None
         self.growth = [0, 0, 0]
         self._made: list[tuple[Agent, Fitted]] = []
+        self._held: dict[int, list[HeldOut]] = {}
+        self._labeled: tuple[PerceptTable, NDArray[np.int8]] | None = None  # by the record
+        self._recent = Recent(), Recent()
 
     def of(self, agent: Agent) -> Fitted:
         """Return what an agent makes of the record, made when it is first needed."""
@@ -53,6 +62,23 @@ class Fits:
         self._made.append((agent, fit))
         return fit
 
+    def held_out(self, table: PerceptTable, agent: Agent, o: int) -> HeldOut:
+        """Return what an agent makes of the objects of a table but one.
+
+        A label that was told of an object without one is training data of the others.
+        """
+        for fit in self._held.setdefault(o, []):
+            if fit.agent == agent:
+                return fit
+        if self._labeled is None:
+            told = self.experience.labels_for(table.objects)
+            labels = np.where(table.labels < 0, told, table.labels)
+            self._labeled = replace(table, labels=labels), told
+        labeled, told = self._labeled
+        fit = HeldOut(labeled, agent, self.settings, o, told[o], *self._recent)
+        self._held[o].append(fit)
+        return fit
+
     def restore(self, agent: Agent, state: Mapping[str, Any], growth: list[int]) -> None:
         """Restore what an agent made of the record."""
         fit = Fitted(self.experience, agent, self.settings)
@@ -61,7 +87,8 @@ class Fits:
 
     def clear(self) -> None:
         """Let everything be made anew when it is next needed."""
-        self._made = []
+        self._made, self._held, self._labeled = [], {}, None
+        self._recent = Recent(), Recent()
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now."""

@@ -8,7 +8,7 @@ objects that no classifier has seen.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from meal_bayes.agents import Agent, Knowledge, Progress, information_value
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
-from meal_bayes.domain import Domain, learn_success
+from meal_bayes.domain import Domain, Query, learn_success, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import GIVEN, Experience
 from meal_bayes.learner.rows import Rows
@@ -26,6 +26,7 @@ from meal_bayes.perception import (
     ConfusionCounts,
     Perception,
     PerceptionSettings,
+    SampledPercepts,
     fit_and_validate,
     fit_spaces,
     with_classifier,
@@ -33,7 +34,9 @@ from meal_bayes.perception import (
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.trials import Task
 
+_PERCEPTS = ("recorded", "model")
 Asked = tuple[tuple[str, ...], bytes]  # attributes of a query, and percepts that a trial can have
 
 
@@ -62,6 +65,8 @@ class LearnerSettings:
         Whether an ITRS shapes the rewards of trials that explore nothing, too.
     drawn : (O,P) array or None
         Labels of objects, by which percepts are drawn from the learned tables.
+    percepts : str
+        Of a percept table: "recorded", or "model", drawn from the learned confusion matrices.
     """
 
     classifier: object = None
@@ -73,6 +78,11 @@ class LearnerSettings:
     count_given: bool = True
     shaped_answers: bool = False
     drawn: NDArray[np.int8] | None = None
+    percepts: str = "recorded"
+
+    def __post_init__(self) -> None:
+        if self.percepts not in _PERCEPTS:
+            raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
 
 
 @dataclass(eq=False)
@@ -163,7 +173,9 @@ class Fitted:
         moved = np.zeros(len(domain.attributes), np.bool_)
         for one in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
             own = rows[o == one]
-            before = self._rows.get(one, 0) + np.zeros(self.knowledge.posterior.counts.shape, int)
+            before = self._rows.get(one)
+            if before is None:  # of a new object, or not since it was read from a file
+                before = self._counts(experience.gathered(one))
             after = before - self._counts(own)
             self.counted.values[own] = labels[o == one]
             after = self._rows[one] = after + self._counts(own)
@@ -216,6 +228,20 @@ class Fitted:
         self.answering, self.exploring, self._rows = {}, {}, {}
         self.__dict__.pop("information", None)
 
+    @property
+    def drawn(self) -> SampledPercepts | None:
+        """What draws percepts from the learned tables, where that is asked for."""
+        labels, domain = self.settings.drawn, self.experience.domain
+        if labels is None:
+            return None
+        every = range(len(domain.attributes))
+        confusion, _ = self.refitted.posterior.select(every, exact=True)
+        return SampledPercepts(domain, labels, confusion)
+
+    def place(self, query: Query, limit: NDArray[np.float64]) -> Asked:
+        """Return what a model depends on."""
+        return query.attributes, limit.tobytes()
+
     @cached_property
     def information(self) -> NDArray[np.float64]:
         """Value of information (P,E) at the refit, s a query."""
@@ -228,6 +254,12 @@ class Fitted:
         o, e = self.experience.instances.values[rows, :2].T
         met = o < len(self.seen)
         return bool(self.seen[o[met], e[met]].any())
+
+    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
+        """Return the labels (N,) of the task's object, -1 unknown; None where none is known."""
+        o = self.experience.objects.get(task.object_name)
+        columns = self.experience.domain.columns(task.query.attributes)
+        return None if o is None else some_labels(self.experience.known.values[o, columns])
 
     def progress(self, object_name: str | None, queries: float) -> Progress:
         """Return what has been learned so far, for a bonus.
@@ -245,19 +277,14 @@ class Fitted:
         if not self.settings.count_given:
             counted = experience.labelled(memory=memory, given=False)
         o = experience.objects.get(object_name) if object_name is not None else None
-        shape = labelled.shape[1:]
-        return Progress(
-            knowledge=self.knowledge,
-            valued=lambda: self.information,
-            queries=queries,
-            unit=self.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
-            instances=counted.sum(axis=0).T,
-            objects=(labelled > 0).sum(axis=0).T,
-            fresh=np.ones(shape[::-1], bool) if o is None else labelled[o].T == 0,
+        e, p = labelled.shape[1:]
+        return progress_of(
+            self, labelled, counted, queries,
+            fresh=np.ones((p, e), bool) if o is None else labelled[o].T == 0,
             labeled=experience.known.values[o] >= 0
             if o is not None and memory
-            else np.zeros(shape[1], bool),
-        )
+            else np.zeros(p, bool),
+        )  # fmt: skip
 
     @property
     def state(self) -> dict[str, Any]:
@@ -284,9 +311,6 @@ class Fitted:
         self.seen = state["seen"]
         self.levels.extend(state["levels"])
         self.counted.extend(state["counted"])
-        objects = self.experience.instances.values[: len(self.counted), 0]
-        for one in np.unique(objects[(self.counted.values >= 0).any(axis=1)]).tolist():
-            self._rows[one] = self._counts(np.flatnonzero(objects == one))
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Check what others wrote."""
@@ -313,6 +337,50 @@ class Fitted:
             zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
             if classifier.log_odds(zeros).shape != (1, p):
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
+
+
+class Valued(Protocol):
+    """What a bonus is computed from."""
+
+    settings: LearnerSettings
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What was learned so far."""
+
+    @property
+    def information(self) -> NDArray[np.float64]:
+        """Value of information (P,E), s a query."""
+
+
+def progress_of(
+    fit: Valued, labelled: NDArray[np.int64], counted: NDArray[np.int64], queries: float, *,
+    fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
+) -> Progress:  # fmt: skip
+    """Return what has been learned so far, for a bonus; see `Progress`.
+
+    Parameters
+    ----------
+    fit : Fitted or HeldOut
+        Whose knowledge it is.
+    labelled, counted : (O,E,P) int arrays
+        Labelled instances, and those that are experience.
+    """
+    return Progress(
+        knowledge=fit.knowledge,
+        valued=lambda: fit.information,
+        queries=queries,
+        unit=fit.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
+        instances=counted.sum(axis=0).T,
+        objects=(labelled > 0).sum(axis=0).T,
+        fresh=fresh,
+        labeled=labeled,
+    )
+
+
+def some_labels(labels: NDArray[np.int8]) -> NDArray[np.int8] | None:
+    """Return labels, or None where none of them is known."""
+    return labels if (labels >= 0).any() else None
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

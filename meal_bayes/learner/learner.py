@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.agents import Agent, Knowledge, OfflineRunner, as_agent
+from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
@@ -18,10 +18,18 @@ from meal_bayes.learner.feedback import checked_labels
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted, LearnerSettings, own_posterior
 from meal_bayes.learner.percepts import record_trial
-from meal_bayes.learner.sessions import open_session, replay, resume_session
+from meal_bayes.learner.sessions import (
+    fit_of,
+    open_session,
+    problem_of,
+    resume_session,
+    robot_of,
+    task_of,
+)
 from meal_bayes.learner.tasks import Question
-from meal_bayes.robots import Robot
-from meal_bayes.trials import Session, Trial, run_trial
+from meal_bayes.momdp import MOMDP
+from meal_bayes.robots import RecordedRobot, Robot
+from meal_bayes.trials import Session, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
 
@@ -94,15 +102,14 @@ class Learner:
             posterior=own_posterior(posterior, self.domain, self._agent),
             learn_success=learn_success,
             reward=self.domain.report_reward if reward is None else reward,
+            percepts=percepts,
         )
-        self.seed, self.reward, self.percepts = seed, reward, percepts
+        self.seed, self.reward = seed, reward
         self.horizon, self.trust = horizon, trust
         self.logs = None if logs is None else Path(logs)
         self.experience = Experience(self.domain)
         self.fits = Fits(self.experience, settings, refit_every)
-        self.table: PerceptTable | None = None
         self.asked = 0  # questions, with robots
-        self._runner: OfflineRunner | None = None
         self.lock = threading.RLock()
 
     def __repr__(self) -> str:
@@ -120,7 +127,17 @@ class Learner:
         chosen = as_agent(agent)
         own_posterior(self.fits.settings.posterior, self.domain, chosen)
         with self.lock:
-            self._agent, self._runner = chosen, None
+            self._agent = chosen
+
+    @property
+    def table(self) -> PerceptTable | None:
+        """The percept table that is replayed, if there is one."""
+        return self.fits.table
+
+    @property
+    def percepts(self) -> str:
+        """What replays show: "recorded", or "model"."""
+        return self.fits.settings.percepts
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
@@ -131,10 +148,8 @@ class Learner:
         """
         check_data(data, self.domain)
         with self.lock:
-            if isinstance(data, PerceptTable):
-                self.table = data
-            else:
-                self.table = None
+            self.fits.table = data if isinstance(data, PerceptTable) else None
+            if isinstance(data, Dataset):
                 self.experience.give(data)
             return self.refit()
 
@@ -142,7 +157,6 @@ class Learner:
         """Learn everything anew from the experience."""
         with self.lock:
             self.fits.clear()
-            self._runner = None
             if self.table is None:
                 self.fitted(self.agent)
                 self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
@@ -159,16 +173,29 @@ class Learner:
             return self.fitted(self.agent).knowledge
         if object_name is None:
             raise SettingsError("A percept table holds only what is known without an object of it.")
-        return self.runner.knowledge(object_index(self.table.objects, object_name))
+        o = object_index(self.table.objects, object_name)
+        return self.fits.held_out(self.table, self.agent, o).knowledge
+
+    def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
+        """Return the decision problem of a question, as a test of it would have it."""
+        task, _ = task_of(self, question, object_name)
+        with self.lock:
+            fit = fit_of(self, task, learn=False)
+            labels = fit.labels_of(task) if self.agent.memory else None
+            return problem_of(self, fit, task.query, labels=labels)
+
+    def robot(self, task: Task) -> RecordedRobot:
+        """Return the robot that replays the object of a task of the percept table."""
+        return robot_of(self, task)
 
     def ask(
         self,
         question: Question,
-        robot: Robot | str,
+        robot: Robot | str | None = None,
         *,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         object_name: str | None = None,
-        learn: bool = True,
+        learn: bool | None = None,
         log: str | Path | None = None,
         key: str | int | None = None,
         **options: Any,
@@ -181,12 +208,14 @@ class Learner:
         Parameters
         ----------
         question : a sentence ("Is it heavy?"), a comma list, attribute names, a query, or a task.
-        robot : see `Robot`; or the name of an object of the percept table, which is replayed.
+        robot : see `Robot`; or the name of an object of the percept table, which is replayed; None:
+            the object of a task of the table.
         truth : {attribute: True or False} of what is known; compared with the report afterwards.
         object_name : the object's name, if it is known; an agent with `memory` then recognizes it.
             Without a name it is an object of its own.
         learn : whether the trial becomes experience, and explores for the queries to come as the
-            agent does; otherwise it is a test.
+            agent does; otherwise it is a test. By default with a robot alone: what a percept table
+            shows is in it already.
         log : path of the trial's log (.mcap); one in the folder of logs by default.
         key : names the random streams of this question; by default the number of questions so
             far, and in replays nothing, so that equal questions are equal.
@@ -199,12 +228,19 @@ class Learner:
         RobotError : the robot came to a state that the domain does not know.
         """
         if isinstance(robot, str):
-            return replay(self, question, robot, key, log, **options)
+            object_name, robot = robot, None
+        if (robot is None) == (self.table is None):
+            raise SettingsError(
+                "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+                if robot is None
+                else "A percept table holds no classifiers for a robot's sensors; fit recordings "
+                "(load_dataset), or name an object of the table."
+            )
         session = open_session(
             self, question, object_name, key, log, truth=truth, learn=learn,
             limit=getattr(robot, "limit", np.inf), **options,
         )  # fmt: skip
-        return run_trial(session, robot)
+        return run_trial(session, self.robot(session.task) if robot is None else robot)
 
     def begin(
         self,
@@ -279,7 +315,7 @@ class Learner:
         with self.lock:
             if self.table is not None:
                 object_index(self.table.objects, name)
-                self._runner = None
+                self.fits.clear()
             elif isinstance(trial, Trial) and key not in self.experience.trials:
                 if trial.momdp.levels != self.agent.levels:
                     raise SettingsError("The trial has other levels; give one of this learner's.")
@@ -294,27 +330,8 @@ class Learner:
             if not self.experience.labels_by(key):
                 raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
             self.fits.withdraw(self.experience.forget(key))
-            self._runner = None
-
-    @property
-    def runner(self) -> OfflineRunner:
-        """What replays the percept table, with the labels that were told.
-
-        Raises
-        ------
-        SettingsError : there is no percept table.
-        """
-        if self.table is None:
-            raise SettingsError(
-                "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
-            )
-        with self.lock:
-            if self._runner is None:
-                self._runner = OfflineRunner(
-                    self.table, self.agent, self.seed, self.percepts, self.reward,
-                    self.experience.labels_for(self.table.objects), self.fits.settings.posterior,
-                )  # fmt: skip
-            return self._runner
+            if self.table is not None:
+                self.fits.clear()
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, for `load`."""

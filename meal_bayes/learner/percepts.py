@@ -1,13 +1,20 @@
 """Where percepts of a trial come from, and what of them is recorded."""
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
-from meal_bayes.learner.experience import Experience, Key
-from meal_bayes.perception import Perceiver
-from meal_bayes.trials import Step, Trial
+from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.fitted import Fitted
+from meal_bayes.momdp import MOMDP
+from meal_bayes.trials import Step, Task, Trial
+
+if TYPE_CHECKING:
+    from meal_bayes.learner.learner import Learner
 
 
 class Witness:
@@ -15,60 +22,65 @@ class Witness:
 
     Parameters
     ----------
-    experience : Experience
-        The record.
-    trial : Trial
-        Before its first step.
-    perceiver : Perceiver
-        The classifiers.
-    drawn : Perceiver, optional
-        Shows percepts drawn from tables in place of theirs.
+    learner : Learner
+        Whose record it is.
+    task, momdp : Task, MOMDP
+        Of the trial.
+    fit : Fitted
+        What perceives.
+    on_step : callable, optional
+        Called after a step was recorded.
     """
 
     def __init__(
-        self,
-        experience: Experience,
-        trial: tuple[Key, str],
-        perceiver: Perceiver,
-        drawn: Perceiver | None = None,
-    ) -> None:
-        self._experience, (self._key, self._name) = experience, trial
-        self._perceiver, self._drawn = perceiver, drawn
-        self._every = Query(experience.domain.attributes)
+        self, learner: "Learner", task: Task, momdp: MOMDP, fit: Fitted,
+        on_step: Callable[[Step], None] | None = None,
+    ) -> None:  # fmt: skip
+        self._learner, self._task, self._momdp, self._fit = learner, task, momdp, fit
+        self._on_step = on_step
+        self._every = Query(learner.domain.attributes)
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
-        self._known = experience.executions_of(self._key)  # before a restart
+        self._known = learner.experience.executions_of(task.key)  # before a restart
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """Return percept levels of the queried attributes, (N,)."""
-        levels = self._perceiver.observe(instance, self._every, rng)
+        levels = self._fit.perception.observe(instance, self._every, rng)
         self._last = instance, levels
-        if self._drawn is not None:
-            return self._drawn.observe(instance, query, rng)
-        return levels[self._experience.domain.columns(query.attributes)]
+        if self._fit.drawn is not None:
+            return self._fit.drawn.observe(instance, query, rng)
+        return levels[self._learner.domain.columns(query.attributes)]
 
-    def record(self, trial: Trial, step: Step) -> None:
+    def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""
         last, self._last = self._last, None
-        if step.decision.action >= trial.momdp.n_behaviors:
-            return
-        if self._known:
-            self._known -= 1
-            return
-        record_step(self._experience, trial, step, last)
+        if step.decision.action < self._momdp.n_behaviors:
+            if self._known:
+                self._known -= 1
+            else:
+                with self._learner.lock:
+                    record_step(self._learner.experience, self._task, self._momdp, step, last)
+        if self._on_step is not None:
+            self._on_step(step)
+
+    def end(self, trial: Trial) -> None:
+        """Learn from the trial: labels of an object that is recognized are known already."""
+        with self._learner.lock:
+            self._learner.fits.update(self._learner.experience.shown(trial.task.key))
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:
     """Record the steps of a trial of another learner's, with what they show of the percepts."""
     for step in trial.steps:
         if step.decision.action < trial.momdp.n_behaviors:
-            record_step(experience, trial, step)
+            record_step(experience, trial.task, trial.momdp, step)
 
 
 def record_step(
     experience: Experience,
-    trial: Trial,
+    task: Task,
+    momdp: MOMDP,
     step: Step,
     perceived: tuple[Instance, NDArray[np.int8]] | None = None,
 ) -> None:
@@ -78,12 +90,12 @@ def record_step(
     ----------
     experience : Experience
         The record.
-    trial, step : Trial, Step
-        The step, and its trial.
+    task, momdp, step : Task, MOMDP, Step
+        The step, and what its trial is about.
     perceived : tuple of Instance and (P,) array, optional
         What was sensed, and the percept levels of all attributes.
     """
-    domain, momdp, e = experience.domain, trial.momdp, step.decision.action
+    domain, e = experience.domain, step.decision.action
     instance, levels = perceived or (None, None)
     shows = step.observation is not None
     if step.observation is not None and levels is None and domain.behaviors[e].modalities:
@@ -95,6 +107,6 @@ def record_step(
     if momdp.legal[step.x, e] and before < momdp.limit[e]:
         success = int(shows or step.next_x != step.x)
     experience.execute(
-        trial.task.key, trial.task.object_name, e, success=success, instance=instance,
+        task.key, task.object_name, e, success=success, instance=instance,
         levels=levels, k=momdp.levels,
     )  # fmt: skip

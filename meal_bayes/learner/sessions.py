@@ -1,9 +1,9 @@
 """Sessions of a learner: their models and policies, with a bonus for exploring, and without."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,20 +14,22 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
 from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.live_log import LiveLog, interrupted
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.learner.tasks import Question, live_task, replay_task
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import SampledPercepts
+from meal_bayes.perception import Perceiver
 from meal_bayes.planners import POMCP, Policy, Remembering, Solver
-from meal_bayes.robots import Boundary
+from meal_bayes.planners.pomcp.policy import POMCPPolicy
+from meal_bayes.robots import Boundary, RecordedRobot, replayable
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Environment, FaultTolerant, Session, Step, Streams, Task, Trial
+from meal_bayes.trials import FaultTolerant, Session, Streams, Task
 
 if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
 
-Limit = NDArray[np.float64]  # (E,) percepts that a trial can have
+ITRS = ITRSBonus | FittedITRSBonus
 
 
 def query_of(question: Question, domain: Domain) -> Query:
@@ -35,12 +37,6 @@ def query_of(question: Question, domain: Domain) -> Query:
     if isinstance(question, Task):
         return question.query
     return question if isinstance(question, Query) else read_query(question, domain)
-
-
-def header_of(learner: "Learner", question: Question) -> dict[str, Any]:
-    """Return the header of a trial's log."""
-    config = {"command": "Learner.ask", "question": str(question), "agent": learner.agent.name}
-    return {"config": config, "seed": learner.seed, "data": learner.domain.data}
 
 
 def open_session(
@@ -52,43 +48,68 @@ def open_session(
     **options: Any,
 ) -> Session:
     """Return the session of a question, logged, but not started yet."""
+    task, streams = task_of(learner, question, object_name, key)
+    options["recorder"] = record_of(learner, question, task, streams, log)
+    return session_of(learner, task, streams, **options)
+
+
+def record_of(
+    learner: "Learner", question: Question, task: Task, streams: Key, log: str | Path | None = None
+) -> LiveLog | None:
+    """Return the log of a trial, one in the folder of logs by default; None where there is none."""
+    if log is None and learner.logs is None:
+        return None
+    place = Path(learner.logs or "") / file_name(learner.domain.name) if log is None else Path(log)
+    name = learner.agent.name
+    return LiveLog(
+        place,
+        {
+            "config": {"command": "Learner.ask", "question": str(question), "agent": name},
+            "seed": learner.seed, "data": learner.domain.data, "streams": list(streams),
+        },
+        task.object_name,
+    )  # fmt: skip
+
+
+def task_of(
+    learner: "Learner", question: Question, object_name: str | None, key: str | int | None = None
+) -> tuple[Task, Key]:
+    """Return the task of a question, and the key of its random streams."""
     if isinstance(question, Task):
-        task, streams = question, question.key
-    else:
-        query = query_of(question, learner.domain)
-        with learner.lock:
-            number, learner.asked = learner.asked, learner.asked + 1
-        task, streams = live_task(
-            query, learner.domain, number if key is None else key, object_name
-        )
-    place = None if log is None else Path(log)
-    if place is None and learner.logs is not None:
-        place = learner.logs / file_name(learner.domain.name)
-    if place is not None:
-        header = {**header_of(learner, question), "streams": list(streams)}
-        options["recorder"] = LiveLog(place, header, task.object_name)
-    return _session(learner, task, streams, **options)
+        return question, question.key
+    query, table = query_of(question, learner.domain), learner.table
+    if table is not None:
+        if object_name is None:
+            raise SettingsError("Name the object of the percept table that is replayed.")
+        task = replay_task(query, table, object_name, key)
+        return task, task.key
+    with learner.lock:
+        number, learner.asked = learner.asked, learner.asked + 1
+    return live_task(query, learner.domain, number if key is None else key, object_name)
 
 
-def replay(
-    learner: "Learner",
-    question: Question,
-    object_name: str,
-    key: str | int | None,
-    log: str | Path | None,
-    **options: Any,
-) -> Trial:
-    """Answer a question about an object of the percept table."""
-    runner, query = learner.runner, query_of(question, learner.domain)
-    task = replay_task(query, runner.table, object_name, key)
-    recorder = None if log is None else LiveLog(Path(log), header_of(learner, question))
-    return runner.run(task, recorder=recorder, **options)
+def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> RecordedRobot:
+    """Return the robot that replays the object of a task, with random streams of the trial's own.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of these streams, where it is not the learner's.
+    """
+    table, seed = learner.table, learner.seed if seed is None else seed
+    if table is None:
+        raise SettingsError("There is no percept table whose objects are replayed; fit one.")
+    return RecordedRobot(
+        table.domain, task.object_index, replayable(table)[task.object_index],
+        stream(seed, "recordings", *task.key), stream(seed, "robot", *task.key),
+        repeats=learner.percepts == "model",
+    )  # fmt: skip
 
 
 def resume_session(learner: "Learner", log: Path) -> Session:
     """Return the session of a trial whose process ended in the middle of it."""
     before, streams, recorder = interrupted(log)
-    session = _session(learner, before.task, streams, truth=before.truth)
+    session = session_of(learner, before.task, streams, truth=before.truth)
     start = learner.domain.diagram.start
     session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
     session.repeat(before.steps)
@@ -96,157 +117,143 @@ def resume_session(learner: "Learner", log: Path) -> Session:
     return session
 
 
-def _session(
-    learner: "Learner",
-    task: Task,
-    streams: Key,
-    *,
-    learn: bool = True,
-    truth: Mapping[str, bool] | ArrayLike | None = None,
-    limit: ArrayLike = np.inf,
-    on_step: Callable[[Step], None] | None = None,
-    **options: Any,
-) -> Session:
-    """Return the session of a task, whose steps become experience if it learns."""
-    if learner.table is not None:
-        raise SettingsError(
-            "A percept table holds no classifiers for a robot's sensors; fit recordings "
-            "(load_dataset), or name an object of the table."
-        )
-    agent = learner.agent
+def session_of(
+    learner: "Learner", task: Task, key: Key, *, learn: bool | None = None,
+    limit: ArrayLike = np.inf, **options: Any,
+) -> Session:  # fmt: skip
+    """Return the session of a task, with a robot or on the percept table.
+
+    Parameters
+    ----------
+    key : tuple
+        Names its random streams.
+    learn : bool, optional
+        Whether the trial explores and, with a robot, becomes experience (what a table shows is in
+        it already); by default with a robot alone.
+    limit : (E,) array or number
+        Percepts of each behavior that a trial with a robot can have.
+    options :
+        Of `commanded`.
+    """
+    learn = learner.table is None if learn is None else learn
+    with learner.lock:
+        fit = fit_of(learner, task, learn=learn)
+        momdp, policy = prepare(learner, fit, task, key, limit, explore=learn)
+    if task.object_index < 0:  # recordings run out, the sensors of a robot fail
+        policy = FaultTolerant(momdp, policy, partial(_solve, learner, fit, task, key))
+    streams = Streams(learner.seed, key, learner.agent.name)
+    return commanded(learner, fit, task, streams, momdp, policy=policy, learn=learn, **options)
+
+
+def commanded(
+    learner: "Learner", fit: Fitted | HeldOut, task: Task, streams: Streams, momdp: MOMDP, *,
+    policy: Policy | None = None, learn: bool = False, **options: Any,
+) -> Session:  # fmt: skip
+    """Return the session of a problem that a policy, or somebody else, decides.
+
+    Parameters
+    ----------
+    options :
+        Of `Session`; the truth of a table's object is its labels by default.
+    """
+    domain, o = fit.knowledge.domain, task.object_index
+    columns = domain.columns(task.query.attributes)
+    if isinstance(fit, HeldOut):
+        perceiver: Perceiver = fit.perceiver
+        if options.get("truth") is None:
+            options["truth"] = fit.table.labels[o, columns]
+    else:
+        perceiver = witness = Witness(learner, task, momdp, fit, options.get("on_step"))
+        if learn:
+            options |= {"on_step": witness.record, "on_end": witness.end}
+    return Session(
+        task, momdp, policy, Boundary(domain, object_index=o, sizes=learner.experience.sizes),
+        perceiver, streams, agent=learner.agent.name,
+        counts=fit.knowledge.posterior.counts[columns], **options,
+    )  # fmt: skip
+
+
+def fit_of(learner: "Learner", task: Task, *, learn: bool) -> Fitted | HeldOut:
+    """Return what is known for a trial, by who runs it: training trials may be another agent's."""
+    agent, table = learner.agent, learner.table
     if learn and agent.trained_by is not None:
         agent = replace(agent.trained_by, name=agent.name)
-    fit, domain, experience = learner.fitted(agent), learner.domain, learner.experience
-    columns = domain.columns(task.query.attributes)
-    limits = np.broadcast_to(np.asarray(limit, float), (len(domain.behaviors),))
-    with learner.lock:
-        if learn:
-            experience.trial(task.key)
-        momdp, policy = prepare(
-            learner, fit, task.query, task.object_name, streams, limits, explore=learn
-        )
-    if task.object_index < 0:  # recordings run out, the sensors of a robot fail
-        policy = FaultTolerant(
-            momdp, _solves(fit, task.query, policy, momdp, learner.seed, streams)
-        )
-    drawn = None
-    if fit.settings.drawn is not None:
-        confusion, _ = fit.refitted.posterior.select(range(len(domain.attributes)), exact=True)
-        drawn = SampledPercepts(domain, fit.settings.drawn, confusion)
-    witness = Witness(experience, (task.key, task.object_name), fit.perception, drawn)
-
-    def stepped(step: Step) -> None:
-        if learn:
-            with learner.lock:
-                witness.record(session.trial, step)
-        if on_step is not None:
-            on_step(step)
-
-    def ended(trial: Trial) -> None:
-        with learner.lock:  # of an object that is recognized, labels are known
-            learner.fits.update(experience.shown(trial.task.key))
-
-    environment = Environment(
-        Boundary(domain, object_index=task.object_index, sizes=experience.sizes),
-        witness,
-        Streams.of(learner.seed, streams, agent.name),
-        truth,
-        fit.knowledge.posterior.counts[columns],
-    )
-    session = Session(
-        task, momdp, policy, environment, agent=agent.name, on_step=stepped,
-        on_end=ended if learn else None, **options,
-    )  # fmt: skip
-    return session
-
-
-def _solves(
-    fit: Fitted, query: Query, policy: Policy, momdp: MOMDP, seed: int, streams: Key
-) -> Callable[[MOMDP], Policy]:
-    """Return what makes the policy of a problem: one that was made, and anew of another."""
-
-    def solve(problem: MOMDP) -> Policy:
-        if problem is momdp:
-            return policy
-        return _solver(fit, query).solve(problem, stream(seed, "solver", fit.agent.name, *streams))
-
-    return solve
+    if table is None:
+        return learner.fitted(agent)
+    return learner.fits.held_out(table, agent, task.object_index)
 
 
 def prepare(
-    learner: "Learner", fit: Fitted, query: Query, object_name: str, streams: Key, limit: Limit,
-    *, explore: bool,
+    learner: "Learner", fit: Fitted | HeldOut, task: Task, streams: Key, limit: ArrayLike = np.inf,
+    *, explore: bool = False,
 ) -> tuple[MOMDP, Policy]:  # fmt: skip
     """Build and solve a query's MOMDP (Alg. 1, l. 1-5; Alg. 2, l. 7-10).
 
     Parameters
     ----------
-    learner, fit : Learner, Fitted
+    learner, fit : Learner, Fitted or HeldOut
         Who asks, and what is known.
-    query, object_name : Query, str
+    task : Task
         What is asked, of which object.
     streams : tuple
         Names the planner's random stream.
     limit : (E,) array
-        Percepts of each behavior that the trial can have.
+        Percepts of each behavior that the trial can have; of a table it is known.
     explore : bool
         Plan for queries to come as well, and with the labels of an object that is recognized.
     """
-    agent, rng = fit.agent, stream(learner.seed, "solver", fit.agent.name, *streams)
-    solver = _solver(fit, query)
-    if not explore or (isinstance(agent.exploration, NoBonus) and not agent.memory):
-        return _answer(learner, fit, query, limit, solver, rng)
-    labels = None
-    if agent.memory and object_name in learner.experience.objects:
-        columns = learner.domain.columns(query.attributes)
-        known = learner.experience.known.values[learner.experience.objects[object_name]]
-        labels = known[columns]
-    plain = _model(learner, fit, query, limit, labels)
-    momdp = _shaped(learner, fit, plain, object_name)
-    if not isinstance(solver, POMCP):
-        return momdp, solver.solve(momdp, rng)
-    key = query.attributes, limit.tobytes()
+    query, labels = task.query, fit.labels_of(task) if fit.agent.memory else None
+    if isinstance(fit, HeldOut):
+        limit, streams = fit.limit, (task.object_name, *query.attributes)
+    limit = np.broadcast_to(np.asarray(limit, float), (len(learner.domain.behaviors),))
+    model = partial(problem_of, learner, fit, query, limit)
+
+    def shaped(momdp: MOMDP, object_name: str | None = None) -> MOMDP:
+        queries = learner.horizon * len(query) / len(learner.domain.attributes)
+        return fit.agent.exploration.shape(momdp, fit.progress(object_name, queries))
+
+    def solve(momdp: MOMDP) -> Policy:
+        return _solve(learner, fit, task, streams, momdp)
+
+    key = fit.place(query, limit)
+    if not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None):
+        if key in fit.answering and labels is None:
+            return fit.answering[key]
+        momdp = model(labels)
+        if fit.settings.shaped_answers and isinstance(fit.agent.exploration, ITRS):
+            momdp = shaped(momdp)
+        policy = solve(momdp)
+        if labels is not None or not getattr(policy, "deterministic", False):
+            return momdp, policy
+        # until the posterior moves
+        fit.answering[key] = momdp, policy if isinstance(fit, HeldOut) else Remembering(policy)
+        return fit.answering[key]
+    momdp = shaped(model(labels), task.object_name)
+    if not isinstance(_solver(fit, query), POMCP):
+        return momdp, solve(momdp)
     if key not in fit.exploring:  # searches of equal queries share a plan library
-        new = _model(learner, fit, query, limit, None)
-        fit.exploring[key] = solver.solve(_shaped(learner, fit, new, None), rng)
+        fit.exploring[key] = cast(POMCPPolicy, solve(shaped(model())))
     return momdp, fit.exploring[key].sharing_plans(momdp)
 
 
-def _answer(
-    learner: "Learner", fit: Fitted, query: Query, limit: Limit, solver: Solver,
-    rng: np.random.Generator,
-) -> tuple[MOMDP, Policy]:  # fmt: skip
-    """Return model and policy without a bonus; deterministic ones until the posterior moves."""
-    key = query.attributes, limit.tobytes()
-    if key in fit.answering:
-        return fit.answering[key]
-    momdp = _model(learner, fit, query, limit, None)
-    if fit.settings.shaped_answers and isinstance(
-        fit.agent.exploration, ITRSBonus | FittedITRSBonus
-    ):
-        momdp = _shaped(learner, fit, momdp, None)
-    policy = solver.solve(momdp, rng)
-    if not getattr(policy, "deterministic", False):
-        return momdp, policy
-    fit.answering[key] = momdp, Remembering(policy)
-    return fit.answering[key]
+def problem_of(
+    learner: "Learner", fit: Fitted | HeldOut, query: Query, limit: ArrayLike = np.inf,
+    labels: NDArray[np.int8] | None = None,
+) -> MOMDP:  # fmt: skip
+    """Build a query's MOMDP, about an object of which people gave labels (N,), if any."""
+    return fit.agent.model(
+        query, fit.knowledge, limit=fit.limit if isinstance(fit, HeldOut) else limit,
+        reward=learner.reward, trust=learner.trust, labels=labels,
+    )  # fmt: skip
 
 
-def _solver(fit: Fitted, query: Query) -> Solver:
+def _solver(fit: Fitted | HeldOut, query: Query) -> Solver:
     solver = fit.agent.solver(fit.knowledge.domain, query)
     return replace(solver, paid=fit.agent.exploration.paid) if isinstance(solver, POMCP) else solver
 
 
-def _model(
-    learner: "Learner", fit: Fitted, query: Query, limit: Limit, labels: NDArray[np.int8] | None
-) -> MOMDP:
-    return fit.agent.model(
-        query, fit.knowledge, limit=limit, reward=learner.reward, labels=labels,
-        trust=learner.trust,
-    )  # fmt: skip
-
-
-def _shaped(learner: "Learner", fit: Fitted, momdp: MOMDP, object_name: str | None) -> MOMDP:
-    """Add the exploration bonus; `object_name` None: of a new object."""
-    queries = learner.horizon * len(momdp.query) / len(learner.domain.attributes)
-    return fit.agent.exploration.shape(momdp, fit.progress(object_name, queries))
+def _solve(
+    learner: "Learner", fit: Fitted | HeldOut, task: Task, streams: Key, momdp: MOMDP
+) -> Policy:
+    rng = stream(learner.seed, "solver", fit.agent.name, *streams)
+    return _solver(fit, task.query).solve(momdp, rng)

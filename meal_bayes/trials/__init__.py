@@ -3,16 +3,15 @@
 In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief and decision.
 """
 
-from meal_bayes.trials.environment import Environment, Recorder, Streams
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, task_key
-from meal_bayes.trials.session import Session, run_trial
+from meal_bayes.trials.session import Recorder, Session, run_trial
+from meal_bayes.trials.streams import Streams
 from meal_bayes.trials.text import percept_labels, trials_frame, truth_text, verdict_text
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 __all__ = [
     "BatchOutcomes",
-    "Environment",
     "FaultTolerant",
     "Recorder",
     "Session",

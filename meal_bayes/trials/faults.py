@@ -68,17 +68,18 @@ class FaultTolerant:
     ----------
     momdp : MOMDP
         The problem.
+    policy : Policy
+        Of the problem.
     solve : Callable[[MOMDP], Policy]
-        Makes the policy of a problem.
+        Makes the policy of the problem without them.
     """
 
     momdp: MOMDP
+    policy: Policy
     solve: Callable[[MOMDP], Policy]
-    _policy: Policy = field(init=False)
     _failing: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._policy = self.solve(self.momdp)
         self._failing = np.zeros(self.momdp.n_behaviors, bool)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -92,6 +93,6 @@ class FaultTolerant:
                     "steps say what was wrong with its features, if any came.",
                     stacklevel=2,
                 )
-            self._policy = self.solve(without(self.momdp, failing, stuck))
+            self.policy = self.solve(without(self.momdp, failing, stuck))
             self._failing = failing
-        return self._policy.decide(history, rng)
+        return self.policy.decide(history, rng)

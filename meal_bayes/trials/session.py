@@ -6,20 +6,43 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Execution, Outcome, Robot
-from meal_bayes.trials.environment import Environment, Recorder
+from meal_bayes.robots import Boundary, Execution, Outcome, Robot
+from meal_bayes.trials.streams import Streams
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 MAX_STEPS = 100
+
+
+class Recorder(Protocol):
+    """Writes a trial as it happens: each step before the next behavior is named."""
+
+    @property
+    def path(self) -> Path:
+        """Where the trial is recorded."""
+        ...
+
+    def begin(self, trial: Trial) -> None:
+        """Record a trial that has no steps yet."""
+        ...
+
+    def step(self, step: Step) -> None:
+        """Record the next step."""
+        ...
+
+    def end(self, trial: Trial) -> None:
+        """Record the whole trial."""
+        ...
 
 
 class Session:
@@ -36,10 +59,18 @@ class Session:
         The decision problem.
     policy : Policy or None
         Decides; None where somebody else commands, by `command`.
-    environment : Environment
-        What the trial runs in.
+    boundary : Boundary
+        Checks what the robot returns.
+    perceiver : Perceiver
+        Turns sensor data into percept levels.
+    streams : Streams
+        Random streams of the trial.
     agent : str
         Name of the agent.
+    truth : mapping or array, optional
+        See `truth_of`; compared with the report only, neither policy nor belief sees it.
+    counts : (N,E,2,K) array, optional
+        Labeled percepts behind the MOMDP, for the record alone; see `Trial`.
     max_steps : int
         Behaviors, after which the best answer is given.
     max_cost : float, optional
@@ -57,9 +88,13 @@ class Session:
         task: Task,
         momdp: MOMDP,
         policy: Policy | None,
-        environment: Environment,
+        boundary: Boundary,
+        perceiver: Perceiver,
+        streams: Streams,
         *,
         agent: str = "",
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        counts: NDArray[np.float64] | None = None,
         max_steps: int = MAX_STEPS,
         max_cost: float | None = None,
         on_step: Callable[[Step], None] | None = None,
@@ -72,8 +107,9 @@ class Session:
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, np.inf if max_cost is None else max_cost
-        self._policy, self._environment = policy, environment
-        self._truth, self._first = truth_of(task.query, environment.truth), self.belief
+        self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
+        self.streams, self._counts = streams, counts
+        self._truth, self._first = truth_of(task.query, truth), self.belief
         self._on_step, self._recorder, self._on_end = on_step, recorder, on_end
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
@@ -111,7 +147,7 @@ class Session:
         """The trial so far."""
         return Trial(
             self.task, self.agent, self.momdp, self._first, tuple(self.steps), self._truth,
-            self.report, self._ended or "", self._environment.counts,
+            self.report, self._ended or "", self._counts,
         )  # fmt: skip
 
     def start(self, state: str) -> Self:
@@ -123,7 +159,7 @@ class Session:
         """
         if self.over or self.steps or self._decision is not None:
             raise SettingsError("This trial has begun; ask again for another.")
-        self.belief = self.belief.at(self._environment.boundary.start(state))
+        self.belief = self.belief.at(self._boundary.start(state))
         self.history = History(self.belief)
         self._decide()
         return self
@@ -139,7 +175,7 @@ class Session:
         if self._decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
         self._at = "robot"
-        execution = self._environment.boundary.execute(self._decision.action, outcome)
+        execution = self._boundary.execute(self._decision.action, outcome)
         self._append(self._executed(self._decision, execution))
         self._decide()
 
@@ -210,7 +246,7 @@ class Session:
         if self._policy is None or self.over:
             return
         self._at, momdp = "planner", self.momdp
-        decision = self._policy.decide(self.history, self._environment.streams.planner)
+        decision = self._policy.decide(self.history, self.streams.planner)
         if decision.action < momdp.n_behaviors and self._limited(decision.action):
             decision = unvalued(momdp, best_answer(momdp, self.belief))
         self.command(decision)
@@ -264,9 +300,9 @@ class Session:
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
-        query, answers, own = self.task.query, execution.answers, self._environment
+        query, answers = self.task.query, execution.answers
         if execution.instance is not None:
-            seen = own.perceiver.observe(execution.instance, query, own.streams.percepts)
+            seen = self._perceiver.observe(execution.instance, query, self.streams.percepts)
             return seen, execution.warning
         if answers is None:
             return None, execution.warning

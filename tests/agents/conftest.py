@@ -9,6 +9,7 @@ import pytest
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.datasets.percepts import BIN_EDGES
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.learner import Learner
 from meal_bayes.trials import Task
 
 OBJECTS, RECORDINGS = 8, 4
@@ -54,6 +55,10 @@ def make_task(table: PerceptTable, index: int, *attributes: str) -> Task:
     return Task(f"task {index}", Query(names), index, table.objects[index], key)
 
 
+def make_learner(table: PerceptTable, agent: object, seed: int = 0, **options: object) -> Learner:
+    return Learner(table.domain, agent=agent, seed=seed, logs=None, **options).fit(table)
+
+
 @pytest.fixture(scope="session")
 def table() -> PerceptTable:
     return make_table()
@@ -62,4 +67,6 @@ def table() -> PerceptTable:
 @pytest.fixture(scope="session")
 def make() -> SimpleNamespace:
     """The makers."""
-    return SimpleNamespace(table=make_table, task=make_task, change_object=change_object)
+    return SimpleNamespace(
+        table=make_table, task=make_task, change_object=change_object, learner=make_learner
+    )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from meal_bayes.agents import AGENTS, OfflineRunner, load_agent
+from meal_bayes.agents import AGENTS
 from meal_bayes.errors import RobotError
 from meal_bayes.robots import RecordedRobot
 
@@ -32,9 +32,9 @@ def refusing(monkeypatch):
 @pytest.mark.parametrize("name", AGENTS)
 def test_nothing_illegal_is_commanded(make, refusing, name, signal, trials):
     table = make.table("ispy32", signal=signal)
-    runner = OfflineRunner(table, load_agent(name), 0)
+    learner = make.learner(table, name)
     for index in range(trials):
         n = 1 + 2 * (index % 2)
         task = make.task(table, index // 2 % 8, *table.domain.attributes[index // 16 :][:n])
-        trial = runner.run(task)
+        trial = learner.ask(task)
         assert trial.last_belief.x == trial.momdp.terminal

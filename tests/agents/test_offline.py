@@ -6,7 +6,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from meal_bayes.agents import AGENTS, Agent, OfflineRunner, load_agent
+from meal_bayes.agents import AGENTS, Agent, load_agent
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, update_belief
 from meal_bayes.planners import POMCP, Predefined, RandomLegal
@@ -48,17 +48,17 @@ def same_trial(one, other):
 @pytest.mark.parametrize("name", AGENTS)
 def test_every_agent_runs_and_repeats_itself(table, make, name):
     agent = fast(name)
-    one, other = (OfflineRunner(table, agent, 7) for _ in range(2))
+    one, other = (make.learner(table, agent, 7) for _ in range(2))
     tasks = [make.task(table, index) for index in range(4)]
-    trials = [one.run(task) for task in tasks]
-    again = [other.run(task) for task in reversed(tasks)][::-1]  # the order is no matter
+    trials = [one.ask(task) for task in tasks]
+    again = [other.ask(task) for task in reversed(tasks)][::-1]  # the order is no matter
     assert all(map(same_trial, trials, again))
     assert {trial.agent for trial in trials} == {name}
 
 
 def test_seeds_change_trials(table, make):
     task = make.task(table, 0)
-    trials = [OfflineRunner(table, load_agent("random_legal"), seed).run(task) for seed in range(5)]
+    trials = [make.learner(table, load_agent("random_legal"), seed).ask(task) for seed in range(5)]
     assert len({tuple(step.decision.action for step in trial.steps) for trial in trials}) > 1
 
 
@@ -67,7 +67,7 @@ def test_all_agents_meet_the_same_failures_and_recordings(table, make):
     compared = 0
     for index in range(len(table.objects)):
         task = make.task(table, index)
-        met = [outcomes(OfflineRunner(table, fast(name), 5).run(task)) for name in (*QUICK, "morc")]
+        met = [outcomes(make.learner(table, fast(name), 5).ask(task)) for name in (*QUICK, "morc")]
         for one in met:
             for other in met:
                 for action in one.keys() & other.keys():
@@ -78,9 +78,9 @@ def test_all_agents_meet_the_same_failures_and_recordings(table, make):
 
 
 def test_recordings_come_once_each_and_then_none(table, make):
-    looking = OfflineRunner(table, EAGER, 1)
+    looking = make.learner(table, EAGER, 1)
     for index in range(4):
-        trial = looking.run(make.task(table, index))
+        trial = looking.ask(make.task(table, index))
         percepts = [step.observation for step in trial.steps[:12]]
         assert [p is not None for p in percepts] == [True] * 4 + [False] * 8
         assert trial.cost == 12
@@ -91,7 +91,7 @@ def test_recordings_come_once_each_and_then_none(table, make):
 
 def test_beliefs_replay(table, make):
     for name in QUICK:
-        trial = OfflineRunner(table, fast(name), 3).run(make.task(table, 2))
+        trial = make.learner(table, fast(name), 3).ask(make.task(table, 2))
         belief = trial.first_belief
         for step in trial.steps:
             transition = Transition(step.decision.action, step.next_x, step.observation)
@@ -115,9 +115,9 @@ def test_recorded_percepts_are_the_recordings_model_percepts_the_model_s(table, 
     tricked = misleading(table)
     said = {"recorded": [], "model": []}
     for percepts, rows in said.items():
-        morc = OfflineRunner(tricked, EAGER, 1, percepts)
+        morc = make.learner(tricked, EAGER, 1, percepts=percepts)
         for index in range(len(table.objects)):
-            trial = morc.run(make.task(table, index))
+            trial = morc.ask(make.task(table, index))
             felt = [s.observation for s in trial.steps if s.observation is not None]
             assert len(felt) == (4 if percepts == "recorded" else 12)
             rows += [row == trial.truth for row in felt]
@@ -127,12 +127,12 @@ def test_recorded_percepts_are_the_recordings_model_percepts_the_model_s(table, 
 
 @pytest.mark.statistical
 def test_model_percepts_have_the_confusion_s_frequencies(table, make):
-    morc = OfflineRunner(table, EAGER, 2, "model")
-    confusion, _ = morc.knowledge(0).posterior.select([0, 1], exact=True)
+    morc = make.learner(table, EAGER, 2, percepts="model")
+    confusion, _ = morc.knowledge(table.objects[0]).posterior.select([0, 1], exact=True)
     yes, n = np.zeros(2), 0
     for number in range(60):
         task = dataclasses.replace(make.task(table, 0), key=("toy", number))
-        trial = morc.run(task)
+        trial = morc.ask(task)
         felt = [s.observation for s in trial.steps if s.observation is not None]
         yes += np.sum(felt, axis=0)
         n += len(felt)
@@ -142,75 +142,54 @@ def test_model_percepts_have_the_confusion_s_frequencies(table, make):
 
 
 def test_model_percepts_never_run_out(table, make):
-    morc = OfflineRunner(table, EAGER, 2, "model")
-    assert np.isinf(morc.prepare(make.task(table, 0))[0].limit).all()
+    morc = make.learner(table, EAGER, 2, percepts="model")
+    assert np.isinf(morc.problem(make.task(table, 0)).limit).all()
 
 
 class TestPreparing:
     def test_the_held_out_object_does_not_enter_its_momdp(self, table, make):
         for name in ("morc", "bayes"):
             task, changed = make.task(table, 3), make.change_object(table, 3)
-            one, other = (
-                OfflineRunner(t, fast(name), 0).prepare(task)[0] for t in (table, changed)
-            )
+            one, other = (make.learner(t, fast(name), 0).problem(task) for t in (table, changed))
             for field in ("confusion", "precision", "prior", "latent_classes"):
                 np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
-            near = OfflineRunner(make.change_object(table, 4), fast(name), 0).prepare(task)[0]
+            near = make.learner(make.change_object(table, 4), fast(name), 0).problem(task)
             assert not np.array_equal(one.confusion, near.confusion)
 
     def test_the_paper_s_agent_has_eq_8_and_a_uniform_prior(self, table, make):
-        momdp, _ = OfflineRunner(table, fast("morc"), 0).prepare(make.task(table, 1))
+        momdp = make.learner(table, fast("morc"), 0).problem(make.task(table, 1))
         assert np.isinf(momdp.precision).all()
         assert momdp.n_classes == 2
         np.testing.assert_array_equal(momdp.prior, 0.5)
         assert momdp.discount == 0.99
 
     def test_ours_has_objects_that_differ_and_base_rates(self, table, make):
-        morc = OfflineRunner(table, fast("bayes"), 0)
-        momdp, _ = morc.prepare(make.task(table, 1, "heavy"))
+        morc = make.learner(table, fast("bayes"), 0)
+        momdp = morc.problem(make.task(table, 1, "heavy"))
         assert np.isfinite(momdp.precision[:, :2]).all()
-        np.testing.assert_array_equal(momdp.prior, morc.knowledge(1).base_rates[[1]])
+        np.testing.assert_array_equal(momdp.prior, morc.knowledge(table.objects[1]).base_rates[[1]])
         assert momdp.query.attributes == ("heavy",)
 
     def test_attributes_keep_the_query_s_order(self, table, make):
-        morc = OfflineRunner(table, fast("bayes"), 0)
-        one, _ = morc.prepare(make.task(table, 1, "red", "heavy"))
-        other, _ = morc.prepare(make.task(table, 1, "heavy", "red"))
+        morc = make.learner(table, fast("bayes"), 0)
+        one = morc.problem(make.task(table, 1, "red", "heavy"))
+        other = morc.problem(make.task(table, 1, "heavy", "red"))
         np.testing.assert_array_equal(one.confusion, other.confusion[::-1])
         np.testing.assert_array_equal(one.prior, other.prior[::-1])
 
-    def test_policies_are_made_once_a_query_and_object(self, table, make):
-        morc = OfflineRunner(table, fast("morc"), 0)
-        first = morc.prepare(make.task(table, 1))
-        assert morc.prepare(make.task(table, 1)) is first
-        assert morc.prepare(make.task(table, 2)) is not first
-        assert morc.prepare(make.task(table, 1, "red")) is not first
-
-    def test_policies_used_lately_are_kept(self, table, make, monkeypatch):
-        monkeypatch.setattr("meal_bayes.agents.offline._KEPT", 2)
-        morc = OfflineRunner(table, fast("predefined"), 0)
-        tasks = [make.task(table, index) for index in range(3)]
-        one, other = morc.prepare(tasks[0]), morc.prepare(tasks[1])
-        assert morc.prepare(tasks[0]) is one  # used again
-        morc.prepare(tasks[2])
-        assert morc.prepare(tasks[0]) is one
-        assert morc.prepare(tasks[1]) is not other
-        assert len(morc._policies) == 2
-
     @pytest.mark.parametrize("reward", [None, 30.0])
     def test_rewards(self, table, make, reward):
-        momdp, _ = OfflineRunner(table, fast("predefined"), 0, reward=reward).prepare(
-            make.task(table, 0)
-        )
+        learner = make.learner(table, fast("predefined"), reward=reward)
+        momdp = learner.problem(make.task(table, 0))
         assert (momdp.correct, momdp.incorrect) == ((100, -100) if reward is None else (30, -30))
 
 
 def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
     labels = np.array(table.labels)
     labels[2, 1] = -1
-    morc = OfflineRunner(dataclasses.replace(table, labels=labels), fast("predefined"), 0)
-    assert morc.run(make.task(table, 2, "red")).truth.shape == (1,)
-    trial = morc.run(make.task(table, 2))
+    morc = make.learner(dataclasses.replace(table, labels=labels), fast("predefined"), 0)
+    assert morc.ask(make.task(table, 2, "red")).truth.shape == (1,)
+    trial = morc.ask(make.task(table, 2))
     np.testing.assert_array_equal(trial.truth, [table.labels[2, 0], -1])
     assert trial.success is None
     assert trial.report is not None
@@ -218,9 +197,9 @@ def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
     assert trial.cost > 0
 
 
-def test_percepts_are_one_of_two_kinds(table):
+def test_percepts_are_one_of_two_kinds(table, make):
     with pytest.raises(SettingsError, match="Unknown percepts 'imagined'"):
-        OfflineRunner(table, fast("random"), 0, "imagined")
+        make.learner(table, fast("random"), percepts="imagined")
 
 
 class TestNames:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments import offline_tasks
 
@@ -22,10 +21,10 @@ def ragged():
 
 
 @pytest.mark.parametrize("agent", ["random_legal", "predefined_plus", "greedy"])
-def test_what_was_not_recorded_is_not_perceived(ragged, agent):
-    morc, executed = OfflineRunner(ragged, load_agent(agent), 0), 0
+def test_what_was_not_recorded_is_not_perceived(make, ragged, agent):
+    learner, executed = make.learner(ragged, agent), 0
     for task in offline_tasks(ragged, 1, 6, 0):
-        trial = morc.run(task)
+        trial = learner.ask(task)
         names = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
         pairs = zip(names, trial.steps, strict=True)
         seen = [name for name, step in pairs if step.observation is not None]

@@ -6,11 +6,11 @@ from importlib import import_module
 
 import pytest
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.cli.console import note, output
 from meal_bayes.cli.narration import print_trial
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import write_trials
 
 ESCAPE = "\x1b]0;owned\x07\x9b31m\N{RIGHT-TO-LEFT OVERRIDE}"
@@ -27,10 +27,10 @@ def strange(table):
     objects = (f"red_mug{ESCAPE}", *table.objects[1:])
     fields = {f.name: getattr(table, f.name) for f in dataclasses.fields(PerceptTable)}
     made = PerceptTable(**{**fields, "objects": objects})
-    morc = OfflineRunner(made, load_agent("greedy"), seed=0)
+    learner = Learner(made.domain, agent="greedy", logs=None).fit(made)
     tasks = offline_tasks(made, 1, 20, 0)
     task = next(task for task in tasks if task.object_index == 0)
-    return made, morc.run(task)
+    return made, learner.ask(task)
 
 
 def test_a_log_s_names_are_shown(run, strange, tmp_path):

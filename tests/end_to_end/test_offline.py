@@ -18,11 +18,11 @@ from meal_bayes.trial_log import check_log, salvage
 
 KILLED = """
 import os, signal, sys
-from meal_bayes.agents import OfflineRunner
+from meal_bayes.learner import Learner
 from meal_bayes.experiments import OfflineConfig, run_offline, store
 
 store.code_digest = lambda: "pinned"
-run, done = OfflineRunner.run, 0
+run, done = Learner.ask, 0
 
 def run_until(self, task, **options):
     global done
@@ -31,7 +31,7 @@ def run_until(self, task, **options):
         os.kill(os.getpid(), signal.SIGKILL)
     return run(self, task, **options)
 
-OfflineRunner.run = run_until
+Learner.ask = run_until
 config = OfflineConfig("roc36", 2, 120, ("random", "predefined_plus", "greedy"), seed=5)
 run_offline(config, logs=sys.argv[1])
 """

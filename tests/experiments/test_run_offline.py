@@ -4,9 +4,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import read_header, read_trials
 
 AGENTS = ("random", "predefined_plus")
@@ -37,11 +37,11 @@ class TestAFinishedRun:
             for trial in pair:
                 np.testing.assert_array_equal(trial.truth, truth)
 
-    def test_trials_are_those_of_morc(self, finished, roc36):
-        morc = OfflineRunner(roc36, load_agent("predefined_plus"), 3)
+    def test_trials_are_those_of_a_learner(self, finished, roc36):
+        learner = Learner("roc36", agent="predefined_plus", seed=3, logs=None).fit(roc36)
         (path,) = (p for p in finished.paths if p.match("predefined_plus/unit-0001.mcap"))
         for trial in read_trials(path):
-            expected = morc.run(trial.task)
+            expected = learner.ask(trial.task)
             assert trial.cost == expected.cost
             np.testing.assert_array_equal(trial.report, expected.report)
             np.testing.assert_array_equal(trial.last_belief.log_odds, expected.last_belief.log_odds)
@@ -179,7 +179,7 @@ def test_changed_code_uses_another_folder(tmp_path, monkeypatch):
 
 def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
     config = OfflineConfig("roc36", 2, 20, ("random",))
-    run, calls = OfflineRunner.run, []
+    run, calls = Learner.ask, []
 
     def failing(self, task, **options):
         calls.append(task)
@@ -187,12 +187,12 @@ def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
             raise RuntimeError("the power went")
         return run(self, task, **options)
 
-    monkeypatch.setattr(OfflineRunner, "run", failing)
+    monkeypatch.setattr(Learner, "ask", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_offline(config, logs=tmp_path)
     assert not list(tmp_path.rglob("*.mcap"))
     assert len(list(tmp_path.rglob("*.mcap.active"))) == 1
-    monkeypatch.setattr(OfflineRunner, "run", run)
+    monkeypatch.setattr(Learner, "ask", run)
     assert len(list(run_offline(config, logs=tmp_path).trials())) == 20
 
 

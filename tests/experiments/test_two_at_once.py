@@ -16,10 +16,10 @@ ROOT = Path(experiments.__file__).resolve().parents[2]
 CONFIG = OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3)
 CODE = """
 import os, signal, sys
-from meal_bayes.agents import OfflineRunner
+from meal_bayes.learner import Learner
 from meal_bayes.experiments import OfflineConfig, run_offline
 
-run, last = OfflineRunner.run, int(sys.argv[2])
+run, last = Learner.ask, int(sys.argv[2])
 
 def run_until(self, task, **options):
     global last
@@ -28,7 +28,7 @@ def run_until(self, task, **options):
         os.kill(os.getpid(), signal.SIGKILL)
     return run(self, task, **options)
 
-OfflineRunner.run = run_until
+Learner.ask = run_until
 run_offline(OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3), logs=sys.argv[1])
 """
 

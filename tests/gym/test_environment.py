@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from meal_bayes.agents import OfflineRunner, load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.gym import ENVIRONMENTS, MealEnv
+from meal_bayes.learner import Learner
+from meal_bayes.trial_log import read_trials
 
 SHIPPED = [name for name in ENVIRONMENTS if "Own" not in name]
 
@@ -35,14 +36,14 @@ def test_a_table_of_ones_own_is_an_environment():
 def test_an_agent_scores_what_an_offline_run_says(name, agent):
     env = MealEnv(ENVIRONMENTS[name]["dataset"], agent=agent, seed=3, trials=12)
     table = load_percepts(ENVIRONMENTS[name]["dataset"])
-    morc = OfflineRunner(table, load_agent(agent), 3)
+    learner = Learner(table.domain, agent=agent, seed=3, logs=None).fit(table)
     for index, task in enumerate(offline_tasks(table, 2, 12, 3)):
         env.reset(options={"task": index})
         total, done = 0.0, False
         while not done:
             _, reward, done, _, info = env.step(env.decide())
             total += reward
-        trial = morc.run(task)
+        trial = learner.ask(task)
         assert total == pytest.approx(trial.reward)
         assert info["success"] is trial.success
         assert [step.decision.action for step in env.trial.steps] == [
@@ -140,6 +141,18 @@ def test_a_long_episode_is_truncated():
         _, _, terminated, truncated, _ = env.step(int(np.flatnonzero(env.action_masks())[0]))
         ended.append((terminated, truncated))
     assert ended == [(False, False), (False, False), (False, True)]
+
+
+def test_episodes_are_logged_if_that_is_asked_for(tmp_path):
+    env = MealEnv("roc36", agent="greedy", trials=5, logs=tmp_path)
+    for action in (env.action_space.n - 1, 0):
+        env.reset(seed=0)
+        env.step(action)
+    env.close()
+    logs = sorted((tmp_path / "roc36").glob("*.mcap"))
+    trials = [trial for log in logs for trial in read_trials(log)]
+    assert [trial.ended for trial in trials] == ["", "left before the answer"]
+    assert trials[0].success is not None
 
 
 def test_tasks_that_are_not_there_are_told():

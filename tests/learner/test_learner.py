@@ -260,27 +260,39 @@ def tables(knowledge, columns):
 
 class TestEveryFieldOfAnAgentActs:
     CHANGES: ClassVar = {
-        "name": "another", "solver": lambda domain, query: Predefined(("lift",)),
+        "name": "another", "solver": lambda domain, query: Predefined(domain.behavior_names[1:2]),
         "object_level": False, "shared_trait": False, "base_rates": False, "levels": 2,
         "abstain": False, "discount": 0.9, "observation_model": tables, "exploration": NoBonus(),
         "memory": True, "whiten": False, "trained_by": load_agent("morc"),
     }  # fmt: skip
 
     @staticmethod
-    def signature(dataset, make, agent):
-        """What two trials about one object and a third agent-free fact depend on."""
+    def trials(dataset, make, agent):
+        """Two trials about one object, labeled in between."""
         learner = make.learner(dataset, agent)
         first = learner.ask("red", make.arm(), object_name="mug", key="a")
         learner.tell(first, {"red": True, "full": True})
         learner.refit()
-        second = learner.ask("full", make.arm(), object_name="mug", key="b")
+        return first, learner.ask("full", make.arm(), object_name="mug", key="b")
+
+    @staticmethod
+    def replays(table, agent):
+        """The same with an object of a percept table."""
+        learner = Learner("roc36", agent=agent, logs=None).fit(table)
+        name = table.objects[0]
+        learner.tell(name, {"heavy": False, "blue": False})
+        return [learner.ask(q, name, learn=True, max_steps=3) for q in ("heavy", "blue")]
+
+    @staticmethod
+    def signature(trials):
+        """What the trials depend on."""
         return [
             (
                 trial.agent, trial.momdp.rows.tobytes(), trial.momdp.precision.tobytes(),
                 trial.momdp.prior.tobytes(), trial.momdp.bonus.tobytes(), trial.momdp.discount,
                 trial.momdp.n_actions, [step.decision.action for step in trial.steps],
             )
-            for trial in (first, second)
+            for trial in trials
         ]  # fmt: skip
 
     def test_no_field_is_forgotten_here(self):
@@ -290,9 +302,17 @@ class TestEveryFieldOfAnAgentActs:
     def test_with_a_robot(self, dataset, make, field):
         ours = load_agent("bayes")
         changed = dataclasses.replace(ours, **{field: self.CHANGES[field]})
-        one, other = (self.signature(dataset, make, agent) for agent in (ours, changed))
+        one, other, again = (
+            self.signature(self.trials(dataset, make, agent)) for agent in (ours, changed, ours)
+        )
+        assert one == again != other
+
+    @pytest.mark.parametrize("field", sorted(set(CHANGES) - {"whiten"}))
+    def test_on_a_percept_table_whose_classifiers_are_fitted(self, field):
+        ours, table = load_agent("bayes"), load_percepts("roc36")
+        changed = dataclasses.replace(ours, **{field: self.CHANGES[field]})
+        one, other = (self.signature(self.replays(table, agent)) for agent in (ours, changed))
         assert one != other
-        assert self.signature(dataset, make, ours) == one
 
 
 class TestTheAgentCanBeChanged:

@@ -10,7 +10,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import History
 from meal_bayes.robots import Boundary, Outcome
-from meal_bayes.trials import Environment, FaultTolerant, Session, Streams, Task, run_trial
+from meal_bayes.trials import FaultTolerant, Session, Streams, Task, run_trial
 from meal_bayes.trials.faults import faults_of
 
 DOMAIN = load_domain("ispy32")
@@ -53,10 +53,14 @@ def trial_of(name, robot, momdp, *, tolerant=True):
     def solve(problem):
         return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
 
-    policy = FaultTolerant(momdp, solve) if tolerant else solve(momdp)
-    streams = Streams.of(0, task.key, name)
-    environment = Environment(Boundary(DOMAIN), Undecided(), streams, truth=[True])
-    return run_trial(Session(task, momdp, policy, environment, max_steps=40), robot)
+    policy = solve(momdp)
+    if tolerant:
+        policy = FaultTolerant(momdp, policy, solve)
+    session = Session(
+        task, momdp, policy, Boundary(DOMAIN), Undecided(), Streams(0, task.key, name),
+        truth=[True], max_steps=40,
+    )  # fmt: skip
+    return run_trial(session, robot)
 
 
 def momdp_of(behavior):
