@@ -46,6 +46,7 @@ class Narrator:
         self._print_heading(f"{self._steps}  {momdp.action_label(action)}")
         self._print_values(step.decision, step.x)
         if action >= momdp.n_behaviors:
+            print_facts(self._console, {"warning": step.warning} if step.warning else {})
             return
         facts = {"outcome": outcome_text(momdp, step, self._signs.arrow)}
         if step.observation is not None:

@@ -333,7 +333,7 @@ def _steps(trial: Trial) -> Iterator[list[str]]:
     for number, step in enumerate(trial.steps, start=1):
         action, percept = step.decision.action, step.warning or "-"
         if action >= momdp.n_behaviors:
-            percept = ""
+            percept = step.warning
         elif step.observation is not None:
             percept = ", ".join(percept_labels(momdp, action, step.observation))
         belief = ", ".join(map(percent, step.belief.positive.tolist()))

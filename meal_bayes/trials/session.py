@@ -247,15 +247,20 @@ class Session:
             return
         self._at, momdp = "planner", self.momdp
         decision = self._policy.decide(self.history, self.streams.planner)
-        if decision.action < momdp.n_behaviors and self._limited(decision.action):
-            decision = unvalued(momdp, best_answer(momdp, self.belief))
+        limit = self._limit(decision.action) if decision.action < momdp.n_behaviors else ""
+        if limit:
+            best = unvalued(momdp, best_answer(momdp, self.belief))
+            self._append(self._answered(best, f"the best answer when {limit} was reached"))
+            return
         self.command(decision)
         self._at = "robot"
 
-    def _limited(self, behavior: int) -> bool:
-        """Return whether steps or seconds do not suffice for one more behavior."""
+    def _limit(self, behavior: int) -> str:
+        """Return the limit that allows no such behavior any more; empty where both do."""
+        if len(self.steps) >= self.max_steps:
+            return f"max_steps = {self.max_steps}"
         spent = self.history.cost + float(self.momdp.cost[behavior])
-        return len(self.steps) >= self.max_steps or spent > self.max_cost
+        return f"max_cost = {self.max_cost:g} s" if spent > self.max_cost else ""
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""
@@ -280,14 +285,14 @@ class Session:
         if self._on_end is not None:
             self._on_end(trial)
 
-    def _answered(self, decision: Decision) -> Step:
+    def _answered(self, decision: Decision, warning: str = "") -> Step:
         momdp, x = self.momdp, self.belief.x
         report = momdp.reported(decision.action)
         reward = 0.0 if report is None else float("nan")
         if report is not None and (self._truth >= 0).all():
             reward = float(momdp.report_reward((report == self._truth).astype(float)))
         last = self.belief.at(momdp.terminal)
-        return Step(x, decision, momdp.terminal, None, 0.0, reward, last)
+        return Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning)
 
     def _executed(self, decision: Decision, execution: Execution) -> Step:
         action, belief, momdp = decision.action, self.belief, self.momdp

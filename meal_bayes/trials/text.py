@@ -55,6 +55,11 @@ def verdict_text(trial: "Trial") -> str:
     return "right" if trial.success else "wrong"
 
 
+def warnings_of(trial: "Trial") -> list[str]:
+    """Return the warnings of a trial's steps, each once."""
+    return list(dict.fromkeys(step.warning for step in trial.steps if step.warning))
+
+
 def trial_card(trial: "Trial") -> str:
     """Return a trial in five lines."""
     return card(_title(trial), _facts(trial))
@@ -98,8 +103,8 @@ def trials_frame(trials: Iterable["Trial"]) -> Any:
     """Return trials as a pandas data frame, a row a trial.
 
     Columns are agent, task, object, query, report, truth (the values named true, or missing),
-    success (missing where the truth is not known), abstained, cost_s, reward, steps and certainty,
-    the belief in what was reported.
+    success (missing where the truth is not known), abstained, cost_s, reward, steps, certainty, the
+    belief in what was reported, and warnings.
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 
@@ -122,6 +127,7 @@ def _summary(trial: "Trial") -> dict[str, object]:
         "reward": trial.reward,
         "steps": len(trial.steps),
         "certainty": trial.last_belief.certainty,
+        "warnings": "; ".join(warnings_of(trial)),
     }
 
 
@@ -136,14 +142,14 @@ def _facts(trial: "Trial") -> dict[str, str]:
         known = {True: "right", False: "wrong", None: "truth not known"}[trial.success]
         report = f"{query.report_name(trial.report)} ({known})"
     beliefs = zip(query.attributes, trial.last_belief.positive, strict=True)
-    warned = [step.warning for step in trial.steps if step.warning]
+    warned = warnings_of(trial)
     actions = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
     return {
         "report": report,
         "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
         "steps": listed(actions, 12) or "none",
         "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
-        **({"warnings": listed(list(dict.fromkeys(warned)), 3)} if warned else {}),
+        **({"warnings": listed(warned, 3)} if warned else {}),
     }
 
 

@@ -50,7 +50,8 @@ class Step:
     cost : of this step, s.
     reward : true (unshaped) reward of this step; nan where the truth is not known.
     belief : after the step.
-    warning : why sensor data of the robot were not used as a percept; empty: they were.
+    warning : why sensor data of the robot were not used as a percept, or which limit brought the
+        answer; empty: neither.
     """
 
     x: int

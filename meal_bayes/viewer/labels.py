@@ -108,11 +108,12 @@ def _executed(frame: TrialFrame) -> Sequence[str]:
         return [f"**trial {number}, before any behavior**"]
     action = step.decision.action
     title = f"**trial {number}, step {frame.number}: {action_label(momdp, action)}**"
+    warned = [f"**{plain_text(step.warning)}**"] if step.warning else []
     if action >= momdp.n_behaviors:
-        return [title, "", f"cost in all {frame.spent:g} s"]
+        return [title, "", f"cost in all {frame.spent:g} s", *warned]
     path = f"{plain_text(momdp.x_names[step.x])} → {plain_text(momdp.x_names[step.next_x])}"
     text = f"{path}, {_outcome(step, momdp)}, {step.cost:g} s ({frame.spent:g} s so far)"
-    return [title, "", text, *([f"**{plain_text(step.warning)}**"] if step.warning else [])]
+    return [title, "", text, *warned]
 
 
 def _outcome(step: Step, momdp: MOMDP) -> str:

@@ -11,6 +11,7 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
+from meal_bayes.trials import trials_frame
 
 PLAN = ("look", "lift", "reset", "look", "lift")
 
@@ -77,12 +78,17 @@ def test_a_failed_behavior_changes_nothing_but_the_cost(learner):
 
 def test_limits_bring_the_best_report(learner, make):
     whole = learner.ask("red", make.arm(), key="k")
-    for options in ({"max_steps": 2}, {"max_cost": 4.5}):
+    for options, limit in (({"max_steps": 2}, "max_steps = 2"), ({"max_cost": 4.5}, "4.5 s")):
         trial = learner.ask("red", make.arm(), key="k", **options)
         assert len(trial.steps) == 3
+        for text in (
+            repr(trial), trial.to_frame().warning.iloc[-1], trials_frame([trial]).warnings[0],
+        ):  # fmt: skip
+            assert f"{limit} was reached" in text
         np.testing.assert_array_equal(trial.report, trial.last_belief.best_report)
         assert trial.cost < whole.cost
     assert len(learner.ask("red", make.arm(), max_cost=0.5).steps) == 1
+    assert "was reached" not in repr(whole)
 
 
 def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path):
