@@ -18,25 +18,42 @@ class PerceptionSettings:
 
     Attributes
     ----------
-    method : "stacked"; "paper": support vector machines, Cohen's kappa weights; "classifier".
-    kernel : "rbf", exp(-d^2 / w^2), or "polynomial", degree 2.
-    width : w in median distances; None: learned (1, 1.5 or 2).
-    joint : "stacked", RBF only: one more kernel, of all modalities at once.
-    noise : lambda of C = K + lambda I.
-    ridge : on the stacker's slopes.
-    levels : K of an observed percept: 2 yes or no, 4 graded.
-    exact_objects, exact_recordings : up to so many objects, and recordings of a behavior, the
-        "stacked" leaves every object out alone, and compares all recordings with each other.
-    landmarks : above these, recordings are compared with so many of them.
-    folds : "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that
-        are left out together, an object never split.
-    box : "paper" only: the support vector machine's C.
-    by_object : cross-validate over objects; False: over samples, as published.
-    nested : stackers learn from decisions that saw none of the objects left out.
-    balanced : both classes weigh the same, so a percept is a likelihood ratio.
-    nonnegative : a modality may be ignored, never inverted.
-    positive_youden_only : percepts are at even odds where Youden's J <= 0 in training.
-    classifier : of the method "classifier" only: a scikit-learn classifier, see `with_classifier`.
+    method : str
+        "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
+    kernel : str
+        "rbf", exp(-d^2 / w^2), or "polynomial", degree 2.
+    width : float | None
+        w in median distances; None: learned (1, 1.5 or 2).
+    joint : bool
+        "stacked", RBF only: one more kernel, of all modalities at once.
+    noise : float
+        lambda of C = K + lambda I.
+    ridge : float
+        On the stacker's slopes.
+    levels : int
+        K of an observed percept: 2 yes or no, 4 graded.
+    exact_objects, exact_recordings : int
+        Up to so many objects, and recordings of a behavior, "stacked" leaves every object out
+        alone, and compares all recordings with each other.
+    landmarks : int
+        Above these, recordings are compared with so many of them.
+    folds : int
+        "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that are
+        left out together, an object never split.
+    box : float
+        "paper" only: the support vector machine's C.
+    by_object : bool
+        Cross-validate over objects; False: over samples, as published.
+    nested : bool
+        Stackers learn from decisions that saw none of the objects left out.
+    balanced : bool
+        Both classes weigh the same, so a percept is a likelihood ratio.
+    nonnegative : bool
+        A modality may be ignored, never inverted.
+    positive_youden_only : bool
+        Percepts are at even odds where Youden's J <= 0 in training.
+    classifier : Any
+        Of the method "classifier" only: a scikit-learn classifier, see `with_classifier`.
     """
 
     method: str = "stacked"
@@ -93,17 +110,20 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
 
     Parameters
     ----------
-    classifier : any scikit-learn classifier, or pipeline that ends in one, with `predict_proba` or
+    classifier : Any
+        A scikit-learn classifier, or pipeline that ends in one, with `predict_proba` or
         `decision_function`. A clone an attribute and behavior learns from the features of all
         modalities side by side, squashed, standardized and clipped.
-    others : further settings, such as ``levels=4`` or ``folds=10``; 5 folds by default.
+    **others : Any
+        Further settings, such as ``levels=4`` or ``folds=10``; 5 folds by default.
 
     Raises
     ------
-    SettingsError : what cannot be cloned, fitted, or asked for a decision.
+    SettingsError
+        What cannot be cloned, fitted, or asked for a decision.
     """
-    given = {"folds": 5, **others}
-    return PerceptionSettings(method="classifier", joint=False, classifier=classifier, **given)
+    options = {"folds": 5, **others}
+    return PerceptionSettings(method="classifier", joint=False, classifier=classifier, **options)
 
 
 def _check_classifier(classifier: Any) -> None:

@@ -60,7 +60,7 @@ def _objective(
 ) -> float:
     """Return weighted logistic loss and ridge; write P(true) of each sample into `rate`."""
     total = 0.0
-    for i in range(len(rate)):
+    for i in range(len(rate)):  # z = theta_0 + sum_m theta_m x_m, in `rate` until it is P(true)
         rate[i] = theta[0]
     for m in range(features.shape[0]):
         total += 0.5 * ridge * theta[m + 1] * theta[m + 1]
@@ -69,7 +69,7 @@ def _objective(
                 rate[i] += theta[m + 1] * features[m, i]
     for i in range(len(rate)):
         z = rate[i]
-        small = np.exp(-abs(z))
+        small = np.exp(-abs(z))  # log(1 + exp(-y z)) without overflow
         rate[i] = 1.0 / (1.0 + small) if z > 0 else small / (1.0 + small)
         total += weight[i] * (np.log1p(small) + (abs(z) if z * target[i] < 0 else 0.0))
     return total
@@ -88,7 +88,7 @@ def _derivatives(
 ) -> None:
     """Compute gradient and Hessian (lower triangle) of the objective, in place."""
     n_features, n = features.shape
-    scratch = np.empty((2, n))  # residuals and curvatures
+    scratch = np.empty((2, n))  # residuals w (p - y) and curvatures w p (1 - p)
     first, second = 0.0, 0.0
     for i in range(n):
         scratch[0, i] = weight[i] * (rate[i] - (1.0 if target[i] > 0 else 0.0))
@@ -127,6 +127,8 @@ def _newton_step(
             free[size] = j
             size += 1
             largest = max(largest, abs(gradient[j]))
+    # H d = -g among the free coordinates, by Cholesky: LAPACK took two to four times as long for
+    # so few of them.
     part, vector = np.empty((size, size)), np.empty(size)
     for i in range(size):
         vector[i] = -gradient[free[i]]
@@ -218,7 +220,7 @@ def _leave_set(
         for j in range(i + 1):
             factor[i, j] = inverse[rows[i], rows[j]]
     _factorize(factor)
-    for i in range(q):
+    for i in range(q):  # forward substitution, all columns at once
         for c in range(n):
             across[i, c] = inverse[rows[i], c]
         for j in range(i):
@@ -255,13 +257,14 @@ def _score_others(
     shared by all k.
     """
     q = len(across)
+    # (C^-1 y)_k - C^-1[k,S] C^-1[S,S]^-1 (C^-1 y)_S: the right side of k's part
     for p in range(len(dual)):
         for c in range(dual.shape[1]):
             decisions[p, c] = dual[p, c]
         for i in range(q):
             for c in range(dual.shape[1]):
                 decisions[p, c] -= known[p, i] * across[i, c]
-    for k in range(len(out)):
+    for k in range(len(out)):  # its matrix: C^-1[k,k] - C^-1[k,S] C^-1[S,S]^-1 C^-1[S,k]
         begin, size = starts[k], starts[k + 1] - starts[k]
         block, vector = np.empty((size, size)), np.empty(size)
         for i in range(size):
@@ -293,15 +296,11 @@ def score_without(
 ) -> None:
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
-    Parameters
-    ----------
-    left_out : (s,) the objects of S.
-    inverses, duals : (M,n,n), (M,P,n) C^-1 and C^-1 y of each modality, C = gram + noise.
-    targets : (P,n) +-1.
-    starts : (O+1,) where each object's rows start.
-    nested : whether the others are scored without S as well, not only without themselves.
-    own : (M,P,q), written: decisions on the rows of S.
-    decisions : (M,P,n), written: decisions on the others' rows, 0 on S.
+    S are the objects `left_out` (s,). `inverses` (M,n,n) and `duals` (M,P,n) are C^-1 and C^-1 y of
+    each modality, C = gram + noise; `targets` (P,n) are +-1; each object's rows begin at `starts`
+    (O+1,). With `nested` the others are scored without S as well, not only without themselves.
+    Writes decisions on the rows of S to `own` (M,P,q), on the others' to `decisions` (M,P,n), which
+    are 0 on S.
     """
     n_modalities, n_targets, n = duals.shape
     out, rows = np.zeros(len(starts) - 1, np.int64), np.empty(own.shape[2], np.int64)
