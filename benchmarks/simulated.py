@@ -65,7 +65,7 @@ def shuffled(data: Dataset, seed: int) -> Dataset:
 
 def fitted(agent: str, seed: int, random_labels: bool) -> Learner:
     """Fit a learner on the training objects."""
-    data, _ = training_recordings()
+    data = training_recordings()
     if random_labels:
         data = shuffled(data, seed)
     return Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
@@ -188,7 +188,8 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
 def live(options: argparse.Namespace) -> dict[str, Any]:
     """Learn from nothing, then compare the last trials with a fit on recordings of the objects."""
     begun = time.process_time()
-    done = list(learn_live(options.trials, options.seed))
+    learner = Learner(DOMAIN, seed=options.seed, logs=None)
+    done = list(learn_live(learner, options.trials, options.seed))
     last = [one for one in done[-50:] if one.trial is not None]
     cpu = time.process_time() - begun
     made = record_objects(

@@ -1,9 +1,9 @@
 """What a robot knows of an object that it was not trained on."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
@@ -34,20 +34,6 @@ class Knowledge:
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))
-
-    def with_object(self, before: ArrayLike, after: ArrayLike, labels: ArrayLike) -> "Knowledge":
-        """Count other percepts and labels of one object than before, conjugately.
-
-        Prior, dispersion and what the percepts of an object share stay as they were fitted.
-
-        Parameters
-        ----------
-        before : (P,E,2,K) percepts of the object that are counted; zeros for a new object.
-        after : (P,E,2,K) all its percepts.
-        labels : (O,P) of all objects, 1 true, 0 false, -1 unknown.
-        """
-        posterior = self.posterior.replace_object(before, after)
-        return replace(self, posterior=posterior, base_rates=base_rates(np.asarray(labels)))
 
 
 def knowledge_without(

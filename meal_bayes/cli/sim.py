@@ -1,7 +1,6 @@
 """`meal-bayes sim`: an arm in physics records objects and answers questions about new ones."""
 
 import os
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +28,7 @@ from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset
-    from meal_bayes.domain import Outcomes, TransitionDiagram
-    from meal_bayes.experiments.simulated import LiveTrial
+    from meal_bayes.experiments.simulated import Happened, LiveTrial
     from meal_bayes.learner import Learner
     from meal_bayes.robots.frame import Frame
     from meal_bayes.robots.simulated_arm import OnFrame
@@ -43,10 +41,6 @@ _FAULT = 1  # exit code of a trial that ended with a robot error
 agent_option = click.option(
     "--agent", default="bayes", show_default=True, metavar="NAME", help="Who answers."
 )
-success_option = click.option(
-    "--learn-success", is_flag=True,
-    help="Learn how often behaviors succeed from what happened, and show it.",
-)  # fmt: skip
 
 
 @click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
@@ -92,7 +86,6 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
               help="Recordings of each.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1,
               show_default="one a core", help="Processes that record them.")  # fmt: skip
-@success_option
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @click.option(
     "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd",
@@ -101,9 +94,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @seed_option()
 @logs_option
 @json_option
-def ask(
-    question: str, learn_success: bool, view: bool, save: Path | None, as_json: bool, **options: Any
-) -> None:
+def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: Any) -> None:
     """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
 
     The learner knows recordings of training objects, made on the way the first time, and meets an
@@ -119,18 +110,12 @@ def ask(
     recording = None if save is None else check_recording_name(save)
     size = options["objects"], options["recordings"]
     with progress("recording training objects", "objects") as advance:
-        data, happened = simulated.training_recordings(
-            *size, jobs=options["jobs"], progress=advance
-        )
-    if learn_success:
-        if not as_json:
-            _print_success(data.domain.diagram, happened)
-        data = simulated.with_learned_success(data, happened)
+        data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
     seed = options["seed"]
     learner = _fitted(options["agent"], seed, data)
     # Other settings, other logs; equal ones make equal trials.
     config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
-    settings = digest({**config, "question": question, "learn_success": learn_success})
+    settings = digest({**config, "question": question})
     log = options["logs"] / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
     watch = _watch(frames) if view or recording is not None else None
@@ -164,28 +149,26 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     The agent explores for the questions to come; how often behaviors succeed is learned too.
     """
     from meal_bayes.agents import as_agent
-    from meal_bayes.domain import Query, load_domain
-    from meal_bayes.experiments.simulated import learn_live, outcomes_in
-    from meal_bayes.planners import warm_up
+    from meal_bayes.domain import Query
+    from meal_bayes.experiments.simulated import learn_live
+    from meal_bayes.learner import Learner
 
     chosen = as_agent(agent_value(agent))
     settings = digest({"agent": agent, "trials": trials, "seed": seed})
     folder = logs / f"sim-live-{chosen.name}-seed{seed}-{settings}"
+    learner = Learner("simulated_arm", agent=chosen, seed=seed, logs=None)
     with showing_compilation():
-        warm_up(chosen.solver(load_domain("simulated_arm"), Query(("heavy",))))
+        chosen.warm_up(learner.domain, Query(("heavy",)))
     done: list[LiveTrial] = []
-    happened: Counter[tuple[str, str, str]] = Counter()
     with progress("learning", "trials") as advance:
-        for one in learn_live(trials, seed, agent=chosen, logs=folder):
+        for one in learn_live(learner, trials, seed, logs=folder):
             done.append(one)
-            if one.trial is not None:
-                happened += outcomes_in(one.trial)
             advance(len(done), trials)
     if as_json:
         print_json({"trials": [_live_row(one) for one in done], "log": str(folder)})
         return
     _print_curve(done)
-    _print_success(load_domain("simulated_arm").diagram, happened)
+    _print_success(learner)
     note(f"every trial: meal-bayes log show {folder}")
 
 
@@ -243,39 +226,29 @@ def _print_curve(done: "list[LiveTrial]") -> None:
     output().print(table)
 
 
-def _print_outcomes(happened: "Outcomes") -> None:
+def _print_outcomes(happened: "Happened") -> None:
     """Print how often each behavior led from which state to which."""
     table = new_table("behavior", "from", "to", "times", "fraction", left=_STATES)
-    tried = _tried(happened)
     for (state, behavior, after), count in sorted(happened.items()):
-        fraction = f"{count / tried[state, behavior]:.3f}"
-        table.add_row(behavior, state, after, str(count), fraction)
+        tried = sum(n for key, n in happened.items() if key[:2] == (state, behavior))
+        table.add_row(behavior, state, after, str(count), f"{count / tried:.3f}")
     output().print(table)
 
 
-def _print_success(diagram: "TransitionDiagram", happened: "Outcomes") -> None:
-    """Print the probability of every transition: learned, and that of 300 objects."""
-    from meal_bayes.domain import learn_diagram
+def _print_success(learner: "Learner") -> None:
+    """Print how often each behavior succeeded: in these trials, as learned, and of 300 objects."""
+    from meal_bayes.domain import learn_success
 
-    names = "behavior", "from", "to", "tried", "learned", "of 300 objects"
-    table = new_table(*names, left=_STATES)
-    tried = _tried(happened)
-    true = {(e.source, e.behavior, e.target): e.probability for e in diagram.effects}
-    for effect in learn_diagram(diagram, happened).effects:
-        key = (effect.source, effect.behavior, effect.target)
-        count = tried[effect.source, effect.behavior]
-        table.add_row(
-            effect.behavior, effect.source, effect.target, str(count),
-            f"{effect.probability:.3f}", f"{true[key]:.3f}",
-        )  # fmt: skip
+    table = new_table("behavior", "tried", "succeeded", "learned", "of 300 objects")
+    domain, attempts = learner.domain, learner.experience.attempts
+    learned, before = (
+        {effect.behavior: f"{diagram.success(effect):.3f}" for effect in diagram.effects}
+        for diagram in (learn_success(domain, attempts).diagram, domain.diagram)
+    )
+    for name, (failed, succeeded) in zip(domain.behavior_names, attempts.tolist(), strict=True):
+        counts = str(failed + succeeded), str(succeeded)
+        table.add_row(name, *counts, learned[name], before[name])
     output().print(table)
-
-
-def _tried(happened: "Outcomes") -> Counter[tuple[str, str]]:
-    tried: Counter[tuple[str, str]] = Counter()
-    for (state, behavior, _), count in happened.items():
-        tried[state, behavior] += count
-    return tried
 
 
 def _slug(text: str) -> str:

@@ -5,7 +5,7 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionArrays, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, unknown
-from meal_bayes.domain.outcomes import Outcomes, learn_diagram, learn_success
+from meal_bayes.domain.outcomes import learn_success
 from meal_bayes.domain.query import Query, read_query
 from meal_bayes.domain.tables import (
     domain_from_table,
@@ -19,14 +19,12 @@ __all__ = [
     "Behavior",
     "Domain",
     "Effect",
-    "Outcomes",
     "Query",
     "TransitionArrays",
     "TransitionDiagram",
     "domain_from_table",
     "domain_names",
     "domain_table",
-    "learn_diagram",
     "learn_success",
     "load_domain",
     "read_query",

@@ -1,22 +1,20 @@
 """The arm in physics, from recordings to answers: through the public `Learner` alone.
 
 `training_recordings` gives what a learner is fitted on; `ask_new` lets it meet a new object;
-`learn_live` begins with nothing and learns while it answers.
+`learn_live` lets it learn while it answers, from nothing if it knows nothing.
 """
 
 import hashlib
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
-from meal_bayes.domain import Outcomes, Query, learn_diagram, load_domain
+from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
@@ -34,7 +32,6 @@ from meal_bayes.seeds import stream
 from meal_bayes.trials import Trial
 
 DOMAIN = "simulated_arm"
-OUTCOMES = "outcomes.json"
 TRAINING_SEED = 0
 
 Progress = Callable[[int, int], None]
@@ -74,10 +71,8 @@ def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
 
 
 def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
-    """Write recordings, what happened, and the domain's table; return the table's path."""
+    """Write recordings and the domain's table; return the table's path."""
     save_csv_folder(to_dataset(load_domain(DOMAIN), recorded), folder)
-    rows = [[*key, count] for key, count in sorted(outcomes_of(recorded).items())]
-    (folder / OUTCOMES).write_text(json.dumps(rows) + "\n", encoding="utf-8")
     table = resources.files("meal_bayes.domain") / "tables" / f"{DOMAIN}.toml"
     path = folder / f"{DOMAIN}.toml"
     path.write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
@@ -90,8 +85,8 @@ def training_recordings(
     *,
     jobs: int = 1,
     progress: Progress = lambda *_: None,
-) -> tuple[Dataset, Happened]:
-    """Return the recordings of training objects, and what happened while they were made.
+) -> Dataset:
+    """Return the recordings of training objects.
 
     They are recorded once and kept in the cache folder, under a name with a digest of the physics.
     """
@@ -104,9 +99,7 @@ def training_recordings(
             save_recordings(made, Path(unfinished) / name)
             if not folder.is_dir():  # another process may have been quicker
                 (Path(unfinished) / name).replace(folder)
-    rows = json.loads((folder / OUTCOMES).read_text(encoding="utf-8"))
-    happened = Happened({(state, behavior, after): n for state, behavior, after, n in rows})
-    return load_dataset(DOMAIN, root=folder), happened
+    return load_dataset(DOMAIN, root=folder)
 
 
 def _physics_digest() -> str:
@@ -119,12 +112,6 @@ def _physics_digest() -> str:
         if file.name.endswith((".py", ".xml")):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:8]
-
-
-def with_learned_success(data: Dataset, happened: Outcomes) -> Dataset:
-    """Return the recordings under a diagram whose probabilities are learned from what happened."""
-    diagram = learn_diagram(load_domain(DOMAIN).diagram, happened)
-    return replace(data, domain=replace(data.domain, diagram=diagram))
 
 
 def ask_new(
@@ -173,30 +160,22 @@ class LiveTrial:
 
 
 def learn_live(
-    trials: int,
-    seed: int,
-    *,
-    agent: object = "bayes",
-    logs: Path | None = None,
-    **options: Any,
+    learner: Learner, trials: int, seed: int, *, logs: Path | None = None
 ) -> Iterator[LiveTrial]:
     """Answer questions about one new object after another, and learn from each.
 
-    The robot begins with nothing. It is asked one random attribute of each new object; after its
-    answer a person says all that is true of it.
+    It is asked one random attribute of each new object; after its answer a person says all that is
+    true of it.
 
     Parameters
     ----------
+    learner : Learner
+        Of the simulated arm; it may have learned nothing.
     trials, seed : int
         How many, of which objects.
-    agent : str, Agent, or planner
-        Who decides.
     logs : path, optional
         Folder of the logs; None logs nothing.
-    options :
-        Of `Learner`.
     """
-    learner = Learner(DOMAIN, agent=agent, seed=seed, logs=None, **options)
     for number in range(1, trials + 1):
         yield _live_trial(learner, seed, number, logs)
 
@@ -214,13 +193,3 @@ def _live_trial(learner: Learner, seed: int, number: int, logs: Path | None) -> 
         return LiveTrial(number, learner.agent.name, attribute, None, str(fault))
     learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
     return LiveTrial(number, learner.agent.name, attribute, trial)
-
-
-def outcomes_in(trial: Trial) -> Happened:
-    """Count what the behaviors of a trial led to."""
-    names = trial.momdp.x_names
-    return Happened(
-        (names[step.x], trial.momdp.behavior_names[step.decision.action], names[step.next_x])
-        for step in trial.steps
-        if step.decision.action < trial.momdp.n_behaviors
-    )

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, Instance, PerceptTable, TrainingSet
+from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.domain import Domain
-from meal_bayes.errors import SettingsError
 from meal_bayes.learner.rows import Rows
 
 Key = tuple[str | int, ...]
@@ -334,22 +333,3 @@ def _grouped(keys: NDArray[np.int64], values: NDArray[np.int64]) -> dict[int, li
     listed, ends = values[order].tolist(), [*starts[1:].tolist(), len(keys)]
     triples = zip(each.tolist(), starts.tolist(), ends, strict=False)  # no keys, no starts
     return {key: listed[start:end] for key, start, end in triples}
-
-
-def check_data(data: object, domain: Domain) -> None:
-    """Check that data are recordings or a percept table of a domain's attributes and behaviors.
-
-    Raises
-    ------
-    SettingsError : they are not.
-    """
-    if not isinstance(data, Dataset | PerceptTable):
-        raise SettingsError(
-            f"fit() takes a Dataset or a PerceptTable; found {type(data).__name__}."
-        )
-    given = data.domain
-    if (given.attributes, given.behaviors) != (domain.attributes, domain.behaviors):
-        raise SettingsError(
-            f"Attributes or behaviors of the data's domain {given.name!r} differ from those of "
-            f"{domain.name!r}; load the data for this domain."
-        )

@@ -11,8 +11,9 @@ from meal_bayes.agents import Agent
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted, LearnerSettings
+from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.held_out import HeldOut, Recent
+from meal_bayes.learner.settings import LearnerSettings
 
 
 class Fits:

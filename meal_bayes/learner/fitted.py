@@ -17,10 +17,10 @@ from meal_bayes.agents import Agent, Knowledge, Progress, information_value
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
-from meal_bayes.domain import Domain, Query, learn_success, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner.experience import GIVEN, Experience
 from meal_bayes.learner.rows import Rows
+from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
     ConfusionCounts,
@@ -33,56 +33,9 @@ from meal_bayes.perception import (
 )
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
-from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.trials import Task
 
-_PERCEPTS = ("recorded", "model")
 Asked = tuple[tuple[str, ...], bytes]  # attributes of a query, and percepts that a trial can have
-
-
-@dataclass(frozen=True, slots=True)
-class LearnerSettings:
-    """How a learner learns, whoever its agent is.
-
-    Attributes
-    ----------
-    classifier : scikit-learn classifier or None
-        Of one's own, or ours.
-    posterior : ConfusionPosterior or None
-        Of one's own, in place of what given recordings imply; what trials show is added to it.
-    by_object : bool
-        Cross-validate over objects; see `PerceptionSettings`.
-    learn_success : bool
-        Learn success probabilities, or take them from the domain.
-    reward : float
-        r+ = -r- that information is valued for.
-    unit : float or None
-        Labelled instances that make one unit of experience (Eq. 10); None: as many as every
-        object met would have with as many recordings of a behavior as the one with the most.
-    count_given : bool
-        Whether recordings that were given are experience (Eq. 10), beside those of trials.
-    shaped_answers : bool
-        Whether an ITRS shapes the rewards of trials that explore nothing, too.
-    drawn : (O,P) array or None
-        Labels of objects, by which percepts are drawn from the learned tables.
-    percepts : str
-        Of a percept table: "recorded", or "model", drawn from the learned confusion matrices.
-    """
-
-    classifier: object = None
-    posterior: ConfusionPosterior | None = None
-    by_object: bool = True
-    learn_success: bool = True
-    reward: float = 100.0
-    unit: float | None = None
-    count_given: bool = True
-    shaped_answers: bool = False
-    drawn: NDArray[np.int8] | None = None
-    percepts: str = "recorded"
-
-    def __post_init__(self) -> None:
-        if self.percepts not in _PERCEPTS:
-            raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
 
 
 @dataclass(eq=False)
@@ -388,25 +341,3 @@ def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
         gathered.object[chosen], gathered.behavior[chosen], gathered.recording[chosen],
         gathered.labels[chosen],
     )  # fmt: skip
-
-
-def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
-    """Return a posterior of one's own, laid out for a domain; None where none is given.
-
-    Raises
-    ------
-    SettingsError : one of another shape than the agent plans with.
-    DataError : draws that do not fit the domain.
-    """
-    if posterior is None:
-        return None
-    if not isinstance(posterior, ConfusionPosterior):
-        posterior = ConfusionPosterior.from_idata(posterior, domain)
-    shape = posterior.counts.shape
-    expected = (len(domain.attributes), len(domain.behaviors), 2, agent.levels)
-    if shape != expected:
-        raise SettingsError(
-            f"The posterior has shape {shape}, expected {expected}: attributes and behaviors of "
-            f"the domain, truths, and the {agent.levels} levels of the agent {agent.name!r}."
-        )
-    return posterior

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.learner.fitted import LearnerSettings, progress_of, some_labels
+from meal_bayes.learner.fitted import progress_of, some_labels
+from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.robots import replayable
 from meal_bayes.trials import Task

@@ -13,23 +13,17 @@ from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.experience import Experience, check_data
+from meal_bayes.learner import sessions
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.feedback import checked_labels
 from meal_bayes.learner.fits import Fits
-from meal_bayes.learner.fitted import Fitted, LearnerSettings, own_posterior
+from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import record_trial
-from meal_bayes.learner.sessions import (
-    fit_of,
-    open_session,
-    problem_of,
-    resume_session,
-    robot_of,
-    task_of,
-)
+from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.learner.tasks import Question
 from meal_bayes.momdp import MOMDP
-from meal_bayes.robots import RecordedRobot, Robot
-from meal_bayes.trials import Session, Task, Trial, run_trial
+from meal_bayes.robots import Robot
+from meal_bayes.trials import Session, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
 
@@ -134,11 +128,6 @@ class Learner:
         """The percept table that is replayed, if there is one."""
         return self.fits.table
 
-    @property
-    def percepts(self) -> str:
-        """What replays show: "recorded", or "model"."""
-        return self.fits.settings.percepts
-
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
 
@@ -178,15 +167,11 @@ class Learner:
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
         """Return the decision problem of a question, as a test of it would have it."""
-        task, _ = task_of(self, question, object_name)
+        task, _ = sessions.task_of(self, question, object_name)
         with self.lock:
-            fit = fit_of(self, task, learn=False)
+            fit = sessions.fit_of(self, task, learn=False)
             labels = fit.labels_of(task) if self.agent.memory else None
-            return problem_of(self, fit, task.query, labels=labels)
-
-    def robot(self, task: Task) -> RecordedRobot:
-        """Return the robot that replays the object of a task of the percept table."""
-        return robot_of(self, task)
+            return sessions.problem_of(self, fit, task.query, labels=labels)
 
     def ask(
         self,
@@ -230,17 +215,12 @@ class Learner:
         if isinstance(robot, str):
             object_name, robot = robot, None
         if (robot is None) == (self.table is None):
-            raise SettingsError(
-                "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
-                if robot is None
-                else "A percept table holds no classifiers for a robot's sensors; fit recordings "
-                "(load_dataset), or name an object of the table."
-            )
-        session = open_session(
+            raise SettingsError(sessions.NO_TABLE if robot is None else sessions.NO_CLASSIFIERS)
+        session = sessions.open_session(
             self, question, object_name, key, log, truth=truth, learn=learn,
             limit=getattr(robot, "limit", np.inf), **options,
         )  # fmt: skip
-        return run_trial(session, self.robot(session.task) if robot is None else robot)
+        return run_trial(session, sessions.robot_of(self, session.task) if robot is None else robot)
 
     def begin(
         self,
@@ -267,7 +247,7 @@ class Learner:
         options :
             `learn`, `on_step`, `log` and `key`, as for `ask`.
         """
-        session = open_session(
+        session = sessions.open_session(
             self, question, object_name, options.pop("key", None), options.pop("log", None),
             truth=truth, max_steps=max_steps, max_cost=max_cost, **options,
         )  # fmt: skip
@@ -288,7 +268,7 @@ class Learner:
         ------
         LogError : the log holds no trial that is under way, or not of this learner's.
         """
-        return resume_session(self, Path(log))
+        return sessions.resume_session(self, Path(log))
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.

@@ -23,10 +23,10 @@ from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import own_posterior
 from meal_bayes.learner.fitted_state import pack, unpack
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.rows import Rows
+from meal_bayes.learner.settings import own_posterior
 
 _FORMAT = 4
 _TEXT = "learner.json"
@@ -35,7 +35,7 @@ _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
 }  # fmt: skip
-_SETTINGS = ("seed", "reward", "percepts", "horizon", "trust", "asked")
+_SETTINGS = ("seed", "reward", "horizon", "trust", "asked")
 
 
 def save_learner(learner: Learner, path: Path) -> None:
@@ -53,6 +53,7 @@ def save_learner(learner: Learner, path: Path) -> None:
         "agent": learner.agent.name,
         "classifier": None if classifier is None else type(classifier).__name__,
         "learn_success": settings.learn_success,
+        "percepts": settings.percepts,
         "growth": learner.fits.growth,
         "refit_every": learner.fits.refit_every,
         **{name: getattr(learner, name) for name in _SETTINGS},

@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
 
 ITRS = ITRSBonus | FittedITRSBonus
+NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+NO_CLASSIFIERS = (
+    "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
+    "name an object of the table."
+)
 
 
 def query_of(question: Question, domain: Domain) -> Query:
@@ -80,7 +85,7 @@ def task_of(
     query, table = query_of(question, learner.domain), learner.table
     if table is not None:
         if object_name is None:
-            raise SettingsError("Name the object of the percept table that is replayed.")
+            raise SettingsError(NO_CLASSIFIERS)
         task = replay_task(query, table, object_name, key)
         return task, task.key
     with learner.lock:
@@ -98,11 +103,11 @@ def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> Recorde
     """
     table, seed = learner.table, learner.seed if seed is None else seed
     if table is None:
-        raise SettingsError("There is no percept table whose objects are replayed; fit one.")
+        raise SettingsError(NO_TABLE)
     return RecordedRobot(
         table.domain, task.object_index, replayable(table)[task.object_index],
         stream(seed, "recordings", *task.key), stream(seed, "robot", *task.key),
-        repeats=learner.percepts == "model",
+        repeats=learner.fits.settings.percepts == "model",
     )  # fmt: skip
 
 
