@@ -69,7 +69,8 @@ def run_curves(
     setting : seed, processes, logs.
     dataset, n : what is asked, and how many attributes at a time.
     agent, repeats : who, and how often in all.
-    protocol : "recorded", or "theirs": the variants that the published code has, at once.
+    protocol : "recorded", or "theirs": four departures of the published code
+        (`PublishedVariants`), its split and its diagram.
     split : shares of the objects in each part, or their names; those of the protocol by default.
     options : other settings of `OnlineConfig`.
     """

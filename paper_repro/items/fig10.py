@@ -34,7 +34,8 @@ Iterative MORC and MORC-ITRS have one planner, so that the bonus alone tells the
 allow for repeats that split the same objects. The published code has CY101 alone, so that `theirs`
 has its two panels, and with one attribute the split of the published code, of which the paper's
 curve is the one run: percepts are drawn from the learned tables, which are cross-validated over
-samples, objects are split 15, 40 and 45, and agents learn after each trial here, after each batch
+samples, tests are shaped, two attributes share a label, and objects are split 15, 40 and 45; what
+else the code does (ERRATA.md) is not in it: agents learn after each trial here, after each batch
 there (Alg. 2)."""
 SHOWS = """The paper draws accuracy over accumulated hours of exploration, six panels: CY101, ROC36
 and ISPY32 with one and two attributes, Iterative Random Legal, Iterative MORC and MORC-ITRS, the

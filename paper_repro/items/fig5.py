@@ -6,7 +6,7 @@ from meal_bayes import Query, build_momdp, load_domain
 from meal_bayes.domain import Domain
 from meal_bayes.evaluation.diagram_plots import transition_diagram
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.statements import RECORDED, Evidence, constructed
+from paper_repro.statements import THEIRS, Evidence, constructed
 
 NUMBERS = {"ispy32": (2, 3), "cy101": (1, 2), "roc36": (2, 3)}
 
@@ -36,7 +36,7 @@ def run(setting: Setting) -> Result:
         + ", ".join(f"{row[3]} states ({row[0]}, {row[1]})" for row in rows if row[2])
         + ", as printed.",
         tables=(Table("states", ("data set", "attributes", "paper", "ours"), tuple(rows)),),
-        evidence={RECORDED: evidence},
+        evidence={THEIRS: evidence},
         notes=(
             "A state is an observed x and the attributes' values; `term` is one state. A dash: "
             "the text prints no number. Behaviors that are not drawn at a state are illegal "

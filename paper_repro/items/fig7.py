@@ -3,7 +3,7 @@
 from meal_bayes.momdp import best_report
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.replay import cost_of, momdp_of, replay, same_digits
-from paper_repro.statements import RECORDED, Evidence, constructed, fact
+from paper_repro.statements import THEIRS, Evidence, constructed, fact
 
 NOTE = """The paper prints no rates: those of look fit the second belief, those of push the third,
 so these two are by construction; the fourth, of three free numbers, follows from the same rates and
@@ -51,7 +51,7 @@ def run(setting: Setting) -> Result:
         f"{_vector(beliefs[-1].joint.tolist())} by the rates that fit the earlier ones, and the "
         f"report is {report}.",
         tables=(Table(title, ("after", "paper", "ours"), tuple(rows)),),
-        evidence={RECORDED: evidence},
+        evidence={THEIRS: evidence},
         notes=(NOTE.format(cost=cost, free=free, ask=ask, printed=paper["cost"]),),
     )
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.replay import cost_of, momdp_of, same_digits
-from paper_repro.statements import RECORDED, Evidence, constructed, fact
+from paper_repro.statements import THEIRS, Evidence, constructed, fact
 
 PRESS = "crush"  # of CY101's behaviors the one that presses
 NOTE = """The paper contradicts itself on T2's belief: Table 4 prints (press, SOFT), late, as [.82
@@ -45,7 +45,7 @@ def run(setting: Setting) -> Result:
         title="Trials T1 and T2 (a can, SOFT?) by CY101's costs, Table 4's rows and our filter",
         sentence=f"Table 4 and Eq. 8 take T2's belief to [{ours}]; the paper prints [{shown}].",
         tables=(Table("by CY101's costs and our filter", ("", "paper", "ours"), tuple(rows)),),
-        evidence={RECORDED: evidence},
+        evidence={THEIRS: evidence},
         notes=(NOTE.format(soft=ours),),
         effects={"13": f"by Table 4 [{ours}], printed [{shown}]"},
     )

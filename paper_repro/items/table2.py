@@ -2,7 +2,7 @@
 
 from meal_bayes import load_dataset
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.statements import RECORDED, constructed
+from paper_repro.statements import THEIRS, constructed
 
 NAMES = {"shape": "fpfh", "vgg": "fc7", "audio": "corl-audio"}  # the paper's name: the files'
 
@@ -30,7 +30,7 @@ def run(setting: Setting) -> Result:
         title="Features of ISPY32's contexts",
         sentence=f"Of the {listed} sizes that the paper prints, {same} are those of the files.",
         tables=(Table("features", ("behavior", "modality", "paper", "files"), tuple(rows)),),
-        evidence={RECORDED: {"features have the printed sizes": constructed(rule)}},
+        evidence={THEIRS: {"features have the printed sizes": constructed(rule)}},
         notes=(
             "A dash under files: the public files hold no such features. Modalities that the paper "
             "does not list are used as well.",

@@ -7,7 +7,7 @@ import numpy as np
 from meal_bayes.momdp import best_report
 from paper_repro.frame import Result, Setting, Table, paper_values
 from paper_repro.replay import cost_of, momdp_of, replay
-from paper_repro.statements import RECORDED, Evidence, constructed, fact
+from paper_repro.statements import THEIRS, Evidence, constructed, fact
 
 NOTE = """The paper prints no rates. One likelihood ratio each of look, grasp, lift, and of shake
 for yes and for no, five in all, are fitted to the first five beliefs; the sixth follows from the
@@ -50,7 +50,7 @@ def run(setting: Setting) -> Result:
         sentence=f"The sixth belief, printed {printed[5]:.2f}, follows from the others: "
         f"{found[5]:.2f}, and the report is {report}.",
         tables=(Table(title, ("behavior", "percept", "paper", "ours"), tuple(rows)),),
-        evidence={RECORDED: evidence},
+        evidence={THEIRS: evidence},
         notes=(NOTE.format(low=low, high=high, cost=cost_of(momdp, paper["steps"])),),
     )
 
