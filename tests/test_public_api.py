@@ -110,12 +110,6 @@ def test_ask_answers_the_same_again_and_tells_each_step():
     assert first.task.query == meal_bayes.Query(("heavy",))
 
 
-def test_ask_logs_its_trial_where_it_is_told(tmp_path):
-    trial = meal_bayes.ask("heavy", **QUESTION, log=tmp_path / "a.mcap")
-    (logged,) = meal_bayes.read_trials(tmp_path / "a.mcap")
-    assert (logged.task, logged.reward, logged.agent) == (trial.task, trial.reward, trial.agent)
-
-
 def test_ask_takes_a_name_a_path_or_a_table(tmp_path):
     table = load_percepts("roc36")
     save_percepts(table, tmp_path / "t.npz")
@@ -150,26 +144,6 @@ def test_ask_takes_an_agent_a_reward_and_drawn_percepts():
 def test_ask_tells_what_is_wrong(change, kind, found):
     with pytest.raises(kind, match=found):
         meal_bayes.ask(**{"question": "heavy", **QUESTION, **change})
-
-
-@pytest.mark.parametrize(
-    ("change", "found"),
-    [
-        ({"seed": -1}, "seed is -1"),
-        ({"reward": 0.0}, "reward is 0"),
-        ({"reward": float("nan")}, "reward is nan"),
-        ({"agents": ()}, "No agent named"),
-    ],
-)
-def test_a_config_tells_what_is_wrong(change, found):
-    with pytest.raises(SettingsError, match=found):
-        meal_bayes.OfflineConfig("roc36", **change)
-
-
-def test_run_offline_needs_a_process(tmp_path):
-    config = meal_bayes.OfflineConfig("roc36", trials=1, agents=("greedy",))
-    with pytest.raises(SettingsError, match="jobs is 0"):
-        meal_bayes.run_offline(config, logs=tmp_path, jobs=0)
 
 
 # Not these yet: agents, evaluation, experiments, gym, learner, planners, posterior, robots, trials.

@@ -1,5 +1,6 @@
 """One's own data: read as written, and every mistake told in one line."""
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import load_dataset
+from meal_bayes.datasets.feature_file import read_features, read_rows, read_text
 from meal_bayes.domain import read_query
 from meal_bayes.errors import DataError, SettingsError
 
@@ -27,16 +29,6 @@ def test_rows_are_joined_by_key(own: Path) -> None:
     )
     assert dataset.features["look", "color"].dtype == np.float32
     assert dataset.recordings == 2
-
-
-def test_order_of_rows_does_not_matter(own: Path) -> None:
-    before = load_dataset(own / "own.toml", root=own)
-    for name in ("look_color.csv", "lift_haptics.csv"):
-        header, *rows = (own / name).read_text().split()
-        (own / name).write_text("\n".join([header, *sorted(rows, reverse=True)]))
-    after = load_dataset(own / "own.toml", root=own)
-    for context, values in before.features.items():
-        np.testing.assert_array_equal(values, after.features[context])
 
 
 def test_spreadsheet_habits_are_understood(own: Path) -> None:
@@ -77,6 +69,8 @@ BROKEN_FEATURES = [
     ("too large", "stone,1,3,4", "stone,1,1e39,4", 4, "1e+39 in column 3", "a finite number"),
     ("twice", "stone,1,3,4", "cup,2,3,4", 4, "recording 2 of cup again, after line 3", "once"),
     ("digits in groups", "stone,1,3,4", "stone,1,3_4,4", 4, "'3_4' in column 3", "a number"),
+    ("other digits", "stone,1,3,4", "stone,1,\u0663,4", 4, "'\u0663' in column 3", "a number"),
+    ("hexadecimal", "stone,1,3,4", "stone,1,0x1p3,4", 4, "'0x1p3' in column 3", "a number"),
     ("unknown object", "stone,1", "stome,1", 4, "object 'stome'", "did you mean 'stone'?"),
     ("semicolons", "object,recording,r,g", "object;recording;r;g", 1, "header", "not semicolons"),
     ("no header", "object,recording,r,g\n", "", 1, "the header 'cup,1,0.5,1'", "object,recording"),
@@ -207,3 +201,22 @@ def test_huge_quoted_cell(own: Path, change: Change) -> None:
     with pytest.raises(DataError, match="line 4: found a row of 1 columns") as caught:
         load_dataset(own / "own.toml", root=own)
     assert len(str(caught.value)) < 500
+
+
+def test_numbers_in_every_usual_form_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text('object,recording,a,b,c,d\nmug,1, -.5 ,1e-3,+2.,"7"\n')
+    rows = read_features(path, ("object", "recording"), header=True)
+    assert rows.values.tolist() == [[-0.5, 1e-3, 2.0, 7.0]]
+
+
+def test_a_quote_in_the_middle_joins_no_cells(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text('"a"b,1\n"a,b",1\n')
+    cells = [cells for _, cells in read_rows(tmp_path / "a.csv")]
+    assert cells == [['"a"b,1'], ["a,b", "1"]]
+
+
+def test_endless_files_are_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(DataError, match="no regular file"):
+        read_text(tmp_path / "pipe.csv")

@@ -87,6 +87,19 @@ def test_damaged_cache_is_mended(mirror: Path, tmp_path: Path) -> None:
     assert states() == ["ok", "ok"]
 
 
+def test_a_cached_link_elsewhere_is_replaced_and_not_written_through(
+    mirror: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "precious").write_text("precious")
+    path, _ = verify("roc36")[0]
+    path.parent.mkdir(parents=True)
+    path.symlink_to(tmp_path / "precious")
+    fetch("roc36")
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert not path.is_symlink()
+    assert states() == ["ok", "ok"]
+
+
 def test_wrong_checksum_names_file_digests_and_way_out(mirror: Path, tmp_path: Path) -> None:
     (mirror / HOME / "objects.txt").write_text("heavy_blue_rice")
     found = hashlib.sha256(b"heavy_blue_rice").hexdigest()[:12]

@@ -2,6 +2,8 @@
 
 import io
 import json
+import os
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from importlib import resources
@@ -19,7 +21,7 @@ from meal_bayes.datasets.percepts import (
     levels_of,
     round_log_odds,
 )
-from meal_bayes.domain import load_domain
+from meal_bayes.domain import domain_table, load_domain
 from meal_bayes.errors import DataError, SettingsError
 
 NAMES = ("roc36", "ispy32", "cy101")
@@ -53,7 +55,7 @@ def rewrite(path, change):
     with np.load(path) as archive:
         arrays = dict(archive)
     change(arrays)
-    with zipfile.ZipFile(path, "w") as archive:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, values in arrays.items():
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, values, version=(1, 0))
@@ -219,6 +221,67 @@ def test_wrong_contents_are_a_data_error(path, change, message):
 def test_wrong_metadata_is_a_data_error(path, fields, message):
     rewrite_meta(path, **fields)
     with pytest.raises(DataError, match=message):
+        load_percepts(path)
+
+
+@pytest.mark.parametrize("name", ["own", "toy"])
+def test_a_domain_of_one_s_own_comes_back(table, tmp_path, name):
+    toy = table.domain
+    dear = replace(toy.behaviors[0], cost=9.0)
+    domain = replace(toy, name=name, data=name, behaviors=(dear, *toy.behaviors[1:]))
+    save_percepts(replace(table, domain=domain), tmp_path / "own.npz")
+    assert load_percepts(tmp_path / "own.npz").domain == domain
+
+
+def test_a_shipped_domain_is_kept_by_its_name(path):
+    with np.load(path) as archive:
+        assert "domain_table" not in json.loads(archive["meta"].tobytes())
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda t: "toy", "found str"),
+        (lambda t: {**t, "behaviors": 5}, "expected rows"),
+        (lambda t: {**t, "extends": "/etc/own.toml"}, "Only a TOML file"),
+        (lambda t: {**t, "attributes": ["red", "round"]}, "not well formed|'round'"),
+        (lambda t: {**t, "diagram": {**t["diagram"], "start": "x7"}}, "x7"),
+        (lambda t: {**t, "report_reward": 1e999}, "inf"),
+    ],
+)
+def test_a_spoiled_domain_is_a_data_error(table, path, change, found):
+    rewrite_meta(path, domain_table=change(domain_table(table.domain)))
+    with pytest.raises(DataError, match=found):
+        load_percepts(path)
+
+
+def test_a_small_file_asks_for_no_great_memory(path):
+    rewrite(path, lambda a: a.update(training_bins=np.zeros((70, 1000, 1000, 1, 1), np.uint8)))
+    assert path.stat().st_size < 10 << 20
+    tracemalloc.start()
+    with pytest.raises(DataError, match="claims 70"):
+        load_percepts(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20 << 20
+
+
+def test_a_domain_that_blows_its_table_up_is_refused(table, path):
+    many = tuple(replace(table.domain.behaviors[2], name=f"b{i}") for i in range(980))
+    effects = tuple(replace(table.domain.diagram.effects[0], behavior=b.name) for b in many)
+    diagram = table.domain.diagram
+    domain = replace(
+        table.domain, name="own", behaviors=(*table.domain.behaviors, *many),
+        diagram=replace(diagram, effects=(*diagram.effects, *effects)),
+    )  # fmt: skip
+    rewrite(path, lambda a: a.update(training_bins=np.zeros((3, 2, 2, 3, 4000), np.uint8)))
+    with pytest.raises(DataError, match="fits in no memory"):
+        load_percepts(path, domain=domain)
+
+
+def test_a_file_beyond_all_tables_is_not_read(path):
+    os.truncate(path, 1 << 40)
+    with pytest.raises(DataError, match="not a whole percept table"):
         load_percepts(path)
 
 

@@ -73,11 +73,6 @@ def test_everything(dataset: Dataset) -> None:
     assert same(whole.extend(some.object, some.behavior, some.recording, some.labels), whole)
 
 
-def test_read_only(dataset: Dataset) -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        TrainingSet.everything(dataset).labels[0] = 1
-
-
 def test_contradiction_is_refused() -> None:
     training = TrainingSet.empty(2).extend(0, 0, 0, [1, -1])
     with pytest.raises(DataError, match="attribute 0 is both true and false"):

@@ -18,7 +18,6 @@ from meal_bayes.perception import (
     PAPER,
     PerceptionSettings,
     fit_and_validate,
-    named_settings,
     with_classifier,
 )
 from meal_bayes.perception.confusion import cohens_kappa, youden
@@ -69,19 +68,6 @@ def test_separable_attributes_are_perceived_in_unseen_objects(make, settings):
     )
     right = said == dataset.labels[12:, None]
     assert right.mean(axis=0).max(axis=0).min() == 1  # by the better behavior
-
-
-@SETTINGS
-def test_log_odds_are_those_of_the_table_s_kind(make, settings):
-    dataset = make(3)
-    perception = fit_and_validate(
-        dataset, TrainingSet.everything(dataset).without(0), settings=settings
-    )[0]
-    instance = dataset.instance(0, "look", 1)
-    log_odds = perception.log_odds(instance, BOTH)
-    assert np.abs(log_odds).max() <= 8
-    first = perception.log_odds(instance, Query(("heavy",)))
-    assert first.tolist() == [log_odds[1]]
 
 
 def test_an_unseen_object_s_held_out_output_is_what_a_robot_without_it_says(make):
@@ -197,7 +183,11 @@ def test_unknown_labels_and_senseless_behaviors_are_not_scored(make, relabel):
         ({"kernel": "linear"}, "expected one of: rbf, polynomial"),
         ({"noise": 0.0}, "noise is 0.0; give a number above 0"),
         ({"ridge": float("nan")}, "ridge is nan"),
-        ({"folds": 1}, "give at least 2"),
+        ({"folds": 1}, "folds is 1; give at least 2"),
+        ({"landmarks": 0}, "landmarks is 0"),
+        ({"exact_objects": -1}, "exact_objects is -1"),
+        ({"width": 0.0}, "width is 0"),
+        ({"width": 1.0, "kernel": "polynomial", "joint": False}, "RBF"),
         ({"kernel": "polynomial"}, "give joint=False"),
         ({"levels": 3}, r"3 levels; expected one of \[2, 4, 8\]"),
     ],
@@ -205,9 +195,3 @@ def test_unknown_labels_and_senseless_behaviors_are_not_scored(make, relabel):
 def test_settings_out_of_range_are_refused(change, message):
     with pytest.raises(SettingsError, match=message):
         PerceptionSettings(**change)
-
-
-def test_settings_go_by_name():
-    assert (named_settings("default"), named_settings("paper")) == (DEFAULT, PAPER)
-    with pytest.raises(SettingsError, match="Unknown perception 'svm'"):
-        named_settings("svm")

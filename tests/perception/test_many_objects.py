@@ -4,17 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import TrainingSet, load_percepts, save_percepts
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception import (
     DEFAULT,
-    PAPER,
     build_percept_table,
     fit_and_validate,
-    table_counts,
-    with_classifier,
 )
 from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.leave_out import kernel_problem, landmark_problem, leave_out
@@ -22,11 +17,6 @@ from meal_bayes.perception.recordings import dealt
 
 FOLDS = 4
 ABOVE = {"exact_objects": 6, "folds": FOLDS}
-SETTINGS = pytest.mark.parametrize(
-    "settings",
-    [replace(DEFAULT, **ABOVE), replace(PAPER, **ABOVE), with_classifier(GaussianNB(), **ABOVE)],
-    ids=["default", "paper", "classifier"],
-)
 
 
 def test_neighbors_are_in_different_folds_in_no_fixed_order():
@@ -57,37 +47,6 @@ def test_with_all_recordings_as_landmarks_outputs_equal_the_exact_ones(nested):
             np.testing.assert_allclose(one, other, atol=1e-4)
 
 
-@SETTINGS
-def test_a_fold_leaves_no_trace_in_what_is_learned_without_it(make, relabel, settings):
-    dataset, fold = make(3, objects=14), dealt(np.arange(14), FOLDS)
-    labels = dataset.labels.copy()
-    labels[fold == 2] = 1 - labels[fold == 2]
-    before, after = (
-        build_percept_table(data, perception=settings)
-        for data in (dataset, relabel(dataset, labels))
-    )
-    np.testing.assert_array_equal(before.groups, fold)
-    assert before.training_bins.shape[:2] == (FOLDS, 14)
-    np.testing.assert_allclose(before.log_odds[fold == 2], after.log_odds[fold == 2], atol=1e-2)
-    np.testing.assert_array_equal(before.training_bins[2], after.training_bins[2])
-    assert not np.array_equal(before.training_bins[1], after.training_bins[1])
-    counts = table_counts(before, int(np.flatnonzero(fold == 2)[0])).counts.sum(axis=(3, 4))
-    assert (counts[fold == 2] == 0).all()
-    assert (counts[fold != 2][:, :, :2] == 2).all()
-
-
-@SETTINGS
-def test_a_table_of_some_objects_is_a_part_of_the_whole(make, settings):
-    dataset = make(6, objects=14)
-    whole = build_percept_table(dataset, perception=settings)
-    some = [dataset.objects[o] for o in (2, 7)]
-    part = build_percept_table(dataset, perception=settings, objects=some)
-    np.testing.assert_array_equal(part.log_odds[[2, 7]], whole.log_odds[[2, 7]])
-    assert np.isnan(part.log_odds[0]).all()
-    groups = whole.groups[[2, 7]]
-    np.testing.assert_array_equal(part.training_bins[groups], whole.training_bins[groups])
-
-
 def test_a_table_of_folds_is_read_as_it_was_written(make, tmp_path):
     table = build_percept_table(make(1, objects=14), perception=replace(DEFAULT, **ABOVE))
     save_percepts(table, tmp_path / "many.npz")
@@ -111,10 +70,3 @@ def test_many_recordings_of_few_objects_are_many_too(make):
     settings = replace(DEFAULT, exact_recordings=30, folds=3)
     table = build_percept_table(make(2, objects=8, recordings=4), perception=settings)
     assert table.groups.max() == 2
-
-
-@pytest.mark.parametrize("wrong", [{"folds": 1}, {"landmarks": 0}, {"exact_objects": -1}])
-def test_sizes_that_mean_nothing_are_refused(wrong):
-    (name,) = wrong
-    with pytest.raises(SettingsError, match=f"{name} is"):
-        replace(DEFAULT, **wrong)

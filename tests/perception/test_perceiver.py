@@ -26,11 +26,6 @@ def test_recorded_percepts_are_looked_up_by_object_recording_and_behavior(small_
                 assert perceiver.observe(instance, BOTH, rng).tolist() == expected.tolist()
 
 
-def test_what_was_not_computed_is_refused(small_table, rng):
-    with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'reinit' .* object 0"):
-        RecordedPercepts(small_table).observe(Instance(0, "reinit", 0), Query(("red",)), rng)
-
-
 def test_levels_must_divide_the_bins(small_table):
     with pytest.raises(SettingsError, match=r"3 levels; expected one of \[2, 4, 8\]"):
         RecordedPercepts(small_table, 3)

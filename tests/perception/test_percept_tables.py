@@ -19,14 +19,17 @@ from meal_bayes.perception import (
 )
 from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.leave_out import each_group, kernel_problem
-from meal_bayes.perception.recordings import gather
+from meal_bayes.perception.recordings import dealt, gather
 from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, positive_youden_only=False)
-SETTINGS = pytest.mark.parametrize(
+FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]
+SETTINGS = pytest.mark.parametrize("settings", FEW, ids=["default", "paper", "classifier"])
+MANY = [replace(settings, exact_objects=6, folds=4) for settings in FEW]
+ANY_SIZE = pytest.mark.parametrize(
     "settings",
-    [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)],
-    ids=["default", "paper", "classifier"],
+    [*FEW, *MANY],
+    ids=lambda s: f"{s.method} {'few' if s.exact_objects > 6 else 'many'}",
 )
 
 
@@ -65,26 +68,29 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
                 np.testing.assert_array_equal(found, expected)
 
 
-@SETTINGS
-def test_labels_of_the_held_out_object_do_not_reach_its_table(make, relabel, settings):
-    dataset = make(3)
-    labels = dataset.labels.copy()
-    labels[4] = 1 - labels[4]
+@ANY_SIZE
+def test_labels_of_what_is_held_out_do_not_reach_its_table(make, relabel, settings):
+    dataset = make(3, objects=14)
     before = build_percept_table(dataset, perception=settings)
+    held = before.groups == before.groups[4]
+    labels = np.where(held[:, None], 1 - dataset.labels, dataset.labels)
     after = build_percept_table(relabel(dataset, labels), perception=settings)
-    np.testing.assert_allclose(before.log_odds[4], after.log_odds[4], atol=1e-2)
-    np.testing.assert_array_equal(before.training_bins[4], after.training_bins[4])
-    assert not np.array_equal(before.training_bins[5], after.training_bins[5])
+    np.testing.assert_allclose(before.log_odds[held], after.log_odds[held], atol=1e-2)
+    changed = (before.training_bins != after.training_bins).any(axis=(1, 2, 3, 4))
+    assert not changed[before.groups[4]]
+    assert changed.any()
 
 
-@SETTINGS
+@ANY_SIZE
 def test_every_recording_of_the_others_is_counted_once(make, settings):
-    table = build_percept_table(make(4), perception=settings)
-    total = table.training_bins.sum(axis=-1)
+    table = build_percept_table(make(4, objects=14), perception=settings)
+    many = settings.exact_objects == 6
+    np.testing.assert_array_equal(table.groups, dealt(np.arange(14), 4) if many else np.arange(14))
+    total = table.training_bins.sum(axis=-1)  # (G,O,P,E)
     assert (total[:, :, :, 2:] == 0).all()  # reinit and ask
-    off_diagonal = ~np.eye(10, dtype=bool)
-    assert (total[off_diagonal][:, :, :2] == 2).all()
-    assert (total[~off_diagonal] == 0).all()
+    others = np.arange(len(total))[:, None] != table.groups
+    assert (total[others][:, :, :2] == 2).all()
+    assert (total[~others] == 0).all()
     assert np.isfinite(table.log_odds[:, :, :2]).all()
 
 
@@ -105,25 +111,26 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])
 
 
-@SETTINGS
+@ANY_SIZE
 def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
-    dataset = make(6)
+    dataset = make(6, objects=14)
     whole = build_percept_table(dataset, perception=settings)
     steps = []
     part = build_percept_table(
         dataset,
         perception=settings,
         attributes=["heavy"],
-        objects=["object_03", "object_07"],
+        objects=["object_03", "object_08"],
         progress=lambda done, total: steps.append((done, total)),
     )
     assert steps == [(1, 2), (2, 2)]
-    held = [2, 6]
+    held, groups = [2, 7], np.unique(whole.groups[[2, 7]])
     np.testing.assert_allclose(part.log_odds[held, :, :, 1], whole.log_odds[held, :, :, 1])
-    np.testing.assert_array_equal(part.training_bins[held, :, 1], whole.training_bins[held, :, 1])
+    bins = part.training_bins[groups, :, 1], whole.training_bins[groups, :, 1]
+    np.testing.assert_array_equal(*bins)
     assert np.isnan(part.log_odds[..., 0]).all()
     assert np.isnan(part.log_odds[0]).all()
-    assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == held
+    assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == groups.tolist()
     with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'look'"):
         RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import TrainingSet, load_dataset
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception import DEFAULT, PAPER, fit_and_validate
 from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.recordings import BehaviorRecordings, gather
@@ -88,18 +87,6 @@ def test_what_the_settings_say_is_taken(make):
     )
     for modality, space in unit.classifiers["look"].spaces.items():
         assert wide.classifiers["look"].spaces[modality].width == pytest.approx(1.25 * space.width)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"width": 0.0}, "width is 0"),
-        ({"width": 1.0, "kernel": "polynomial", "joint": False}, "RBF"),
-    ],
-)
-def test_widths_that_mean_nothing_are_refused(wrong, words):
-    with pytest.raises(SettingsError, match=words):
-        replace(DEFAULT, **wrong)
 
 
 @pytest.mark.real_data
