@@ -101,11 +101,6 @@ _MOST = 40  # repeats of a run that goes on until it is decided
     help="True success probability of a behavior; the data set's by default.",
 )  # fmt: skip
 @click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
-@click.option(
-    "--published", metavar="NAMES",
-    help="Do as the authors' code: all, or a comma list of shaped_test, sample_wise, joint_label, "
-    "model_percepts.",
-)  # fmt: skip
 @seed_option()
 @jobs_option
 @cluster_option
@@ -120,7 +115,6 @@ def online(
     root: Path | None,
     agents: tuple[str, ...],
     until_decided: bool,
-    published: str | None,
     as_json: bool,
     **settings: Any,
 ) -> None:
@@ -132,7 +126,6 @@ def online(
     from meal_bayes.evaluation import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import (
         OnlineConfig,
-        PublishedVariants,
         run_online,
         run_online_until,
         warm_up_online,
@@ -141,7 +134,6 @@ def online(
     how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
     settings["root"] = None if root is None else str(root)
     settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
-    settings["published"] = PublishedVariants.named(*(listed(published) if published else ()))
     if agents:
         settings["agents"] = tuple(map(agent_value, listed(*agents)))
     config = OnlineConfig(**settings)

@@ -16,7 +16,7 @@ from meal_bayes.experiments.online import (
     run_online_until,
     warm_up_online,
 )
-from meal_bayes.experiments.online_config import OnlineConfig, PublishedVariants
+from meal_bayes.experiments.online_config import OnlineConfig
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [
@@ -25,7 +25,6 @@ __all__ = [
     "OfflineRun",
     "OnlineConfig",
     "OnlineRun",
-    "PublishedVariants",
     "askable",
     "offline_tasks",
     "run_offline",

@@ -65,8 +65,6 @@ class Environment:
         self._recordings.use(trial)
         rng = stream(self._config.seed, "feedback", *trial.task.key)
         labels = self._feedback.labels(trial, rng)
-        if self._config.published.joint_label:  # every attribute gets the label of the whole query
-            labels = np.where(labels < 0, labels, (labels == 1).all())
         pairs = zip(trial.task.query.attributes, labels.tolist(), strict=True)
         learner.tell(trial, {name: None if value < 0 else value == 1 for name, value in pairs})
 
@@ -81,7 +79,7 @@ class Environment:
 
         return RecordedRobot(
             self._dynamics, o, self._recordings.counts[o], order, stream(seed, "robot", *task.key),
-            self._data, repeats=self._config.published.model_percepts, person=person,
+            self._data, repeats=self._config.percepts == "model", person=person,
         )  # fmt: skip
 
 

@@ -264,11 +264,10 @@ def _learner(unit: _Unit, protocol: Protocol) -> Learner:
     counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
     learner.fits.settings = dataclasses.replace(
         learner.fits.settings,
-        by_object=not config.published.sample_wise,
         unit=float(dataset.recordings * counted),
         count_given=config.normalizer == "all",
-        shaped_answers=config.published.shaped_test,
-        drawn=dataset.labels if config.published.model_percepts else None,
+        drawn=dataset.labels if config.percepts == "model" else None,
+        **dict(config.learning),
     )
     return learner.fit(protocol.pretraining())
 

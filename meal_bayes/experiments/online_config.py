@@ -1,7 +1,7 @@
 """What an online run is: its settings, checked."""
 
 import dataclasses
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import Any
 
 from meal_bayes.agents import as_agent, distinct
@@ -9,42 +9,11 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Feedback
+from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
 _LOGS = ("compact", "full")
 _NORMALIZERS = ("paper", "all")
-
-
-@dataclass(frozen=True, slots=True)
-class PublishedVariants:
-    """What the authors' code does otherwise than the paper.
-
-    Attributes
-    ----------
-    shaped_test : rewards are shaped in tests as well.
-    sample_wise : tables are cross-validated over samples, so that classifiers saw the object.
-    joint_label : every attribute gets the label of the whole query.
-    model_percepts : percepts are drawn from the learned tables, without end.
-    """
-
-    shaped_test: bool = False
-    sample_wise: bool = False
-    joint_label: bool = False
-    model_percepts: bool = False
-
-    @classmethod
-    def named(cls, *names: str) -> "PublishedVariants":
-        """Return the variants of these names; "all" stands for every one.
-
-        Raises
-        ------
-        SettingsError : an unknown name.
-        """
-        known = [own.name for own in fields(cls)]
-        for name in names:
-            if name not in (*known, "all"):
-                raise SettingsError(unknown("published variant", name, known))
-        return cls(**{name: name in names or "all" in names for name in known})
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +35,8 @@ class OnlineConfig:
     answers, error : of `Feedback`.
     success : true success probabilities, as pairs (behavior, probability).
     learn_success : whether agents learn success probabilities.
-    published : what is done as in the authors' code.
+    learning : other settings of the learner, as pairs (field of `LearnerSettings`, value).
+    percepts : "recorded", or "model": drawn from the learned tables, without end.
     normalizer : of Eq. 10: "paper", experience in training; "all", in pretraining too.
     horizon : queries to come, for which exploring is valued.
     log : "compact", logs of test trials hold outcomes only; or "full".
@@ -93,7 +63,8 @@ class OnlineConfig:
     error: float = 0.0
     success: tuple[tuple[str, float], ...] = ()
     learn_success: bool = False
-    published: PublishedVariants = field(default_factory=PublishedVariants)
+    learning: tuple[tuple[str, Any], ...] = ()
+    percepts: str = "recorded"
     normalizer: str = "paper"
     horizon: int = 1000
     log: str = "compact"
@@ -124,13 +95,18 @@ class OnlineConfig:
             if value is not None and not 0 <= value <= LARGEST:
                 raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
         Feedback(self.answers, self.error)
+        settings = [field.name for field in dataclasses.fields(LearnerSettings)]
+        for name, _ in self.learning:
+            if name not in settings:
+                raise SettingsError(unknown("setting of learners", name, settings))
+        LearnerSettings(percepts=self.percepts)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, for headers and JSON."""
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {
             "split": list(self.split),
-            "published": dataclasses.asdict(self.published),
+            "learning": [list(pair) for pair in self.learning],
             "agents": [agent.name for agent in self.agents],
             "success": [list(pair) for pair in self.success],
         }

@@ -11,7 +11,7 @@ from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.trials import Trial
 
-_ANSWERS = ("verdict", "all")
+_ANSWERS = ("verdict", "all", "joint")
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,8 @@ class Feedback:
     Attributes
     ----------
     answers : str
-        "verdict", whether the report was right; or "all", every queried attribute.
+        "verdict", whether the report was right; "all", every queried attribute; or "joint", a
+        verdict by which each gets the label of the whole query, as the authors' code has it.
     error : float
         Probability that a verdict or a label is wrong.
 
@@ -50,7 +51,10 @@ class Feedback:
             return np.where(trial.truth < 0, -1, (trial.truth == 1) ^ errs).astype(np.int8)
         if trial.report is None or trial.success is None:
             return np.full(len(trial.truth), -1, np.int8)
-        return implied(trial.report, right=trial.success ^ bool(rng.random() < self.error))
+        labels = implied(trial.report, right=trial.success ^ bool(rng.random() < self.error))
+        if self.answers == "joint":
+            labels = np.where(labels < 0, labels, (labels == 1).all()).astype(np.int8)
+        return labels
 
 
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:

@@ -9,7 +9,6 @@ import pytest
 from meal_bayes.evaluation.learning import LearningRow, LearningSummary
 from meal_bayes.trial_log import log_info
 
-VARIANTS = dict.fromkeys(("shaped_test", "sample_wise", "joint_label", "model_percepts"), False)
 SMALL = ("--batches", "2", "--trials", "4")
 
 
@@ -107,27 +106,21 @@ def test_a_second_call_computes_nothing_unless_fresh(run, words):
 def test_options_reach_the_run(run, words):
     options = (
         "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--feedback",
-        "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--published",
-        "sample_wise, joint_label", "--seed", "9", "--log", "full", "--agent", "morc_itrs",
-        "--normalizer", "all",
+        "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--seed", "9",
+        "--log", "full", "--agent", "morc_itrs", "--normalizer", "all",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)
     config = told["config"]
     expected = {
         "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
         "error": 0.1, "success": [["lift", 0.5]], "learn_success": True,
-        "published": VARIANTS | {"sample_wise": True, "joint_label": True}, "seed": 9,
+        "seed": 9,
         "log": "full", "normalizer": "all",
         "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
     logs = [*Path("logs").rglob("*.mcap")]
     assert {log_info(path).form for path in logs} == {"full"}
-
-
-def test_all_published_variants_at_once(run, words):
-    told = json.loads(run(*words, "--published", "all", "--agent", "morc_itrs", "--json").stdout)
-    assert told["config"]["published"] == dict.fromkeys(VARIANTS, True)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +135,6 @@ def test_all_published_variants_at_once(run, words):
         (("--success", "lfit=0.5"), "did you mean 'lift'"),
         (("--success", "lift=1.5"), "at most 1"),
         (("--success", "lift=0"), "above 0"),
-        (("--published", "shaped"), "published variant 'shaped'"),
         (("--attributes", "3"), "own has 2"),
         (("--attributes", "0"), "0 is not in the range 1<=x"),
         (("--batches", "0"), "0 is not in the range 1<=x"),

@@ -10,7 +10,7 @@ from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import Query, learn_success, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OnlineConfig, PublishedVariants
+from meal_bayes.experiments import OnlineConfig
 from meal_bayes.experiments.environment import Environment
 from meal_bayes.experiments.online import _learner
 from meal_bayes.experiments.protocol import Protocol
@@ -167,7 +167,7 @@ def test_random_legal_keeps_to_its_budget_and_draws_anew():
 
 @pytest.mark.parametrize("name", ["iterative_morc", "bayes"])
 def test_what_is_not_curious_is_tested_without_bonus(name):
-    shaped = {"published": PublishedVariants(shaped_test=True)}
+    shaped = {"learning": (("shaped_answers", True),)}
     task = task_of(13, "red")
     trial = Run(name, **shaped).test(task)
     assert not trial.momdp.bonus.any()
@@ -250,23 +250,25 @@ class TestPublishedVariants:
             TOY, objects=18, recordings=RECORDINGS, signal=0.0, object_effect=3.0, rng=rng
         )
 
-        def claimed(*published):
-            options = {"published": PublishedVariants.named(*published), "answers": "all"}
+        def claimed(*learning):
+            options = {"learning": learning, "answers": "all"}
             run = trained("iterative_random_legal", strange, 24, **options)[1]
             yes = run.posterior.mean[:, :2, :, 1]
             return (yes[..., 1] - yes[..., 0]).mean()
 
-        assert claimed("sample_wise") > claimed() + 0.2
+        assert claimed(("by_object", False)) > claimed() + 0.2
 
     def test_the_joint_label_is_true_where_all_are(self):
-        run = Run("iterative_morc", published=PublishedVariants(joint_label=True), answers="all")
+        run, judged = Run("iterative_morc", answers="joint"), 0
         for o in TRAIN.tolist():
-            run.train(task_of(o, "red", "heavy"))
+            trial = run.train(task_of(o, "red", "heavy"))
             known = run.learner.experience.known.values[o]
-            assert known.tolist() == [int(DATASET.labels[o].all())] * 2
+            assert known.tolist() == [int(DATASET.labels[o].all()) if trial.success else -1] * 2
+            judged += trial.success
+        assert judged
 
     def test_model_percepts_are_drawn_without_end(self):
-        run = Run("iterative_morc", published=PublishedVariants(model_percepts=True))
+        run = Run("iterative_morc", percepts="model")
         trial = run.test(task_of(13, "red"))
         assert np.isinf(trial.momdp.limit).all()
         plain = Run("iterative_morc").test(task_of(13, "red"))
@@ -274,19 +276,16 @@ class TestPublishedVariants:
 
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_model_percepts_do_not_run_out_in_training_either(self, name):
-        published = PublishedVariants(model_percepts=True)
-        trials, run = trained(name, published=published, normalizer="all")
+        trials, run = trained(name, percepts="model", normalizer="all")
         assert max(len(trial.steps) for trial in trials) < 100
         np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
         places = run.learner.experience.instances.values[:, :3]
         assert len(np.unique(places, axis=0)) == len(places)
 
     def test_names_are_checked(self):
-        every = PublishedVariants(True, True, True, True)
-        assert PublishedVariants.named("all") == every
-        assert PublishedVariants.named("joint_label") == PublishedVariants(joint_label=True)
-        with pytest.raises(SettingsError, match="did you mean 'joint_label'"):
-            PublishedVariants.named("joint_labels")
+        for wrong in ({"learning": (("by_objects", False),)}, {"percepts": "modell"}):
+            with pytest.raises(SettingsError, match="did you mean"):
+                OnlineConfig("toy", **wrong)
 
 
 class TestSuccess:

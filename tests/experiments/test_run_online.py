@@ -14,7 +14,7 @@ import pytest
 from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
-from meal_bayes.experiments import OnlineConfig, PublishedVariants, run_online
+from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.environment import Environment, true_dynamics
 from meal_bayes.experiments.protocol import Protocol, Recordings
 from meal_bayes.learner import Learner
@@ -267,7 +267,7 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path):
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
-        {"published": PublishedVariants(joint_label=True)},
+        {"answers": "joint"},
         {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
