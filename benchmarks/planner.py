@@ -113,9 +113,12 @@ def peak_megabytes(momdp: MOMDP, planner: Planner, model: str, seed: int) -> flo
 def bound_of(momdp: MOMDP) -> float:
     """Bound the optimum; blocks of one attribute where there are many."""
     n = len(momdp.query)
-    if n <= TABLED and np.isinf(momdp.precision).all():
-        return Factored().solve(momdp, np.random.default_rng(0)).upper_bound
-    return upper_bound(momdp, size=1 if n >= min(LARGE) else TABLED)
+    whole = np.inf
+    if n < min(LARGE) and np.isinf(momdp.precision).all():
+        whole = Factored().solve(momdp, np.random.default_rng(0)).upper_bound
+    if n <= TABLED and whole < np.inf:
+        return whole
+    return min(whole, upper_bound(momdp, size=1 if n >= min(LARGE) else TABLED))
 
 
 def lower_bound(momdp: MOMDP) -> float:

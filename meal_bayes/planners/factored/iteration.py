@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import set_frozen
 from meal_bayes.errors import SettingsError
@@ -23,7 +24,7 @@ from meal_bayes.planners.factored.sweep import Edges, Percepts, make_backups, pe
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
 _SMOOTHED, _SMOOTH_SETTLED = 150, 0.1  # the same of the estimate
-_INNER = (0, 101, 41, 25, 15, 11)  # uncertain beliefs on an axis of the estimate, by N
+_INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N; five share
 _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
@@ -94,14 +95,14 @@ class ValueIteration:
         puts the report off. Here nothing adds up, if the steps are even: the grid is one of its
         own, of so many points at most. What results is near the optimum, but no bound.
         """
-        moving = np.flatnonzero(bounds.size > 1).tolist()
-        if not moving:
+        moving = np.flatnonzero(bounds.size > 1)
+        if not len(moving):
             return bounds
-        inner = _inner_points(len(moving), points)
-        if inner < _LEAST:
+        inner = _inner_points(bounds.size[moving].astype(float), points)
+        if min(inner) < _LEAST:
             return bounds
-        for i in moving:
-            bounds = refine(bounds, i, even_axis(self.momdp, i, inner))
+        for i, each in zip(moving.tolist(), inner, strict=True):
+            bounds = refine(bounds, i, even_axis(self.momdp, i, each))
         return self._swept(bounds, _SMOOTHED, _SMOOTH_SETTLED, smooth=True)
 
     def constant_bound(self) -> float:
@@ -181,6 +182,15 @@ class ValueIteration:
         return self._fall(grid, finer) / math.log(growth)
 
 
-def _inner_points(n: int, points: int) -> int:
-    """Return how many uncertain beliefs each of n axes of the estimate has."""
-    return min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))
+def _inner_points(size: NDArray[np.float64], points: int) -> list[int]:
+    """Return how many uncertain beliefs each axis of the estimate has, given those of the bounds.
+
+    Where many attributes share the points, axes that the bounds refined most get most.
+    """
+    n, least, scale = len(size), _LEAST + 2, 1.0
+    if n < len(_INNER) or least**n > points:
+        return [min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))] * n
+    size = size * (points / size.prod()) ** (1 / n)
+    while np.maximum(size * scale, least).prod() > points:
+        scale *= 0.98
+    return [int(each) - 2 for each in np.maximum(size * scale, least)]
