@@ -39,6 +39,7 @@ class Setting:
     cluster: str | None = None  # address of a Dask scheduler
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 runs none
+    only: str = ""  # of an item's panels, those with this in their title
     on_progress: Callable[[int, int], None] | None = None
     spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
 
@@ -189,7 +190,7 @@ def command(item: str, setting: Setting) -> str:
         f" --{name} {value}"
         for name, value in (("trials", setting.trials), ("repeats", setting.repeats))
         if value is not None
-    )
+    ) + (f' --only "{setting.only}"' if setting.only else "")
     return f"meal-bayes reproduce {item}{quick}{code}{most} --seed {setting.seed}"
 
 

@@ -232,12 +232,14 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     ]  # fmt: skip
     number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
     told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)
+    if told and None in deciding:
+        told += f", {deciding.count(None)} not run"
     if not deciding:
         return "nothing to judge"
     if number[FALLS]:
         word = "not reproduced" if not number[STANDS] else "reproduced in part"
     elif None in deciding:
-        word = "not run"
+        word = "run in part" if told else "not run"
     elif number[UNDECIDED]:
         word = "undecided" if not number[STANDS] else "reproduced in part"
     else:

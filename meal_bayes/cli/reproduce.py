@@ -46,6 +46,10 @@ _PACKAGE = "paper_repro"
     "--repeats", type=click.IntRange(0, MOST_TRIALS), metavar="R",
     help="Of online runs, at most; 0 runs none.",
 )  # fmt: skip
+@click.option(
+    "--only", default="", metavar="TEXT",
+    help="Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
+)  # fmt: skip
 @json_option
 def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.

@@ -170,6 +170,10 @@ def test_runs_are_as_long_as_asked_for():
     assert frame.Setting(quick=True).trials_of(400, 6) == 6
     assert frame.Setting(trials=100).trials_of(400, 6) == 100
     assert frame.Setting(repeats=0).repeats_of(20) == 0
+    part = frame.Setting(repeats=5, only="CY101, 1")
+    assert frame.command("fig10", part) == (
+        'meal-bayes reproduce fig10 --repeats 5 --only "CY101, 1" --seed 0'
+    )
     assert frame.Setting(quick=True).repeats_of(20) == 2
 
 

@@ -138,6 +138,7 @@ def row(text, protocol, kind, *, central=True):
         ([row("a", RECORDED, STANDS), row("b", RECORDED, FALLS, central=False)], "reproduced (1"),
         ([row("a", RECORDED, CONSTRUCTED)], "by construction (1 by construction)"),
         ([row("a", RECORDED, None)], "not run"),
+        ([row("a", RECORDED, STANDS), row("b", RECORDED, None)], "run in part (1 stands, 1 not"),
         ([row("a", OURS, FALLS)], "nothing to judge"),
         ([], "nothing to judge"),
     ],
