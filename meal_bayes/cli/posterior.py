@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _SHOWN = 12  # pairs in the table
+_NAMED = 5  # surprising objects
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
@@ -46,6 +47,10 @@ _SHOWN = 12  # pairs in the table
 @click.option(
     "--levels", type=click.IntRange(2, 8), default=2, show_default=True, metavar="K",
     help="Of a percept: 2, 4 or 8.",
+)  # fmt: skip
+@click.option(
+    "--prior-scale", type=click.FloatRange(0, 1000, min_open=True), default=1.0, show_default=True,
+    metavar="F", help="Weight of the prior of the rows, of that which is learned from the data.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
@@ -70,6 +75,8 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     """
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
+    from meal_bayes.posterior.dispersion import fit_dispersion
+    from meal_bayes.posterior.draws import sensing
 
     if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
@@ -79,9 +86,10 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     names = [table.domain.attributes[p] for p in columns]
-    draws, statistics = _fit(counts, names, table.domain.behavior_names, config)
+    prior = config["prior_scale"] * fit_dispersion(counts[:, :, sensing(counts)]).prior
+    draws, statistics = _fit(counts, names, table.domain.behavior_names, prior, config)
     rows = _rows(draws)
-    facts = _write(draws, statistics, counts, table.objects, config["seed"], folder)
+    facts = _write(draws, statistics, counts, prior, table.objects, config, folder)
     if as_json:
         print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
         return
@@ -110,7 +118,11 @@ def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[A
 
 
 def _fit(
-    counts: "NDArray[Any]", attributes: list[str], behaviors: Sequence[str], config: dict[str, Any]
+    counts: "NDArray[Any]",
+    attributes: list[str],
+    behaviors: Sequence[str],
+    prior: "NDArray[Any]",
+    config: dict[str, Any],
 ) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return the draws, and the sampler's statistics, which the grid has none of."""
     import xarray as xr
@@ -118,7 +130,7 @@ def _fit(
     from meal_bayes.posterior import draw_grid
     from meal_bayes.seeds import stream
 
-    named = {"attributes": attributes, "behaviors": behaviors}
+    named = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
     draws, chains, seed = config["draws"], config["chains"], config["seed"]
     if config["method"] == "grid":
         with patience("drawing from the grid ..."):
@@ -135,8 +147,8 @@ def _fit(
 
 
 def _write(
-    draws: "xr.Dataset", statistics: "xr.Dataset", counts: "NDArray[Any]",
-    objects: tuple[str, ...], seed: int, folder: Path,
+    draws: "xr.Dataset", statistics: "xr.Dataset", counts: "NDArray[Any]", prior: "NDArray[Any]",
+    objects: tuple[str, ...], config: dict[str, Any], folder: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
@@ -150,36 +162,43 @@ def _write(
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import idata
     from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
-    from meal_bayes.posterior.draws import ROW, sensing
-    from meal_bayes.posterior.pointwise import pointwise_log_likelihood
+    from meal_bayes.posterior.draws import ROW, draw_prior, log_prior, sensing
+    from meal_bayes.posterior.pointwise import pointwise_log_likelihood, predict_yes, units_of
     from meal_bayes.seeds import stream
+
+    seed, attributes = config["seed"], draws["attribute"].values.tolist()
 
     with patience("checking the fit ..."):
         check = predictive_check(draws, counts, stream(seed, "predictive"))
         belief = beliefs_without_itself(draws, counts)
-        likelihood = pointwise_log_likelihood(draws, counts, objects)
+        units = units_of(counts, objects, attributes)
         shown = xr.DataArray(
             counts[:, :, sensing(counts)],
             {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
         )
-        truths = {"truth": draws["truth"].values, "number": range(check.observed.shape[1])}
-        replicates = xr.DataArray(
-            check.predicted[None], truths, ("chain", "draw", "truth", "number")
-        )
-        made = idata.to_idata(
-            draws,
-            **({"sample_stats": statistics} if statistics else {}),
-            observed_data=xr.Dataset(
-                {"yes": xr.DataArray(check.observed, truths), "counts": shown}
-            ),
-            posterior_predictive=xr.Dataset({"yes": replicates}),
-            log_likelihood=xr.Dataset({"percepts": likelihood}),
-        )
+        groups = {
+            "observed_data": xr.Dataset({"yes": units.yes}),
+            "constant_data": xr.Dataset({"counts": shown}),
+            "posterior_predictive": predict_yes(draws, units, stream(seed, "units")),
+            "log_likelihood": pointwise_log_likelihood(draws, units),
+        }
+        if config["model"] == "same":
+            before = draw_prior(draws, prior, stream(seed, "prior"))
+            groups |= {
+                "prior": before,
+                "prior_predictive": predict_yes(before, units, stream(seed, "unseen")),
+                "log_prior": log_prior(draws, prior),
+            }
+        if statistics:
+            groups["sample_stats"] = statistics
+        made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
         idata.save_netcdf(made, folder / "posterior.nc")
         write_whole(folder / "summary.csv", idata.summary_csv(made))
         low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
-        names = draws["attribute"].values.tolist(), draws["behavior"].values.tolist()
-        save(forest(middle, low, high, *names), folder / "forest.png")
+        save(
+            forest(middle, low, high, attributes, draws["behavior"].values.tolist()),
+            folder / "forest.png",
+        )
         save(predictive(check.observed, check.predicted), folder / "predictive.png")
         pairs = {
             "each": (belief.each, belief.each_truth),
@@ -190,6 +209,7 @@ def _write(
     epsilon = draws.get("misperception")
     return {
         "convergence": [row._asdict() for row in idata.convergence(made)],
+        "pareto_k": idata.unreliable(made),
         "divergences": int(statistics.get("diverging", np.zeros(1)).sum()),
         "misperception": None if epsilon is None else float(epsilon.mean()),
         "predictive_p": check.p_values.tolist(),
@@ -268,6 +288,12 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         "beliefs": "learned without the object, after one behavior: "
         f"{scores['each']}; after all: {scores['together']}",
     }
+    worst = sorted(facts["pareto_k"].items(), key=lambda unit: -unit[1])
+    if worst:
+        named = ", ".join(f"{name} ({k:.2f})" for name, k in worst[:_NAMED])
+        shown["leave one out"] = (
+            f"not to be trusted for {len(worst)} of the objects' attributes, by Pareto k: {named}"
+        )
     if facts["misperception"] is not None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
     console.print()

@@ -14,14 +14,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.special import expit
+from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
 from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.dispersion import grid_posterior
-from meal_bayes.posterior.grid import DISPERSIONS, RowStatistics, quadrature
+from meal_bayes.posterior.grid import DISPERSIONS, RowStatistics, hyperparameters, quadrature
 
 Array = NDArray[np.float64]
 
@@ -142,12 +142,13 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     draws = draws_in(idata)
     attributes, sensors = draws["attribute"].values.tolist(), draws["behavior"].values.tolist()
     try:
-        observed = idata["observed_data"]["counts"].transpose("object", *ROW, "level")
+        group = "observed_data" if "counts" in idata["observed_data"] else "constant_data"
+        observed = idata[group]["counts"].transpose("object", *ROW, "level")
         observed = observed.sel({"truth": list(TRUTHS), "level": draws["level"].values})
     except (KeyError, ValueError, AttributeError) as fault:
         raise DataError(
             f"The posterior comes without the percepts it was drawn from ({fault}); give "
-            "to_idata the counts (object, attribute, behavior, truth, level) as observed."
+            "to_idata the counts (object, attribute, behavior, truth, level) as observed_data."
         ) from None
     for name in domain.attributes:
         if name not in attributes:
@@ -247,6 +248,53 @@ def _two_levels(
         at = np.interp(rng.random(here.sum()), cdf / density.sum(), log_odds)
         mean[here] = expit(np.stack([-at, at], axis=-1))
     return mean
+
+
+def draw_prior(
+    draws: xr.Dataset, prior: ArrayLike, rng: np.random.Generator, *, size: int = 500
+) -> xr.Dataset:
+    """Draw m and s of the same rows as they are believed before any percept, one chain.
+
+    ln s ~ Normal(mu, tau) on the grid, mu uniform and tau half-normal(1), both shared by the
+    attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
+    """
+    attributes, behaviors = draws["attribute"].values, draws["behavior"].values
+    alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
+    given, log_weight = hyperparameters()
+    hyper = rng.choice(
+        len(given), size=(size, 1, *alpha.shape[1:3]), p=softmax(log_weight)
+    )  # (S,1,E,2)
+    place = rng.random((size, *alpha.shape[:3], 1))
+    steps = (place > given.cumsum(axis=1)[hyper]).sum(axis=-1)
+    dispersion = DISPERSIONS[np.minimum(steps, len(DISPERSIONS) - 1)]
+    mean = draw_dirichlet(rng, np.broadcast_to(alpha, (size, *alpha.shape)))
+    return draws_of(attributes, behaviors, mean[None], dispersion[None])
+
+
+def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
+    """Compute the log prior density of each draw's rows, and of its dispersions (mu, tau summed).
+
+    Parameters
+    ----------
+    draws : of m and s.
+    prior : (P,E,2,K) Dirichlet parameters of m.
+
+    Returns
+    -------
+    `mean` (chain, draw, attribute, behavior, truth), `dispersion` (chain, draw, behavior, truth).
+    """
+    alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
+    mean = np.maximum(draws["mean"].values, _FLOOR)
+    rows = ((alpha - 1) * np.log(mean)).sum(axis=-1)
+    rows += gammaln(alpha.sum(axis=-1)) - gammaln(alpha).sum(axis=-1)
+    given, log_weight = hyperparameters()
+    steps = np.abs(np.log(draws["dispersion"].values)[..., None] - np.log(DISPERSIONS)).argmin(-1)
+    by_hyper = np.log(given.T + _FLOOR)[steps].sum(axis=2) + log_softmax(log_weight)  # (C,S,E,2,Q)
+    dims = ("chain", "draw", *ROW)
+    return xr.Dataset(
+        {"mean": (dims, rows), "dispersion": ((*dims[:2], *ROW[1:]), logsumexp(by_hyper, axis=-1))},
+        {dim: draws[dim] for dim in dims},
+    )
 
 
 def replicate(

@@ -151,18 +151,23 @@ def pool(log_evidence: Array, votes: NDArray[np.bool_]) -> Array:
     log_evidence : (...,P,E,2,G).
     votes : (...,P,E) whether a pair's rows inform about mu and tau.
     """
-    log_s = np.log(DISPERSIONS)
-    mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
-    given = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)  # (Q,G)
-    given /= given.sum(axis=1, keepdims=True)
+    given, log_prior = hyperparameters()
+    given = given.astype(np.float32)
     peak = log_evidence.max(axis=-1, keepdims=True)
     own = np.exp(log_evidence - peak, dtype=np.float32)  # (...,P,E,2,G), in half the time
-    given = given.astype(np.float32)
     by_hyper = np.where(votes[..., None, None], np.maximum(own @ given.T, _TINY), 1.0)  # (...,Q)
-    hyper = np.log(by_hyper).sum(axis=-4, keepdims=True) - 0.5 * taus**2
+    hyper = np.log(by_hyper).sum(axis=-4, keepdims=True) + log_prior
     hyper = np.exp(hyper - hyper.max(axis=-1, keepdims=True))
     weight = own * ((hyper / by_hyper) @ given)
     return np.asarray(weight / weight.sum(axis=-1, keepdims=True))
+
+
+def hyperparameters() -> tuple[Array, Array]:
+    """Return Pr(s | mu, tau) (Q,G) of every mu and tau, and ln of their prior (Q,) + a constant."""
+    log_s = np.log(DISPERSIONS)
+    mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
+    given = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)
+    return given / given.sum(axis=1, keepdims=True), -0.5 * taus**2
 
 
 def _tails(counts: NDArray[np.int64]) -> Array:

@@ -5,6 +5,7 @@ built and share their names: `found["posterior"]["mean"].sel(attribute="heavy")`
 """
 
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,14 @@ import xarray as xr
 from meal_bayes.cache import writable_caches
 from meal_bayes.errors import DataError
 from meal_bayes.files import draft_of
+from meal_bayes.version import package_version
 
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import arviz
 az: Any = arviz  # not typed
 
+_PARETO = 0.7
 _CLASSIC = az.__version__.startswith("0.")
 
 
@@ -41,8 +44,7 @@ def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
     posterior : xr.Dataset
         Draws.
     groups : xr.Dataset
-        `sample_stats`, `observed_data`, `posterior_predictive`, `log_likelihood`: `az.loo` needs
-        the last.
+        `sample_stats`, `observed_data`, `log_likelihood`, `posterior_predictive` and so on.
     """
     every = {"posterior": posterior, **groups}
     return az.InferenceData(**every) if _CLASSIC else xr.DataTree.from_dict(every)
@@ -50,7 +52,7 @@ def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
 
 def convergence(idata: Any) -> list[Convergence]:
     """Return the largest R-hat and the smallest effective sample sizes of each variable."""
-    posterior, rows = idata["posterior"], []
+    posterior, rows = xr.Dataset(idata["posterior"].data_vars), []  # 1.x has a tree's node
     for name, values in posterior.data_vars.items():
         variable = to_idata(posterior[[name]])
         worst = (
@@ -60,6 +62,28 @@ def convergence(idata: Any) -> list[Convergence]:
         )
         rows.append(Convergence(str(name), values[0, 0].size, *worst))
     return rows
+
+
+def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
+    """Return what made the draws, as attributes of a file: settings and versions."""
+    library = {"inference_library": "meal_bayes", "inference_library_version": package_version()}
+    made = {**library, "arviz_version": az.__version__, **config}
+    return {name: str(value) for name, value in made.items() if value is not None}
+
+
+def unreliable(idata: Any) -> dict[str, float]:
+    """Return the Pareto k of the units whose leave-one-out prediction cannot be trusted.
+
+    They are above min(1 - 1 / log10(draws), 0.7) [Vehtari2024]: without such an object the
+    posterior would be another.
+    """
+    with warnings.catch_warnings():  # it says so, and names none
+        warnings.simplefilter("ignore")
+        loo = az.loo(idata, pointwise=True)
+    k = loo.pareto_k
+    draws = idata["posterior"].sizes["chain"] * idata["posterior"].sizes["draw"]
+    bad = k[k.values > min(1 - 1 / np.log10(draws), _PARETO)]
+    return dict(zip(bad["unit"].values.tolist(), bad.values.tolist(), strict=True))
 
 
 def summary_csv(idata: Any) -> str:

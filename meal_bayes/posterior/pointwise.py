@@ -1,10 +1,11 @@
-"""The log-likelihood of each object's percepts under each draw, for leave-one-out checks.
+"""The log-likelihood, and the prediction, of each object's percepts under each draw.
 
 An object's percepts of one attribute, of all behaviors together, are one unit, so that models with
 dependent percepts can be compared with models without. Its rows theta are integrated out.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,42 +17,85 @@ from meal_bayes.posterior.draws import rows_of, sensing
 Array = NDArray[np.float64]
 
 
-def pointwise_log_likelihood(
-    draws: xr.Dataset, counts: ArrayLike, objects: Sequence[str]
-) -> xr.DataArray:
-    """Compute the log-likelihood of every object and attribute whose label is known.
+class Units(NamedTuple):
+    """The percepts of one attribute of one object, whose label is known: U units.
 
-    Parameters
+    Attributes
     ----------
-    draws : C chains of S draws.
-    counts : (O,P,E',2,K), the percepts that they were drawn from.
-    objects : (O,) names.
-
-    Returns
-    -------
-    (chain, draw, unit) ln Pr(percepts of a unit | draw), nats; units are "object: attribute".
+    names : list of str
+        "object: attribute", (U,).
+    attribute, truth : NDArray[np.intp]
+        (U,) column of the attribute; 1 true, 0 false.
+    counts : NDArray[np.int64]
+        (U,E,K) of the behaviors that sense.
     """
+
+    names: list[str]
+    attribute: NDArray[np.intp]
+    truth: NDArray[np.intp]
+    counts: NDArray[np.int64]
+
+    @property
+    def yes(self) -> xr.DataArray:
+        """How many percepts of each unit say yes, (U,)."""
+        number = self.counts[..., self.counts.shape[2] // 2 :].sum(axis=(1, 2))
+        return xr.DataArray(number, {"unit": self.names})
+
+
+def units_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Units:
+    """List the units of counts (O,P,E',2,K)."""
     array = np.asarray(counts)
     kept = array[:, :, sensing(array)]
-    by_truth, shown = np.asarray(kept.any(axis=(2, 4))), kept.sum(axis=3)  # (O,P,2), (O,P,E,K)
+    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
+    names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)]
+    return Units(names, p, by_truth[o, p, 1].astype(np.intp), kept[o, p].sum(axis=2))
+
+
+def pointwise_log_likelihood(draws: xr.Dataset, units: Units) -> xr.Dataset:
+    """Compute ln Pr(percepts of a unit | draw), nats, (chain, draw, unit), rows integrated out.
+
+    It is called `yes`, as what is observed and predicted, so that ArviZ puts the three together.
+    """
     mean, s, epsilon = rows_of(draws)
-    evidence = np.zeros((len(mean), len(o), 2))  # of each truth
-    for attribute in np.unique(p):
-        members = np.flatnonzero(p == attribute)
-        for e in range(shown.shape[2]):
-            each, place = np.unique(shown[o[members], attribute, e], axis=0, return_inverse=True)
+    evidence = np.zeros((len(mean), len(units.names), 2))  # of each truth
+    for attribute in np.unique(units.attribute):
+        members = np.flatnonzero(units.attribute == attribute)
+        for e in range(units.counts.shape[1]):
+            each, place = np.unique(units.counts[members, e], axis=0, return_inverse=True)
             rows, weight = mean[:, None, attribute, e], s[:, None, attribute, e]  # (C*S,1,2,K)
             scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
             evidence[:, members] += scores[:, place.ravel()]
-    truth, unit = by_truth[o, p, 1].astype(int), np.arange(len(o))
-    right, wrong = evidence[:, unit, truth], evidence[:, unit, 1 - truth]
+    unit = np.arange(len(units.names))
+    right, wrong = evidence[:, unit, units.truth], evidence[:, unit, 1 - units.truth]
     with np.errstate(divide="ignore"):
         values = np.logaddexp(np.log1p(-epsilon[:, None]) + right, np.log(epsilon[:, None]) + wrong)
-    attributes = draws["attribute"].values
-    names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p, strict=True)]
-    shape = (draws.sizes["chain"], draws.sizes["draw"], len(names))
-    return xr.DataArray(values.reshape(shape), {"unit": names}, ("chain", "draw", "unit"))
+    return _by_unit(values, draws, units)
+
+
+def predict_yes(draws: xr.Dataset, units: Units, rng: np.random.Generator) -> xr.Dataset:
+    """Draw how many percepts say yes of new objects in place of the units', (chain, draw, unit).
+
+    Each draw makes a row theta ~ Dirichlet(s m) for each behavior, of which only Pr(yes) matters;
+    a misperceived object shows the other truth's rows.
+    """
+    mean, s, epsilon = rows_of(draws)
+    number = units.counts.sum(axis=2)  # (U,E)
+    yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)  # (C*S,P,E,2)
+    found = np.empty((len(mean), len(number)), np.int64)
+    for out, rate, weight, swap in zip(found, yes, s, epsilon, strict=True):
+        truth = units.truth ^ (rng.random(len(number)) < swap)
+        m = rate[units.attribute, :, truth].clip(1e-9, 1 - 1e-9)  # (U,E)
+        a = np.minimum(weight[units.attribute, :, truth], 1e9)
+        out[:] = rng.binomial(number, rng.beta(a * m, a * (1 - m))).sum(axis=1)
+    return _by_unit(found, draws, units)
+
+
+def _by_unit(values: ArrayLike, draws: xr.Dataset, units: Units) -> xr.Dataset:
+    shape = (draws.sizes["chain"], draws.sizes["draw"], len(units.names))
+    dims = ("chain", "draw", "unit")
+    coords = {"chain": draws["chain"], "draw": draws["draw"], "unit": units.names}
+    return xr.Dataset({"yes": (dims, np.reshape(values, shape))}, coords)
 
 
 def log_likelihood(

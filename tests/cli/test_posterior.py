@@ -32,7 +32,7 @@ def test_the_grid_writes_everything(run, tmp_path):
     assert saved["mean"].dims == ("chain", "draw", "attribute", "behavior", "truth", "level")
     assert saved["mean"].coords["attribute"].values.tolist() == ["heavy", "beans"]
     assert saved["mean"].shape[:2] == (4, 200)
-    likelihood = az.from_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["percepts"]
+    likelihood = az.from_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["yes"]
     assert likelihood.shape == (4, 200, 36 * 2)
     assert (tmp_path / "fit" / "summary.csv").read_text().count("\n") == 1 + 2 * 11 * 2 * 3
     rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}

@@ -2,13 +2,14 @@ import arviz as az
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import dirichlet_multinomial
+from scipy.stats import dirichlet, dirichlet_multinomial
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
 from meal_bayes.posterior import ConfusionPosterior, draw_grid, idata
-from meal_bayes.posterior.draws import draws_of, rows_of, summarize_draws
-from meal_bayes.posterior.pointwise import pointwise_log_likelihood
+from meal_bayes.posterior.draws import draw_prior, draws_of, log_prior, rows_of, summarize_draws
+from meal_bayes.posterior.grid import DISPERSIONS
+from meal_bayes.posterior.pointwise import pointwise_log_likelihood, predict_yes, units_of
 
 
 @pytest.fixture
@@ -102,7 +103,7 @@ def test_names_count_and_not_the_order(fitted):
     expected = ConfusionPosterior.from_idata(made, domain)
     turned = {"truth": ["true", "false"], "level": ["yes", "no"], "attribute": ["heavy", "red"]}
     groups = {
-        group: made[group].sel(turned).transpose(..., "truth", "behavior")
+        group: xr.Dataset(made[group].data_vars).sel(turned).transpose(..., "truth", "behavior")
         for group in ("posterior", "observed_data")
     }
     found = ConfusionPosterior.from_idata(groups, domain)
@@ -150,7 +151,8 @@ def test_what_is_no_posterior_is_told(fitted):
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
 def test_log_likelihood_is_that_of_each_object(fitted):
     _, counts, draws = fitted
-    values = pointwise_log_likelihood(draws, counts, [str(o) for o in range(6)])
+    units = units_of(counts, [str(o) for o in range(6)], draws["attribute"].values)
+    values = pointwise_log_likelihood(draws, units)["yes"]
     assert values.shape == (4, 100, 12)
     (mean, s, _), expected = rows_of(draws), 0.0
     for e in range(2):
@@ -158,7 +160,48 @@ def test_log_likelihood_is_that_of_each_object(fitted):
         ways = {0: 1, 1: 3, 2: 3, 3: 1}[int(k[0])]
         expected += dirichlet_multinomial(alpha, 3).logpmf(k) - np.log(ways)
     assert float(values[3, 7].sel(unit="2: heavy")) == pytest.approx(expected)
-    found = grouped(counts[:, :, :2], draws, log_likelihood=xr.Dataset({"percepts": values}))
-    loo = idata.az.loo(found)
-    assert loo.n_data_points == 12
-    assert np.isfinite(float(getattr(loo, "elpd", getattr(loo, "elpd_loo", np.nan))))
+    made = idata.to_idata(draws, log_likelihood=values.to_dataset())
+    assert set(idata.unreliable(made)) <= set(units.names)
+    made = idata.to_idata(draws, log_likelihood=(10 * values).to_dataset())  # all too sure
+    assert min(idata.unreliable(made).values()) > 0.5
+
+
+def test_predicted_percepts_vary_as_objects_do(fitted):
+    """In n percepts of a row with dispersion s, n m (1 - m) (s + n) / (s + 1) is the variance."""
+    _, counts, draws = fitted
+    same = draws.isel(draw=[0]).isel(draw=np.zeros(5000, int), chain=[0])
+    units = units_of(counts, [str(o) for o in range(6)], draws["attribute"].values)
+    yes = predict_yes(same, units, np.random.default_rng(0))["yes"][0]
+    mean, s, _ = (values[0] for values in rows_of(same))
+    u = units.names.index("2: heavy")
+    m, s = mean[1, :, 1, 1], s[1, :, 1]
+    assert float(yes[:, u].mean()) == pytest.approx(3 * m.sum(), abs=0.1)
+    variance = (3 * m * (1 - m) * (s + 3) / (s + 1)).sum()
+    assert float(yes[:, u].var()) == pytest.approx(variance, rel=0.1)
+
+
+def test_the_prior_is_that_of_the_rows(fitted):
+    *_, draws = fitted
+    alpha = np.array([[[2.0, 1.0], [1.0, 3.0]]])  # of false and true objects
+    before = draw_prior(draws, alpha, np.random.default_rng(0), size=4000)
+    m = before["mean"].mean(("chain", "draw", "attribute", "behavior"))
+    np.testing.assert_allclose(m, [[2 / 3, 1 / 3], [1 / 4, 3 / 4]], atol=0.02)
+    log_s = np.log(before["dispersion"])
+    np.testing.assert_allclose(log_s.mean(), np.log(DISPERSIONS).mean(), atol=0.1)
+    alike = np.corrcoef(log_s[0, :, 0, 0, 0], log_s[0, :, 1, 0, 0])[0, 1]
+    apart = np.corrcoef(log_s[0, :, 0, 0, 0], log_s[0, :, 0, 1, 0])[0, 1]
+    assert alike > 0.8  # attributes of a behavior
+    assert abs(apart) < 0.1  # behaviors
+    density = log_prior(before, alpha)
+    rows = before["mean"].values[0, 5, 1, 0]
+    expected = [dirichlet(alpha[0, t]).logpdf(rows[t]) for t in range(2)]
+    np.testing.assert_allclose(density["mean"][0, 5, 1, 0], expected)
+    assert density["dispersion"].dims == ("chain", "draw", "behavior", "truth")
+    # of s on the grid, over all pairs of attributes, probabilities sum to 1
+    pairs = np.stack(np.meshgrid(DISPERSIONS, DISPERSIONS), axis=-1).reshape(-1, 2)
+    every = draws_of(
+        ("red", "heavy"), ("look",), np.full((1, len(pairs), 2, 1, 2, 2), 0.5),
+        np.tile(pairs[None, :, :, None, None], (1, 1, 1, 1, 2)),
+    )  # fmt: skip
+    total = np.exp(log_prior(every, alpha)["dispersion"]).sum(("chain", "draw"))
+    np.testing.assert_allclose(total, 1.0)
