@@ -130,7 +130,7 @@ def _fit(
     from meal_bayes.posterior import draw_grid
     from meal_bayes.seeds import stream
 
-    named = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
+    named: dict[str, Any] = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
     draws, chains, seed = config["draws"], config["chains"], config["seed"]
     if config["method"] == "grid":
         with patience("drawing from the grid ..."):

@@ -258,7 +258,7 @@ def draw_prior(
     ln s ~ Normal(mu, tau) on the grid, mu uniform and tau half-normal(1), both shared by the
     attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
     """
-    attributes, behaviors = draws["attribute"].values, draws["behavior"].values
+    attributes, behaviors = (draws[dim].values.tolist() for dim in ROW[:2])
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
     given, log_weight = hyperparameters()
     hyper = rng.choice(
