@@ -4,25 +4,20 @@ from pathlib import Path
 
 import click
 
-from meal_bayes.cli.console import output, print_json
-from meal_bayes.cli.options import json_option, seed_option
+from meal_bayes.cli.console import print_json, print_table, say
+from meal_bayes.cli.options import FILE, json_option, option, seed_option
 
 
 @click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--measure", type=click.Choice(["success", "cost", "reward"]), default="success",
-    show_default=True, help="What is compared.",
+@option("--measure", click.Choice(["success", "cost", "reward"]), "success", None,
+        "What is compared.")  # fmt: skip
+@option("--reference", None, None, "AGENT", "Compared with; the first one by default.")
+@option(
+    "--margin", click.FloatRange(0, min_open=True), None, "M",
+    "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
 )  # fmt: skip
-@click.option("--reference", metavar="AGENT", help="Compared with; the first one by default.")
-@click.option(
-    "--margin", type=click.FloatRange(0, min_open=True), metavar="M",
-    help="Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
-)  # fmt: skip
-@click.option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.png",
-    help="Draw the effects.",
-)  # fmt: skip
+@option("-o --out", FILE, None, "FILE.png", "Draw the effects.")
 @seed_option()
 @json_option
 def compare(
@@ -34,8 +29,6 @@ def compare(
     Effects are shrunk towards each other; `ahead` is the probability of being better than the
     reference, `equivalent` that of differing by less than the margin.
     """
-    from rich.table import Table
-
     from meal_bayes.evaluation.canvas import save
     from meal_bayes.evaluation.outcome_model import compare_outcomes, plot_effects
     from meal_bayes.trial_log import Logs
@@ -56,12 +49,11 @@ def compare(
     if as_json:
         print_json({"effects": [row.as_dict() for row in rows]})
         return
-    table = Table(title=f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
-    for name in ("agent", "trials", "plain", "effect", "95 %", "ahead", "equivalent"):
-        table.add_column(name)
-    for row in rows:
-        table.add_row(
-            row.agent, str(row.trials), f"{row.plain:+.3f}", f"{row.effect:+.3f}",
-            f"{row.low:+.3f} to {row.high:+.3f}", f"{row.ahead:.3f}", f"{row.equivalent:.3f}",
-        )  # fmt: skip
-    output().print(table)
+    say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
+    names = "agent", "trials", "plain", "effect", "95 %", "ahead", "equivalent"
+    cells = (
+        (row.agent, str(row.trials), f"{row.plain:+.3f}", f"{row.effect:+.3f}",
+         f"{row.low:+.3f} to {row.high:+.3f}", f"{row.ahead:.3f}", f"{row.equivalent:.3f}")
+        for row in rows
+    )  # fmt: skip
+    print_table(names, cells)

@@ -6,7 +6,7 @@ import json
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, NoReturn
 
 import click
@@ -84,31 +84,47 @@ class _Console(Console):
         raise BrokenPipeError
 
 
-def output() -> Console:
+def output(*, stderr: bool = False) -> Console:
     """Return the console of results."""
-    return _console(stderr=False)
-
-
-def notes() -> Console:
-    """Return the console of progress and notes, on standard error."""
-    return _console(stderr=True)
-
-
-def _console(*, stderr: bool) -> Console:
     console = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     if console.width < _NARROWEST:  # COLUMNS=0, or a terminal of unknown width
         console.width = _USUAL
     return console
 
 
-def new_table(*names: str, left: Collection[str] = ()) -> Table:
-    """Return an empty table of these columns, right-justified but for the first and `left`."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+def notes() -> Console:
+    """Return the console of progress and notes, on standard error."""
+    return output(stderr=True)
+
+
+def print_table(
+    names: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    left: Collection[str] = (),
+    narrow: bool = False,
+    caption: str = "",
+) -> None:
+    """Print a table of results.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Heads of the columns, right-justified but for the first and `left`.
+    rows : Iterable[Sequence[str]]
+        Their cells. The first column holds names, which stay whole.
+    narrow : bool
+        Whether columns stand close and lines stay whole, so that 80 characters hold them.
+    """
+    table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
+    table.caption = caption or None
     for name in names:
         justify: JustifyMethod = "left" if name in (names[0], *left) else "right"
-        # The first column holds names, which stay whole.
-        table.add_column(name, justify=justify, no_wrap=name == names[0])
-    return table
+        whole = narrow or name == names[0]
+        table.add_column(name, justify=justify, no_wrap=whole, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    output().print(table)
 
 
 def print_json(facts: Mapping[str, object]) -> None:
@@ -161,7 +177,8 @@ def patience(text: str) -> Iterator[None]:
 def progress(what: str, unit: str) -> Iterator[Advance]:
     """Show fraction done, time passed and time left: a bar on a terminal, else lines."""
     console, start = notes(), time.monotonic()
-    columns = (
+    # On no terminal rich prints nothing before the end; then a line tells from time to time.
+    bars = Progress(
         SpinnerColumn("line"),  # moves while a long unit does not
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
@@ -170,11 +187,8 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         TextColumn("left"),
-    )
-    # On no terminal rich prints nothing before the end; then a line tells from time to time.
-    bars = Progress(
-        *columns, console=console, transient=True, expand=True, disable=not console.is_terminal
-    )
+        console=console, transient=True, expand=True, disable=not console.is_terminal,
+    )  # fmt: skip
     task, first, last = bars.add_task(printable(what), total=None), None, start
 
     def advance(done: int, total: int) -> None:

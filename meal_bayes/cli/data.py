@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.console import (
-    new_table,
     note,
     output,
     patience,
     print_facts,
     print_json,
+    print_table,
     progress,
     say,
 )
 from meal_bayes.cli.options import (
+    FILE,
     cluster_option,
     jobs_option,
     json_option,
     named_value,
+    option,
     perception_option,
     root_option,
 )
@@ -61,11 +63,11 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
         print_json({"datasets": rows, "cache": str(cache_folder())})
         return
     names = "data set", "objects", "behaviors", "attributes", "recordings", "files here"
-    table = new_table(*names)
-    for row in rows:
-        here = f"{row['files_cached']} of {row['files']}"
-        table.add_row(*(str(row[key]) for key in list(row)[:5]), here)
-    output().print(table)
+    cells = (
+        (*map(str, list(row.values())[:5]), f"{row['files_cached']} of {row['files']}")
+        for row in rows
+    )
+    print_table(names, cells)
     note(
         f"Percepts come with the package. The recordings behind them (files) are kept in "
         f"{cache_folder()}; get them with: meal-bayes data fetch NAME"
@@ -102,17 +104,16 @@ def verify(dataset: str) -> None:
 
 
 @data.command()
-@click.option(
-    "--dataset", required=True, metavar="NAME|FILE", help="A data set, or your own domain (TOML)."
-)
+@option("--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).",
+        required=True)  # fmt: skip
 @perception_option
-@click.option(
-    "--classifier", metavar="MODULE:NAME",
-    help="A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
+@option(
+    "--classifier", None, None, "MODULE:NAME",
+    "A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
 )  # fmt: skip
 @root_option
-@click.option("--out", type=click.Path(path_type=Path), help="Where to write the table (.npz).")
+@option("--out", FILE, None, "FILE.npz", "Where to write the table.")
 @jobs_option
 @cluster_option
 def percepts(
@@ -222,15 +223,16 @@ def _compare(table: "PerceptTable", name: str) -> None:
 
     shipped = load_percepts(name)
     new, old = table.log_odds.astype(float), shipped.log_odds.astype(float)
-    if new.shape != old.shape or (np.isnan(new) != np.isnan(old)).any():
+    same = new.shape == old.shape and bool((np.isnan(new) == np.isnan(old)).all())
+    if not same:
         say(f"the table that ships for {name} holds other objects, behaviors or attributes")
-        click.get_current_context().exit(_UNSOUND)
-    difference = float(np.nanmax(np.abs(new - old)))
-    bins = float((table.training_bins != shipped.training_bins).mean())
-    same = difference <= _TOLERANCE
-    say(
-        f"against the table that ships for {name}: log-odds differ by at most {difference:.2g} "
-        f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
-    )
+    else:
+        difference = float(np.nanmax(np.abs(new - old)))
+        bins = float((table.training_bins != shipped.training_bins).mean())
+        same = difference <= _TOLERANCE
+        say(
+            f"against the table that ships for {name}: log-odds differ by at most {difference:.2g} "
+            f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
+        )
     if not same:
         click.get_current_context().exit(_UNSOUND)

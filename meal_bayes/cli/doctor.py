@@ -34,8 +34,7 @@ def doctor(as_json: bool) -> None:
         "package": _package,
         "system": _system,
         "versions": lambda: ", ".join(f"{name} {_version(name)}" for name in _LIBRARIES),
-        "data cache": _data_cache,
-        "user cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
+        "cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
         "data": _data,
         "viewer": _viewer,
         "settings": _settings,
@@ -81,36 +80,28 @@ def _version(name: str) -> str:
     return version
 
 
-def _data_cache() -> str:
-    from meal_bayes.datasets import cache_folder
-
-    return _folder(cache_folder())
-
-
 def _folder(path: Path) -> str:
     """Return whether a folder exists and can be written, and who else may write there."""
     if not path.exists():
         parent = next((parent for parent in path.absolute().parents if parent.exists()), path)
         return f"{path}, {'can' if os.access(parent, os.W_OK) else 'CANNOT'} be made"
-    state = path.stat()
+    mode = path.stat().st_mode
     writable = "writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable"
-    facts = [str(path), f"mode {stat.S_IMODE(state.st_mode):04o}", writable]
-    if hasattr(os, "getuid") and state.st_uid != os.getuid():
-        facts.append(f"belongs to user {state.st_uid}")
-    if state.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not state.st_mode & stat.S_ISVTX:
-        facts.append("OTHERS can write")
-    return ", ".join(facts + ([f"a link to {path.resolve()}"] if path.is_symlink() else []))
+    others = mode & (stat.S_IWGRP | stat.S_IWOTH) and not mode & stat.S_ISVTX
+    return f"{path.resolve()}, mode {stat.S_IMODE(mode):04o}, {writable}" + (
+        ", OTHERS can write" if others else ""
+    )
 
 
 def _data() -> str:
     from meal_bayes.datasets import cache_folder, registry
     from meal_bayes.datasets.sources import SOURCES
 
-    files = {name: [cache_folder() / path for path in registry(name)] for name in SOURCES}
-    return ", ".join(
-        f"{name} {sum(path.is_file() for path in paths)} of {len(paths)} files"
-        for name, paths in files.items()
-    )
+    counts = [_folder(cache_folder())]
+    for name in SOURCES:
+        files = [cache_folder() / path for path in registry(name)]
+        counts.append(f"{name} {sum(path.is_file() for path in files)} of {len(files)} files")
+    return "; ".join(counts)
 
 
 def _viewer() -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meal_bayes.cli.console import note, print_json, say
-from meal_bayes.cli.options import dataset_option, json_option, table_of
+from meal_bayes.cli.options import dataset_option, json_option, option, table_of
 from meal_bayes.cli.values import LARGEST, Finite
 
 if TYPE_CHECKING:
@@ -20,22 +20,20 @@ _FORMATS = ("pomdp", "pomdpx")
 
 @click.command(short_help="Write a query's decision problem for other solvers.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
-    "--format", type=click.Choice(_FORMATS),
-    help="What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
+@option(
+    "--format", click.Choice(_FORMATS), None, None,
+    "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
 )  # fmt: skip
 @dataset_option
-@click.option("--query", required=True, metavar="A,B,...", help="The attributes asked.")
-@click.option(
-    "--object", metavar="NAME",
-    help="Learn without this object, as for a trial about it; from all by default.",
+@option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
+@option(
+    "--object", None, None, "NAME",
+    "Learn without this object, as for a trial about it; from all by default.",
 )  # fmt: skip
-@click.option(
-    "--discount", type=Finite(0, 1, min_open=True), metavar="G", help="Of a step.  [0.99]"
-)
-@click.option(
-    "--reward", type=Finite(0, LARGEST, min_open=True), metavar="R",
-    help="For a right report, and taken for a wrong one; the data set's by default.",
+@option("--discount", Finite(0, 1, min_open=True), None, "G", "Of a step.  [0.99]")
+@option(
+    "--reward", Finite(0, LARGEST, min_open=True), None, "R",
+    "For a right report, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @json_option
 def export(file: Path, as_json: bool, **options: Any) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from meal_bayes.cli.console import output, print_facts, print_json, say
-from meal_bayes.cli.options import json_option
+from meal_bayes.cli.options import FILE, json_option, option
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.values import MOST_TRIALS
 
@@ -45,16 +45,13 @@ def info(file: Path, as_json: bool) -> None:
 
 @log.command(short_help="Show one trial step by step; of a compact log its outcome.")
 @_file
-@click.option(
-    "--trial", "number", type=click.IntRange(0, MOST_TRIALS), default=0, show_default=True,
-    help="Which trial, counted from 0.",
-)  # fmt: skip
+@option("--trial number", click.IntRange(0, MOST_TRIALS), 0, "N", "Which trial, counted from 0.")
 def show(file: Path, number: int) -> None:
     """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome."""
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import Logs
-    from meal_bayes.trials import truth_text
+    from meal_bayes.trials.text import outcome_facts
 
     logs, before = Logs(file), 0
     for group in logs.groups():
@@ -62,18 +59,9 @@ def show(file: Path, number: int) -> None:
         before += len(group.outcomes)
         if row >= len(group.outcomes):
             continue
-        outcome = group.outcomes.rows([row])
-        asked = [name for name in outcome.attribute[0] if name]
-        facts = {
-            "question": f"{', '.join(asked)}?",
-            "object": outcome.object_name[0],
-            "agent": outcome.agent[0],
-        }
-        if not group.trials:
-            answer = truth_text(asked, outcome.report[0]) if outcome.answered[0] else "abstained"
-            facts["answer"] = answer
-            facts["truth"] = truth_text(asked, outcome.truth[0][: len(asked)])
-            facts["cost"] = f"{outcome.cost[0]:.1f} s, reward {outcome.reward[0]:.1f}"
+        facts = outcome_facts(group.outcomes, row)
+        if group.trials:  # the rest is told with the steps
+            facts = {name: facts[name] for name in ("question", "object", "agent")}
         console = output()
         print_facts(console, facts)
         if group.trials:
@@ -111,7 +99,7 @@ def check(file: Path, as_json: bool) -> None:
 
 @log.command(short_help="Save the whole trials of a torn log into a new one.")
 @_file
-@click.option("--out", type=click.Path(path_type=Path), help="The new file.")
+@option("--out", FILE, None, "FILE", "The new file.")
 @json_option
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
     """Save the whole trials of a torn log into a new one; the torn one stays as it is."""

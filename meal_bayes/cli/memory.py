@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.console import new_table, note, output, print_json
+from meal_bayes.cli.console import note, print_json, print_table
 from meal_bayes.cli.options import dataset_option, json_option, logs_option
 from meal_bayes.cli.program import Section
 
@@ -35,13 +35,12 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     if not found:
         note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
         return
-    table = new_table("object", "is", "log", left=("is", "log"))
-    for column in table.columns:
-        column.overflow = "fold"
-    for one in found:
-        labels = ", ".join(k if v else f"not {k}" for k, v in one.values.items())
-        table.add_row(one.object_name, labels, one.path.name)
-    output().print(table)
+    cells = (
+        (one.object_name, ", ".join(k if v else f"not {k}" for k, v in one.values.items()),
+         one.path.name)
+        for one in found
+    )  # fmt: skip
+    print_table(("object", "is", "log"), cells, left=("is", "log"))
 
 
 @memory.command()

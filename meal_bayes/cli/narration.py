@@ -1,6 +1,5 @@
 """A trial as text: beliefs as bars, the decision and its reasons, the outcome, the cost."""
 
-import math
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -9,6 +8,7 @@ from rich.text import Text
 
 from meal_bayes.cli.console import Signs, label_text, print_facts, signs_of
 from meal_bayes.display import best_options, level_names, percent
+from meal_bayes.trials.text import final_facts, outcome_text, percept_labels
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,7 +50,10 @@ class Narrator:
             return
         facts = {"outcome": outcome_text(momdp, step, self._signs.arrow)}
         if step.observation is not None:
-            facts["percept"] = percept_text(momdp, action, step.observation)
+            percepts = zip(
+                self._names, percept_labels(momdp, action, step.observation), strict=True
+            )
+            facts["percept"] = ", ".join(f"{name}: {percept}" for name, percept in percepts)
         if step.warning:
             facts["warning"] = step.warning
         print_facts(self._console, facts, {"warning": "yellow"})
@@ -67,8 +70,8 @@ class Narrator:
         momdp, end = self._momdp, self._momdp.n_behaviors
         possible = momdp.legal[x].nonzero()[0]
         if len(possible) == 1:
-            only, here = momdp.behavior_names[possible[0]], momdp.x_names[x]
-            print_facts(self._console, {"possible": f"in {here} only {only}, or a report"})
+            only, state = momdp.behavior_names[possible[0]], momdp.x_names[x]
+            print_facts(self._console, {"possible": f"in {state} only {only}, or a report"})
         chosen = min(decision.action, end)
         options = best_options(decision.values, chosen, _OPTIONS)
         if not options:
@@ -76,38 +79,40 @@ class Narrator:
             return
         abstains = decision.action == momdp.abstention
         names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
-        width, label = max(len(names[option]) for option in options), "why"
+        width, simulated = max(len(names[option]) for option in options), decision.simulations > 0
+        rows = []
         if not self._header_printed:
             self._header_printed = True
-            heads = "expected reward" + "   simulations" * (decision.simulations > 0)
-            self._print_row(label, Text(f"{'':<{width + 4}}{heads}", "dim"))
-            label = ""
+            heads = "expected reward" + "   simulations" * simulated
+            rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
         for option in sorted(options, key=lambda option: option == end):
             sign = self._signs.chosen if option == chosen else " "
-            line = f"{sign:<2}{names[option]:<{width}}  {self._value_text(decision, option)}"
-            self._print_row(label, Text(line.rstrip(), "bold" if option == chosen else ""))
-            label = ""
-
-    def _value_text(self, decision: "Decision", option: int) -> str:
-        error = decision.value_se[option]
-        interval = f"{self._signs.interval}{error:.1f}" if error >= _SHOWN_ERROR else ""
-        value = f"{decision.values[option]:8.1f} {interval:<7}"
-        simulated = option < self._momdp.n_behaviors and decision.simulations > 0
-        return f"{value}  {decision.visits[option]:12d}" if simulated else value
+            error = decision.value_se[option]
+            interval = f"{self._signs.interval}{error:.1f}" if error >= _SHOWN_ERROR else ""
+            line = (
+                f"{sign:<2}{names[option]:<{width}}  {decision.values[option]:8.1f} {interval:<7}"
+            )
+            if option < end and simulated:
+                line += f"  {decision.visits[option]:12d}"
+            rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
+        self._print_rows("why", rows)
 
     def _print_belief(self, positive: "NDArray[np.float64]") -> None:
         width = max(map(len, self._names))
-        label = "belief"
+        rows = []
         for name, p in zip(self._names, positive, strict=True):
             line = Text(f"{name:<{width}}  ").append_text(bar(p, self._signs))
-            self._print_row(label, line.append(f" {percent(p):>7}"))
-            label = ""
+            rows.append(line.append(f" {percent(p):>7}"))
+        self._print_rows("belief", rows)
 
     def _print_heading(self, text: str) -> None:
         self._console.print(Text(text, "bold"))
 
-    def _print_row(self, label: str, text: Text) -> None:
-        self._console.print(label_text(label).append_text(text), no_wrap=True, overflow="ellipsis")
+    def _print_rows(self, label: str, rows: "list[Text]") -> None:
+        for text in rows:
+            line = label_text(label).append_text(text)
+            self._console.print(line, no_wrap=True, overflow="ellipsis")
+            label = ""
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -123,8 +128,6 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
 
     With more attributes than the console is wide for, print it as `print_trial` does.
     """
-    from meal_bayes.trials import percept_labels
-
     names, momdp = trial.task.query.attributes, trial.momdp
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     table.add_column("", justify="right")
@@ -165,25 +168,6 @@ def _cell(percept: str, p: float, width: int) -> str:
     return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
 
 
-def final_facts(trial: "Trial") -> dict[str, str]:
-    """Return texts of the report, its truth, the verdict and the cost."""
-    from meal_bayes.trials import truth_text, verdict_text
-
-    facts = {
-        "answer": "abstained; every report was too risky",
-        "truth": truth_text(trial.task.query.attributes, trial.truth),
-    }
-    if trial.ended:
-        facts["answer"] = f"none; {trial.ended}"
-    if trial.report is not None:
-        facts["answer"] = trial.task.query.report_name(trial.report)
-        if trial.success is not None:
-            facts["verdict"] = verdict_text(trial)
-    reward = "" if math.isnan(trial.reward) else f", reward {trial.reward:.1f}"
-    facts["cost"] = f"{trial.cost:.1f} s{reward}"
-    return facts
-
-
 def verdict_style(trial: "Trial") -> dict[str, str]:
     """Return the styles of the answer and the verdict."""
     return {"answer": "bold", "verdict": "bold green" if trial.success else "bold red"}
@@ -194,26 +178,3 @@ def bar(p: float, signs: Signs) -> Text:
     full = round(p * _BAR)
     line = Text(signs.full * full, "green" if p > 0.5 else "yellow")
     return line.append(signs.empty * (_BAR - full), "dim")
-
-
-def outcome_text(momdp: "MOMDP", step: "Step", arrow: str = "->") -> str:
-    """Return what a behavior led to, as text."""
-    action, x, next_x = step.decision.action, step.x, step.next_x
-    path = f"{momdp.x_names[x]} {arrow} {momdp.x_names[next_x]}"
-    if step.observation is not None:
-        return f"succeeded, {path}"
-    if step.warning:
-        return f"{path}; the features are no percept"
-    if momdp.observation_probability[action].max() <= 0:
-        return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
-    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
-        return f"{path}, but no recording is left to replay"
-    return f"failed, {path}; nothing perceived"
-
-
-def percept_text(momdp: "MOMDP", behavior: int, observation: "NDArray[np.int8]") -> str:
-    """Return the percept of each attribute, as text."""
-    from meal_bayes.trials import percept_labels
-
-    pairs = zip(momdp.query.attributes, percept_labels(momdp, behavior, observation), strict=True)
-    return ", ".join(f"{name}: {percept}" for name, percept in pairs)

@@ -10,28 +10,37 @@ from typing import Any, TypeVar
 
 import click
 
-from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, Address
+from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, MOST_TRIALS, address
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-root_option = click.option(
-    "--root",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    metavar="FOLDER",
-    help="Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
-)
+COUNT = click.IntRange(1, MOST_TRIALS)
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+def option(
+    name: str, kind: Any, default: object, metavar: str | None, text: str, **more: Any
+) -> Callable[[Command], Command]:
+    """Return an option of this type and help; its default is shown, unless that is None."""
+    if default is not None:
+        more = {"default": default, "show_default": True} | more
+    return click.option(*name.split(), type=kind, metavar=metavar, help=text, **more)
+
+
+root_option = option(
+    "--root", click.Path(exists=True, file_okay=False, path_type=Path), None, "FOLDER",
+    "Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
+)  # fmt: skip
 
 
 def dataset_option(command: Command) -> Command:
     """Add the options --dataset and --root, which `table_of` reads."""
-    return click.option(
-        "--dataset",
-        default="roc36",
-        show_default=True,
-        metavar="NAME|FILE",
-        help="roc36, ispy32, cy101 or a variant of them; your own domain (TOML, with --root), or "
-        "your own percept table (.npz).",
-    )(root_option(command))
+    return option(
+        "--dataset", None, "roc36", "NAME|FILE",
+        "roc36, ispy32, cy101 or a variant of them; your own domain (TOML, with --root), or your "
+        "own percept table (.npz).",
+    )(root_option(command))  # fmt: skip
 
 
 def table_of(dataset: str, root: Path | None, perception: str = "default") -> str:
@@ -53,14 +62,8 @@ def table_of(dataset: str, root: Path | None, perception: str = "default") -> st
 
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option --seed."""
-    return click.option(
-        "--seed",
-        type=click.IntRange(0, LARGEST_SEED),
-        default=default,
-        show_default=True,
-        metavar="S",
-        help="Of failures, recordings and planning; equal seeds give equal trials.",
-    )
+    text = "Of failures, recordings and planning; equal seeds give equal trials."
+    return option("--seed", click.IntRange(0, LARGEST_SEED), default, "S", text)
 
 
 def agent_value(text: str) -> object:
@@ -74,29 +77,17 @@ ONLINE_AGENTS = (
     "bayes_no_bonus, bayes_itrs or iterative_morc_bayes"
 )
 OWN = "package.module:name of your own"
-logs_option = click.option(
-    "--logs",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("logs"),
-    show_default=True,
-    help="Folder of the trial logs.",
-)
+logs_option = option("--logs", FOLDER, Path("logs"), None, "Folder of the trial logs.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
-jobs_option = click.option(
-    "--jobs", type=click.IntRange(1, MOST_JOBS), default=1, show_default=True, help="Processes."
+jobs_option = option("--jobs", click.IntRange(1, MOST_JOBS), 1, None, "Processes.")
+cluster_option = option(
+    "--cluster", address, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
 )
-cluster_option = click.option(
-    "--cluster", type=Address(), metavar="ADDRESS",
-    help="Of a Dask scheduler, whose workers run it instead.",
+perception_option = option(
+    "--perception", click.Choice(["default", "paper"]), "default", None,
+    "Which classifiers made the percepts: ours, or the paper's.",
 )  # fmt: skip
-perception_option = click.option(
-    "--perception",
-    type=click.Choice(["default", "paper"]),
-    default="default",
-    show_default=True,
-    help="Which classifiers made the percepts: ours, or the paper's.",
-)
 
 
 def listed(*texts: str) -> tuple[str, ...]:

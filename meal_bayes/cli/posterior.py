@@ -8,16 +8,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meal_bayes.cli.console import (
-    new_table,
     note,
     output,
     patience,
     print_facts,
     print_json,
+    print_table,
     progress,
 )
 from meal_bayes.cli.export import held_out_counts
-from meal_bayes.cli.options import dataset_option, digest, json_option, table_of
+from meal_bayes.cli.options import (
+    FOLDER,
+    dataset_option,
+    digest,
+    json_option,
+    option,
+    table_of,
+)
 from meal_bayes.cli.values import LARGEST_SEED
 
 if TYPE_CHECKING:
@@ -30,41 +37,31 @@ _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _SHOWN = 12  # pairs in the table
 _NAMED = 5  # surprising objects
+_RATE = "{:.2f} ({:.2f} to {:.2f})"
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
 @dataset_option
-@click.option(
-    "--method", type=click.Choice(["grid", "pymc"]), default="grid", show_default=True,
-    help="Exact quadrature in a second, or NUTS in minutes.",
+@option(
+    "--method", click.Choice(["grid", "pymc"]), "grid", None,
+    "Exact quadrature in a second, or NUTS in minutes.",
 )  # fmt: skip
-@click.option(
-    "--model", type=click.Choice(["same", "crossed"]), default="same", show_default=True,
-    help="The grid's, or attributes crossed with behaviors that err together (pymc only).",
+@option(
+    "--model", click.Choice(["same", "crossed"]), "same", None,
+    "The grid's, or attributes crossed with behaviors that err together (pymc only).",
 )  # fmt: skip
-@click.option("--attributes", metavar="A,B", help="The attributes to fit; all by default.")
-@click.option("--held-out", metavar="OBJECT", help="Learn without this object.")
-@click.option(
-    "--levels", type=click.IntRange(2, 8), default=2, show_default=True, metavar="K",
-    help="Of a percept: 2, 4 or 8.",
+@option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
+@option("--held-out", None, None, "OBJECT", "Learn without this object.")
+@option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
+@option(
+    "--prior-scale", click.FloatRange(0, 1000, min_open=True), 1.0, "F",
+    "Weight of the prior of the rows, of that which is learned from the data.",
 )  # fmt: skip
-@click.option(
-    "--prior-scale", type=click.FloatRange(0, 1000, min_open=True), default=1.0, show_default=True,
-    metavar="F", help="Weight of the prior of the rows, of that which is learned from the data.",
-)  # fmt: skip
-@click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
-    help="Folder of what is written; one in posteriors/ by default.",
-)  # fmt: skip
-@click.option("--draws", type=click.IntRange(10, 100_000), default=1000, show_default=True,
-              help="Of each chain.")  # fmt: skip
-@click.option("--tune", type=click.IntRange(10, 1_000_000), default=1000, show_default=True,
-              help="Steps before them (pymc).")  # fmt: skip
-@click.option("--chains", type=click.IntRange(2, 64), default=4, show_default=True)
-@click.option(
-    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, metavar="S",
-    help="Equal seeds give equal draws.",
-)  # fmt: skip
+@option("--out", FOLDER, None, "DIR", "Folder of what is written; one in posteriors/ by default.")
+@option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
+@option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
+@option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
+@option("--seed", click.IntRange(0, LARGEST_SEED), 0, "S", "Equal seeds give equal draws.")
 @json_option
 def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
@@ -257,23 +254,21 @@ def _rows(draws: "xr.Dataset") -> list[dict[str, Any]]:
 
 
 def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) -> None:
-    console = output()
-    table = new_table("variable", "entries", "R-hat", "ESS bulk", "ESS tail")
-    for one in facts["convergence"]:
-        ess = (f"{one[name]:.0f}" for name in ("ess_bulk", "ess_tail"))
-        table.add_row(one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", *ess)
-    console.print(table)
-    console.print()
+    cells = (
+        (one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", f"{one['ess_bulk']:.0f}",
+         f"{one['ess_tail']:.0f}")
+        for one in facts["convergence"]
+    )  # fmt: skip
+    print_table(("variable", "entries", "R-hat", "ESS bulk", "ESS tail"), cells)
+    output().print()
+    pairs = (
+        (row["attribute"], row["behavior"], _RATE.format(row["tpr"], *row["tpr_interval"]),
+         _RATE.format(row["fpr"], *row["fpr_interval"]),
+         f"{row['s_true']:.1f}", f"{row['s_false']:.1f}")
+        for row in sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]
+    )  # fmt: skip
     names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
-    table = new_table(*names, left=("behavior",))
-    for row in sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]:
-        rates = [
-            "{:.2f} ({:.2f} to {:.2f})".format(row[name], *row[f"{name}_interval"])
-            for name in ("tpr", "fpr")
-        ]
-        s = (f"{row[name]:.1f}" for name in ("s_true", "s_false"))
-        table.add_row(row["attribute"], row["behavior"], *rates, *s)
-    console.print(table)
+    print_table(names, pairs, left=("behavior",))
     if len(rows) > _SHOWN:
         note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
     p = facts["predictive_p"]
@@ -296,8 +291,8 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         )
     if facts["misperception"] is not None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
-    console.print()
-    print_facts(console, shown)
+    output().print()
+    print_facts(output(), shown)
 
 
 def _convergence_text(facts: dict[str, Any]) -> str:

@@ -38,7 +38,6 @@ class Program(Section):
         _hold_streams()
         _show_warnings()
         try:
-            _check_text(sys.argv[1:] if args is None else args)
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort):
@@ -55,6 +54,9 @@ class Program(Section):
             _fail(str(fault))
         except OSError as fault:
             _fail(_system_message(fault), SYSTEM)
+        except UnicodeEncodeError as fault:  # logs and pages are UTF-8
+            shown = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
+            _fail(f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
         except MemoryError:
             _fail("There is not enough memory; ask for less at a time, or close others.", SYSTEM)
         sys.exit(code if isinstance(code, int) else 0)
@@ -72,11 +74,6 @@ class Program(Section):
 
 def _hold_streams() -> None:
     """Check that results can be shown, and let every stream show every name."""
-    for number in range(3):  # of closed streams, or the next file, such as a log, would get them
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
     if sys.stderr is None:  # it was closed; notes are lost
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     if sys.stdout is None:
@@ -84,16 +81,6 @@ def _hold_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
-
-
-def _check_text(arguments: Sequence[str]) -> None:
-    """Check that arguments are UTF-8 text, as logs and pages are."""
-    for text in arguments:
-        if not text.isascii() and any("\ud800" <= sign <= "\udfff" for sign in text):
-            shown = os.fsencode(text).decode("utf-8", "backslashreplace")
-            raise click.UsageError(
-                f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale."
-            )
 
 
 class _Warnings(logging.Handler):

@@ -5,14 +5,13 @@ from pathlib import Path
 import click
 
 from meal_bayes.cli.console import note, progress, say
+from meal_bayes.cli.options import FILE, option
 
 
 @click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("report.html"),
-    show_default=True, metavar="FILE.html", help="The page; everything it needs is in it.",
-)  # fmt: skip
+@option("-o --out", FILE, Path("report.html"), "FILE.html",
+        "The page; everything it needs is in it.")  # fmt: skip
 def report(logs: tuple[Path, ...], out: Path) -> None:
     """Write one page of the trials in LOGS, files or runs' folders."""
     from meal_bayes.evaluation.report import write_report

@@ -11,10 +11,13 @@ import click
 
 from meal_bayes.cli.console import note, progress
 from meal_bayes.cli.options import (
+    COUNT,
+    FOLDER,
     cluster_option,
     jobs_option,
     json_option,
     logs_option,
+    option,
     seed_option,
 )
 from meal_bayes.cli.values import MOST_TRIALS
@@ -34,21 +37,20 @@ _PACKAGE = "paper_repro"
 @jobs_option
 @cluster_option
 @logs_option
-@click.option(
-    "--scripts", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
-    help=f"Where the items are; {_PACKAGE}/ here or above by default.",
-)  # fmt: skip
-@click.option(
-    "--trials", type=click.IntRange(1, MOST_TRIALS), metavar="T",
-    help="Of an agent offline, at most.",
-)  # fmt: skip
-@click.option(
-    "--repeats", type=click.IntRange(0, MOST_TRIALS), metavar="R",
-    help="Of online runs, at most; 0 runs none.",
-)  # fmt: skip
-@click.option(
-    "--only", default="", metavar="TEXT",
-    help="Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
+@option(
+    "--scripts",
+    FOLDER,
+    None,
+    "FOLDER",
+    f"Where the items are; {_PACKAGE}/ here or above by default.",
+)
+@option("--trials", COUNT, None, "T", "Of an agent offline, at most.")
+@option(
+    "--repeats", click.IntRange(0, MOST_TRIALS), None, "R", "Of online runs, at most; 0 runs none."
+)
+@option(
+    "--only", None, "", "TEXT",
+    "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
 )  # fmt: skip
 @json_option
 def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:

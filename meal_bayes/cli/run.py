@@ -4,14 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.console import (
-    new_table,
     note,
     output,
     print_json,
+    print_table,
     progress,
     resumed,
     showing_compilation,
@@ -19,6 +18,7 @@ from meal_bayes.cli.console import (
 )
 from meal_bayes.cli.options import (
     AGENTS,
+    COUNT,
     OWN,
     agent_value,
     cluster_option,
@@ -28,18 +28,18 @@ from meal_bayes.cli.options import (
     json_option,
     listed,
     logs_option,
+    option,
     perception_option,
     seed_option,
     table_of,
 )
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.values import LARGEST, MOST_TRIALS, Finite
+from meal_bayes.cli.values import LARGEST, Finite
 from meal_bayes.untrusted import NAME_LIMIT
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.experiments import OfflineConfig, OfflineRun
-    from meal_bayes.trials import TrialOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -52,29 +52,23 @@ def run() -> None:
 
 @run.command(short_help="Agents answer the same queries about new objects.")
 @dataset_option
-@click.option(
-    "--attributes", type=click.IntRange(1, NAME_LIMIT), default=2, show_default=True, metavar="N",
-    help="Asked at a time.",
-)  # fmt: skip
-@click.option(
-    "--trials", type=click.IntRange(1, MOST_TRIALS), default=400, show_default=True, metavar="T",
-    help="For each agent.",
-)  # fmt: skip
-@click.option(
-    "--agent", "agents", multiple=True, metavar="NAME",
-    help=f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.",
+@option("--attributes", click.IntRange(1, NAME_LIMIT), 2, "N", "Asked at a time.")
+@option("--trials", COUNT, 400, "T", "For each agent.")
+@option(
+    "--agent agents", None, None, "NAME",
+    f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.", multiple=True,
 )  # fmt: skip
 @seed_option()
 @jobs_option
 @cluster_option
-@click.option(
-    "--percepts", type=click.Choice(["recorded", "model"]), default="recorded", show_default=True,
-    help="Of real recordings, or drawn from the learned confusion matrices.",
+@option(
+    "--percepts", click.Choice(["recorded", "model"]), "recorded", None,
+    "Of real recordings, or drawn from the learned confusion matrices.",
 )  # fmt: skip
 @perception_option
-@click.option(
-    "--reward", type=Finite(0, LARGEST, min_open=True), metavar="R",
-    help="For a right answer, and taken for a wrong one; the data set's by default.",
+@option(
+    "--reward", Finite(0, LARGEST, min_open=True), None, "R",
+    "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @logs_option
 @fresh_option
@@ -104,7 +98,7 @@ def offline(
         facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
         print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
-    _print(output(), rows, paired)
+    _print(rows, paired)
     note(f"trials in {finished.folder}")
 
 
@@ -129,68 +123,54 @@ def _run(config: "OfflineConfig", **options: Any) -> "OfflineRun":
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":
     """Summarize the trials, and compare each agent with the paper's on the tasks they share."""
-    from meal_bayes.evaluation import summarize
+    from meal_bayes.evaluation import compare, summarize
+    from meal_bayes.evaluation.statistics import plain
 
     outcomes = finished.outcomes()
     rows = summarize(outcomes, seconds=finished.seconds)
-    others = [row.agent for row in rows if row.agent != _AGAINST]
-    if len(others) == len(rows):
-        return rows, []
-    return rows, [_difference(outcomes, agent) for agent in others]
+    paired: list[dict[str, object]] = []
+    if any(row.agent == _AGAINST for row in rows):
+        for agent in (row.agent for row in rows if row.agent != _AGAINST):
+            difference = compare(outcomes, agent, _AGAINST, measure=_MEASURE)
+            pair = {"agent": agent, "against": _AGAINST, "measure": _MEASURE}
+            paired.append(pair | plain(difference._asdict()))
+    return rows, paired
 
 
-def _difference(outcomes: "TrialOutcomes", agent: str) -> dict[str, object]:
-    from meal_bayes.evaluation import compare
-    from meal_bayes.evaluation.statistics import plain
-
-    found = compare(outcomes, agent, _AGAINST, measure=_MEASURE)
-    return {"agent": agent, "against": _AGAINST, "measure": _MEASURE, **plain(found._asdict())}
-
-
-def _print(console: Console, rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+    console = output()
     interval = signs_of(console).interval
-    table = new_table("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
-    for column in table.columns:
-        column.no_wrap = True
-    for row in rows:
-        table.add_row(
-            row.agent,
-            f"{row.accuracy:.3f} {interval}{row.accuracy_se:.3f}",
-            f"{row.cost_s:.1f}",
-            f"{row.reward:.1f} {interval}{row.reward_se:.1f}",
-            f"{row.nll:.3f}",
-            f"{row.ece:.3f}",
-            f"{row.abstained:.1%}",
-        )
-    console.print(table)
-    console.print(
-        Text(
-            f"{rows[0].trials} trials an agent; {interval} one standard error, objects drawn as "
-            "wholes; NLL and ECE of the final belief",
-            "dim",
-        )
+    cells = (
+        (row.agent, f"{row.accuracy:.3f} {interval}{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
+         f"{row.reward:.1f} {interval}{row.reward_se:.1f}", f"{row.nll:.3f}", f"{row.ece:.3f}",
+         f"{row.abstained:.1%}")
+        for row in rows
+    )  # fmt: skip
+    names = ("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
+    print_table(names, cells, narrow=True)
+    text = (
+        f"{rows[0].trials} trials an agent; {interval} one standard error, objects drawn as "
+        "wholes; NLL and ECE of the final belief"
     )
-    _print_beliefs(console, rows)
+    console.print(Text(text, "dim"))
+    console.print()
+    beliefs = (
+        (
+            row.agent,
+            *(f"{value:.3f}" for value in (row.nll, row.brier, row.ece, row.ece_calibrated)),
+        )
+        for row in rows
+    )
+    print_table(("final belief", "NLL", "Brier", "ECE", "ECE if calibrated"), beliefs)
     if paired:
-        _print_paired(console, paired)
-
-
-def _print_beliefs(console: Console, rows: "list[SummaryRow]") -> None:
-    console.print()
-    table = new_table("final belief", "NLL", "Brier", "ECE", "ECE if calibrated")
-    for row in rows:
-        numbers = (row.nll, row.brier, row.ece, row.ece_calibrated)
-        table.add_row(row.agent, *(f"{number:.3f}" for number in numbers))
-    console.print(table)
-
-
-def _print_paired(console: Console, paired: "list[dict[str, object]]") -> None:
-    console.print()
-    table = new_table(f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
-    for entry in paired:
-        low, high = (_signed(entry[name]) for name in ("low", "high"))
-        table.add_row(str(entry["agent"]), _signed(entry["estimate"]), f"{low} to {high}")
-    console.print(table)
+        console.print()
+        differences = (
+            (str(pair["agent"]), _signed(pair["estimate"]),
+             f"{_signed(pair['low'])} to {_signed(pair['high'])}")
+            for pair in paired
+        )  # fmt: skip
+        heads = (f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
+        print_table(heads, differences)
 
 
 def _signed(value: object) -> str:

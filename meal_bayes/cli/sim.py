@@ -1,6 +1,8 @@
 """`meal-bayes sim`: an arm in physics records objects and answers questions about new ones."""
 
 import os
+import re
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,39 +10,39 @@ import click
 
 from meal_bayes.cli.answer import trial_facts
 from meal_bayes.cli.console import (
-    new_table,
     note,
     output,
     patience,
     print_json,
+    print_table,
     progress,
     showing_compilation,
 )
 from meal_bayes.cli.options import (
+    FILE,
+    FOLDER,
     agent_value,
     digest,
     jobs_option,
     json_option,
     logs_option,
+    option,
     seed_option,
 )
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset
-    from meal_bayes.experiments.simulated import Happened, LiveTrial
+    from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.learner import Learner
     from meal_bayes.robots.frame import Frame
-    from meal_bayes.robots.simulated_arm import OnFrame
     from meal_bayes.trials import Trial
 
 _BLOCK = 20  # trials of one point of the curve
-_STATES = ("from", "to")  # columns
 _FAULT = 1  # exit code of a trial that ended with a robot error
 
-agent_option = click.option(
-    "--agent", default="bayes", show_default=True, metavar="NAME", help="Who answers."
-)
+SEVERAL, SOME = click.IntRange(min=2), click.IntRange(min=1)
+agent_option = option("--agent", None, "bayes", "NAME", "Who answers.")
 
 
 @click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
@@ -49,12 +51,10 @@ def sim() -> None:
 
 
 @sim.command(short_help="Record objects as a data set of your own.")
-@click.option("--objects", type=click.IntRange(min=2), default=30, show_default=True)
-@click.option("--recordings", type=click.IntRange(min=1), default=5, show_default=True)
-@click.option(
-    "--out", required=True, type=click.Path(file_okay=False, path_type=Path),
-    help="The folder for the CSV files and the table of the domain.",
-)  # fmt: skip
+@option("--objects", SEVERAL, 30, None, "That are drawn from the seed.")
+@option("--recordings", SOME, 5, None, "Of each behavior on each of them.")
+@option("--out", FOLDER, None, "DIRECTORY", "For the CSV files and the table of the domain.",
+        required=True)  # fmt: skip
 @seed_option()
 @jobs_option
 def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
@@ -70,7 +70,15 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
         made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
     path = save_recordings(made, out)
     click.echo(f"{out}: {objects} objects, up to {recordings} recordings of each behavior")
-    _print_outcomes(outcomes_of(made))
+    happened = outcomes_of(made)
+    tried = Counter[tuple[str, str]]()
+    for (state, behavior, _), count in happened.items():
+        tried[state, behavior] += count
+    rows = (
+        (behavior, state, after, str(count), f"{count / tried[state, behavior]:.3f}")
+        for (state, behavior, after), count in sorted(happened.items())
+    )
+    print_table(("behavior", "from", "to", "times", "fraction"), rows, left=("from", "to"))
     note(
         "make percepts of them with: meal-bayes data percepts "
         f"--dataset {path} --root {out} --out {out}/percepts.npz"
@@ -80,17 +88,12 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @sim.command(short_help="Ask about a new object, which the arm then touches.")
 @click.argument("question")
 @agent_option
-@click.option("--objects", type=click.IntRange(min=2), default=30, show_default=True,
-              help="Training objects; recorded once, then kept.")  # fmt: skip
-@click.option("--recordings", type=click.IntRange(min=1), default=3, show_default=True,
-              help="Recordings of each.")  # fmt: skip
-@click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1,
-              show_default="one a core", help="Processes that record them.")  # fmt: skip
+@option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept.")
+@option("--recordings", SOME, 3, None, "Recordings of each.")
+@option("--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
+        show_default="one a core")  # fmt: skip
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
-@click.option(
-    "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd",
-    help="Write what --view would show.",
-)  # fmt: skip
+@option("--save", FILE, None, "FILE.rrd", "Write what --view would show.")
 @seed_option()
 @logs_option
 @json_option
@@ -104,6 +107,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
+    from meal_bayes.robots.simulated_arm.frame import frame_of
     from meal_bayes.trial_log import read_trials
     from meal_bayes.viewer.window import check_recording_name
 
@@ -116,11 +120,15 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     # Other settings, other logs; equal ones make equal trials.
     config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
     settings = digest({**config, "question": question})
-    log = options["logs"] / f"sim-seed{seed}-{_slug(question)}-{learner.agent.name}-{settings}.mcap"
+    asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
+    log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
-    watch = _watch(frames) if view or recording is not None else None
+    watched = view or recording is not None
     try:
-        trial = simulated.ask_new(learner, question, seed, on_frame=watch, log=log)
+        trial = simulated.ask_new(
+            learner, question, seed, log=log,
+            on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
+        )  # fmt: skip
     except RobotError:
         (trial,) = read_trials(log)  # as far as it went
     if as_json:
@@ -138,7 +146,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
 
 
 @sim.command(short_help="Begin with nothing, and learn while answering.")
-@click.option("--trials", type=click.IntRange(min=1), default=200, show_default=True)
+@option("--trials", SOME, 200, None, "One an object.")
 @agent_option
 @seed_option()
 @logs_option
@@ -165,9 +173,16 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
             done.append(one)
             advance(len(done), trials)
     if as_json:
-        print_json({"trials": [_live_row(one) for one in done], "log": str(folder)})
+        rows = [
+            {"number": one.number, "agent": one.agent, "asked": one.attribute, "fault": one.fault}
+            | ({} if one.trial is None else trial_facts(one.trial))
+            for one in done
+        ]
+        print_json({"trials": rows, "log": str(folder)})
         return
-    _print_curve(done)
+    names = "trials", "agent", "accuracy", "s a trial", "robot errors"
+    blocks = (done[start : start + _BLOCK] for start in range(0, len(done), _BLOCK))
+    print_table(names, map(_point, blocks), left=("agent",))
     _print_success(learner)
     note(f"every trial: meal-bayes log show {folder}")
 
@@ -178,12 +193,6 @@ def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
     learner = Learner(data.domain, agent=agent_value(agent), seed=seed, logs=None)
     with showing_compilation(), patience(f"learning from {len(data.objects)} objects ..."):
         return learner.fit(data)
-
-
-def _watch(frames: "list[Frame]") -> "OnFrame":
-    from meal_bayes.robots.simulated_arm.frame import frame_of
-
-    return lambda scene: frames.append(frame_of(scene))
 
 
 def _write_view(trial: "Trial", frames: "list[Frame]", path: Path) -> None:
@@ -205,51 +214,27 @@ def _view(trial: "Trial", frames: "list[Frame]") -> None:
             viewer.wait()
 
 
-def _live_row(one: "LiveTrial") -> dict[str, object]:
-    row = {"number": one.number, "agent": one.agent, "asked": one.attribute, "fault": one.fault}
-    return row if one.trial is None else {**row, **trial_facts(one.trial)}
-
-
-def _print_curve(done: "list[LiveTrial]") -> None:
-    """Print accuracy and cost of one block of trials after another."""
-    table = new_table("trials", "agent", "accuracy", "s a trial", "robot errors", left=("agent",))
-    for start in range(0, len(done), _BLOCK):
-        block = done[start : start + _BLOCK]
-        trials = [one.trial for one in block if one.trial is not None]
-        right = sum(bool(trial.success) for trial in trials)
-        cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
-        agents = ", ".join(dict.fromkeys(one.agent for one in block))
-        table.add_row(
-            f"{block[0].number}-{block[-1].number}", agents,
-            f"{right / max(len(trials), 1):.2f}", f"{cost:.1f}", str(len(block) - len(trials)),
-        )  # fmt: skip
-    output().print(table)
-
-
-def _print_outcomes(happened: "Happened") -> None:
-    """Print how often each behavior led from which state to which."""
-    table = new_table("behavior", "from", "to", "times", "fraction", left=_STATES)
-    for (state, behavior, after), count in sorted(happened.items()):
-        tried = sum(n for key, n in happened.items() if key[:2] == (state, behavior))
-        table.add_row(behavior, state, after, str(count), f"{count / tried:.3f}")
-    output().print(table)
+def _point(block: "list[LiveTrial]") -> list[str]:
+    """Return accuracy and cost of a block of trials, a row of the curve."""
+    trials = [one.trial for one in block if one.trial is not None]
+    right = sum(bool(trial.success) for trial in trials) / max(len(trials), 1)
+    cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
+    agents = ", ".join(dict.fromkeys(one.agent for one in block))
+    place = f"{block[0].number}-{block[-1].number}"
+    return [place, agents, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]
 
 
 def _print_success(learner: "Learner") -> None:
     """Print how often each behavior succeeded: in these trials, as learned, and of 300 objects."""
     from meal_bayes.domain import learn_success
 
-    table = new_table("behavior", "tried", "succeeded", "learned", "of 300 objects")
     domain, attempts = learner.domain, learner.experience.attempts
     learned, before = (
         {effect.behavior: f"{diagram.success(effect):.3f}" for effect in diagram.effects}
         for diagram in (learn_success(domain, attempts).diagram, domain.diagram)
     )
-    for name, (failed, succeeded) in zip(domain.behavior_names, attempts.tolist(), strict=True):
-        counts = str(failed + succeeded), str(succeeded)
-        table.add_row(name, *counts, learned[name], before[name])
-    output().print(table)
-
-
-def _slug(text: str) -> str:
-    return "-".join("".join(c if c.isalnum() else " " for c in text.lower()).split())[:50]
+    rows = (
+        (name, str(failed + succeeded), str(succeeded), learned[name], before[name])
+        for name, (failed, succeeded) in zip(domain.behavior_names, attempts.tolist(), strict=True)
+    )
+    print_table(("behavior", "tried", "succeeded", "learned", "of 300 objects"), rows)

@@ -8,12 +8,12 @@ import click
 
 from meal_bayes.untrusted import LARGEST
 
-__all__ = ["LARGEST", "Address", "Chance", "Finite", "Shares"]
+__all__ = ["LARGEST", "Finite", "address", "chance", "shares"]
 MOST_TRIALS = 10_000_000
 MOST_JOBS = 1024
 LARGEST_SEED = 2**63 - 1
-_WHOLE = re.compile(r"\s*[+-]?\d{1,30}\s*", re.ASCII)
-_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?\s*", re.ASCII)
+_SHARES = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
+_CHANCE = re.compile(r"(.*[^\s=].*)=((0?\.|[01]\.?)\d*([eE]-?\d{1,3})?)", re.ASCII)
 _ADDRESS = re.compile(
     r"((tcp|tls|ws|wss|ucx)://)?[\w.-]+:\d{1,5}|\[[\da-fA-F:]+\]:\d{1,5}", re.ASCII
 )
@@ -30,48 +30,28 @@ class Finite(click.FloatRange):
         return number
 
 
-class Shares(click.ParamType[Any]):
-    """Three parts of the objects, such as 33/33/34."""
-
-    name = "A/B/C"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Read three whole numbers."""
-        if isinstance(value, tuple):
-            return value
-        parts = value.split("/")
-        if len(parts) != 3 or not all(_WHOLE.fullmatch(p) and 0 < int(p) <= 10**6 for p in parts):
-            self.fail(
-                f"split is {value!r}; give three whole numbers above 0, such as 33/33/34.",
-                param, ctx,
-            )  # fmt: skip
-        return tuple(map(int, parts))
+def shares(text: str) -> tuple[int, ...]:
+    """Read three parts of the objects, such as 33/33/34."""
+    found = _SHARES.fullmatch(text)
+    if found is None:
+        raise click.BadParameter(
+            f"split is {text!r}; give three whole numbers above 0, such as 33/33/34."
+        )
+    return tuple(map(int, found.groups()))
 
 
-class Chance(click.ParamType[Any]):
-    """A behavior and its probability, such as grasp=0.5."""
-
-    name = "BEHAVIOR=P"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Read the name and the number."""
-        if isinstance(value, tuple):
-            return value
-        name, _, chance = value.partition("=")
-        if not name.strip() or not _NUMBER.fullmatch(chance) or not 0 < float(chance) <= 1:
-            self.fail(
-                f"success is {value!r}; give it as grasp=0.5, above 0 and at most 1.", param, ctx
-            )
-        return name.strip(), float(chance)
+def chance(text: str) -> tuple[str, float]:
+    """Read a behavior and its probability, such as grasp=0.5."""
+    found = _CHANCE.fullmatch(text)
+    if found is None or not 0 < float(found[2]) <= 1:
+        raise click.BadParameter(
+            f"success is {text!r}; give it as grasp=0.5, above 0 and at most 1."
+        )
+    return found[1].strip(), float(found[2])
 
 
-class Address(click.ParamType[Any]):
-    """Address of a Dask scheduler."""
-
-    name = "ADDRESS"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Check the form of the address."""
-        if not _ADDRESS.fullmatch(value):
-            self.fail(f"{value!r} is no address; give it as tcp://host:8786.", param, ctx)
-        return value
+def address(text: str) -> str:
+    """Read the address of a Dask scheduler."""
+    if not _ADDRESS.fullmatch(text):
+        raise click.BadParameter(f"{text!r} is no address; give it as tcp://host:8786.")
+    return text

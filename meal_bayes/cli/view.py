@@ -9,6 +9,7 @@ import click
 
 from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
+from meal_bayes.cli.options import FILE, option
 from meal_bayes.cli.values import MOST_TRIALS
 from meal_bayes.files import check_output, draft_of
 
@@ -23,21 +24,15 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Show trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--trial", "number", type=click.IntRange(0, MOST_TRIALS), metavar="N",
-    help="Show only this trial step by step, counted from 0; all of them by default.",
+@option(
+    "--trial number", click.IntRange(0, MOST_TRIALS), None, "N",
+    "Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
-@click.option(
-    "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd",
-    help="Write the recording and open no viewer.",
-)  # fmt: skip
-@click.option(
-    "--screenshot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.png",
-    help="Write a picture of the viewer and open no window.",
-)  # fmt: skip
-@click.option(
-    "--step", type=click.IntRange(0, MOST_TRIALS), metavar="S",
-    help="Which row of the timeline the picture shows; the last behavior of the trial by default.",
+@option("--save", FILE, None, "FILE.rrd", "Write the recording and open no viewer.")
+@option("--screenshot", FILE, None, "FILE.png", "Write a picture of the viewer and open no window.")
+@option(
+    "--step", click.IntRange(0, MOST_TRIALS), None, "S",
+    "Which row of the timeline the picture shows; the last behavior of the trial by default.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
 @click.option("--live", is_flag=True, help="Follow a run that is still writing LOG.")
@@ -93,9 +88,9 @@ def _save(log: Path, path: Path, number: int | None) -> None:
         from meal_bayes.viewer.window import check_recording_name
 
         check_recording_name(path)
-        logs = _open(log, number)
+        logs, total = _open(log, number)
         with draft_of(path, inputs=logs.files) as draft:
-            trials, _ = _record(log, logs, draft, number)
+            trials, _ = _record(log, logs, draft, number, total)
     say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
 
 
@@ -106,7 +101,8 @@ def _picture(log: Path, path: Path, number: int | None, step: int | None) -> Non
     with temporary_folder() as folder:
         # rerun shows the file's name
         recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
-        _, last = _record(log, _open(log, number), recording, number)
+        logs, total = _open(log, number)
+        _, last = _record(log, logs, recording, number, total)
         take_picture(recording, path, row=last if step is None else step)
     say(f"{path}: {path.stat().st_size:,} bytes")
 
@@ -115,7 +111,7 @@ def _show(log: Path, number: int | None, *, web: bool, live: bool) -> None:
     """Send trials to a window or a page, so that no file remains."""
     from meal_bayes.viewer import Viewer
 
-    logs = None if live else _open(log, number)
+    logs, total = (None, 0) if live else _open(log, number)
     with Viewer(web=web) as viewer:
         viewer.wait_until_ready()
         if web:
@@ -123,34 +119,26 @@ def _show(log: Path, number: int | None, *, web: bool, live: bool) -> None:
         if logs is None:
             _follow(log, viewer)
         else:
-            _record(log, logs, viewer.url, number)
+            _record(log, logs, viewer.url, number, total)
         viewer.wait()
 
 
-def _open(log: Path, number: int | None) -> "Logs":
-    """Return the logs; raises before a viewer opens."""
-    from meal_bayes.errors import SettingsError
-    from meal_bayes.trial_log import Logs
+def _open(log: Path, number: int | None) -> "tuple[Logs, int]":
+    """Return the logs and how many trials they hold, 0 where one is damaged; or raise, first."""
+    from meal_bayes.errors import LogError, SettingsError
+    from meal_bayes.trial_log import Logs, log_info
 
-    logs = Logs(log)
-    total = _count(logs)
-    if number is not None and total is not None and number >= total:
+    logs, total = Logs(log), 0
+    with contextlib.suppress(LogError):  # a damaged one is counted while it is read
+        total = sum(log_info(file).trials for file in logs.files)
+    if number is not None and total and number >= total:
         raise SettingsError(f"{log} holds {total} trials; give --trial 0 to {total - 1}.")
-    return logs
+    return logs, total
 
 
-def _count(logs: "Logs") -> int | None:
-    """Return the number of trials of whole logs; None where one is damaged."""
-    from meal_bayes.errors import LogError
-    from meal_bayes.trial_log import log_info
-
-    try:
-        return sum(log_info(file).trials for file in logs.files) or None
-    except LogError:
-        return None
-
-
-def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[int, int]:
+def _record(
+    log: Path, logs: "Logs", to: "Target", number: int | None, total: int
+) -> tuple[int, int]:
     """Send the recording, and print what could not be read.
 
     Returns
@@ -163,7 +151,7 @@ def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[
     from meal_bayes.errors import SettingsError
     from meal_bayes.viewer import send_recording
 
-    total, sent, last = _count(logs), 0, 0
+    sent = last = 0
 
     def entries() -> "Iterator[Trial | TrialOutcomes]":
         nonlocal sent, last

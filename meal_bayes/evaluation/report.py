@@ -17,7 +17,6 @@ import numpy as np
 from jinja2 import Environment, PackageLoader
 
 from meal_bayes.display import percent
-from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.canvas import svg
@@ -26,8 +25,8 @@ from meal_bayes.evaluation.statistics import wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
 from meal_bayes.files import check_output, write_whole
 from meal_bayes.trial_log import Logs
-from meal_bayes.trials import Trial, TrialOutcomes, percept_labels, truth_text
-from meal_bayes.trials.text import UNKNOWN
+from meal_bayes.trials import Trial, TrialOutcomes, percept_labels
+from meal_bayes.trials.text import UNKNOWN, outcome_facts
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
@@ -304,16 +303,11 @@ def _worst_trials(data: Collected) -> Section:
 
 def _trial(worst: Worst) -> Section:
     file, number, outcome, trial, _ = worst
-    query = Query(tuple(filter(None, outcome.attribute[0])))
-    verdict = report = "abstained"
+    facts, verdict = outcome_facts(outcome, 0), "abstained"
     if outcome.answered[0]:
-        report = query.report_name(outcome.report[0][: len(query)] == 1)
         verdict = "right" if outcome.success[0] else "wrong"
-    title = (
-        f"trial {number}: {', '.join(query.attributes)}? {outcome.object_name[0]}, "
-        f"{outcome.agent[0]}: {report}; {outcome.cost[0]:.1f} s, reward {outcome.reward[0]:.1f}"
-    )
-    text = f"truth: {truth_text(query.attributes, outcome.truth[0][: len(query)])}"
+    title = "trial {}: {question} {object}, {agent}: {answer}; {cost}".format(number, **facts)
+    text = f"truth: {facts['truth']}"
     if trial is None:
         return {"title": title, "verdict": verdict, "text": f"{text}; {file} holds no steps"}
     caption = "Belief after each step; the circles at the end are the truth."

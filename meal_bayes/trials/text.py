@@ -11,6 +11,7 @@ from meal_bayes.display import bar_html, card, level_names, listed, percent, tab
 from meal_bayes.momdp import MOMDP
 
 if TYPE_CHECKING:
+    from meal_bayes.trials.outcomes import TrialOutcomes
     from meal_bayes.trials.trial import Step, Trial
 
 SILENT = "says nothing"  # of a percept that carries no information
@@ -58,6 +59,51 @@ def verdict_text(trial: "Trial") -> str:
 def warnings_of(trial: "Trial") -> list[str]:
     """Return the warnings of a trial's steps, each once."""
     return list(dict.fromkeys(step.warning for step in trial.steps if step.warning))
+
+
+def outcome_text(momdp: MOMDP, step: "Step", arrow: str = "->") -> str:
+    """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
+    action, x, next_x = step.decision.action, step.x, step.next_x
+    path = f"{momdp.x_names[x]} {arrow} {momdp.x_names[next_x]}"
+    if step.observation is not None:
+        return f"succeeded, {path}"
+    if step.warning:
+        return f"{path}; the features are no percept"
+    if momdp.observation_probability[action].max() <= 0:
+        return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
+    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
+        return f"{path}, but no recording is left to replay"
+    return f"failed, {path}; nothing perceived"
+
+
+def final_facts(trial: "Trial") -> dict[str, str]:
+    """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
+    facts = {
+        "answer": "abstained; every report was too risky",
+        "truth": truth_text(trial.task.query.attributes, trial.truth),
+    }
+    if trial.ended:
+        facts["answer"] = f"none; {trial.ended}"
+    if trial.report is not None:
+        facts["answer"] = trial.task.query.report_name(trial.report)
+        if trial.success is not None:
+            facts["verdict"] = verdict_text(trial)
+    reward = "" if np.isnan(trial.reward) else f", reward {trial.reward:.1f}"
+    return {**facts, "cost": f"{trial.cost:.1f} s{reward}"}
+
+
+def outcome_facts(outcomes: "TrialOutcomes", row: int) -> dict[str, str]:
+    """Return question, object, agent, answer, truth and cost of one trial of many."""
+    names = [name for name in outcomes.attribute[row] if name]
+    report, truth = outcomes.report[row][: len(names)], outcomes.truth[row][: len(names)]
+    return {
+        "question": f"{', '.join(names)}?",
+        "object": outcomes.object_name[row],
+        "agent": outcomes.agent[row],
+        "answer": truth_text(names, report) if report[0] >= 0 else "abstained",
+        "truth": truth_text(names, truth),
+        "cost": f"{outcomes.cost[row]:.1f} s, reward {outcomes.reward[row]:.1f}",
+    }
 
 
 def trial_card(trial: "Trial") -> str:

@@ -8,7 +8,8 @@ import numpy as np
 from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
-from meal_bayes.trials import Step, Trial, percept_labels, truth_text, verdict_text
+from meal_bayes.trials import Trial, percept_labels, verdict_text
+from meal_bayes.trials.text import final_facts, outcome_text
 from meal_bayes.viewer.trial_frames import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
@@ -111,22 +112,8 @@ def _executed(frame: TrialFrame) -> Sequence[str]:
     warned = [f"**{plain_text(step.warning)}**"] if step.warning else []
     if action >= momdp.n_behaviors:
         return [title, "", f"cost in all {frame.spent:g} s", *warned]
-    path = f"{plain_text(momdp.x_names[step.x])} → {plain_text(momdp.x_names[step.next_x])}"
-    text = f"{path}, {_outcome(step, momdp)}, {step.cost:g} s ({frame.spent:g} s so far)"
-    return [title, "", text, *warned]
-
-
-def _outcome(step: Step, momdp: MOMDP) -> str:
-    action = step.decision.action
-    if step.observation is not None or (
-        momdp.observation_probability[action].max() <= 0 and step.x != step.next_x
-    ):
-        return "succeeded"
-    if step.warning:
-        return "**no percept**"
-    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
-        return "no recording left"
-    return "**failed**, nothing perceived"
+    outcome = plain_text(outcome_text(momdp, step, "→"))
+    return [title, "", f"{outcome}, {step.cost:g} s ({frame.spent:g} s so far)", *warned]
 
 
 def _answer(frame: TrialFrame) -> Sequence[str]:
@@ -135,13 +122,6 @@ def _answer(frame: TrialFrame) -> Sequence[str]:
         best = report_text(trial, frame.positive > 0.5)
         probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
         return [f"now it would answer **{best}** ({percent(probability)} sure)"]
-    truth = plain_text(truth_text(trial.task.query.attributes, trial.truth))
-    if trial.ended:
-        return ["### broken off", f"{plain_text(trial.ended)}; truth: {truth}"]
-    if trial.report is None:
-        return ["### abstained", f"every report was too risky; truth: {truth}"]
-    answer = f"### answer: {report_text(trial, trial.report)}"
-    if trial.success is None:
-        return [answer, f"truth: {truth}"]
-    verdict = "right" if trial.success else f"WRONG; truth: {truth}"
-    return [answer, f"**{verdict}**, reward {trial.reward:.1f}"]
+    facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
+    verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
+    return [f"### answer: {facts['answer']}", f"{verdict}truth: {facts['truth']}", facts["cost"]]

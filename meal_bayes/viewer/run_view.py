@@ -5,11 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
-from meal_bayes.trials import Trial, TrialOutcomes, truth_text
-from meal_bayes.trials.text import UNKNOWN
+from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time, part
@@ -69,10 +68,13 @@ class RunView:
         table += [self._add_agent(name, outcomes) for name in outcomes.agents]
         self._sent = len(outcomes)
         table += ["", "**the trials with the lowest reward**", ""]
-        table += ["|trial|agent|question|object|answer|truth|cost, s|reward|", "|---" * 8 + "|"]
+        names = ("agent", "question", "object", "answer", "truth", "cost")
+        table += [f"|trial|{'|'.join(names)}|", "|---" * 7 + "|"]
         # Of equal rewards the surest first, then the earliest.
         order = np.argsort(outcomes.reward - outcomes.certainty, kind="stable")
-        table += [_worst_row(outcomes, row) for row in order[outcomes.judged[order]][:_WORST]]
+        for row in order[outcomes.judged[order]][:_WORST]:
+            facts = outcome_facts(outcomes, row)
+            table.append(f"|{row}|{'|'.join(plain_text(facts[name]) for name in names)}|")
         self._add_text(TABLE, table)
 
     def _add_agent(self, name: str, outcomes: TrialOutcomes) -> str:
@@ -122,24 +124,6 @@ class RunView:
     def _add_text(self, entity: str, lines: Sequence[str]) -> None:
         text = rr.TextDocument.from_fields(text="\n".join(lines), media_type="text/markdown")
         self._to.add_static(entity, text)
-
-
-def _worst_row(outcomes: TrialOutcomes, row: int) -> str:
-    names = [name for name in outcomes.attribute[row] if name]
-    cells = [
-        outcomes.agent[row],
-        " and ".join(names) + "?",
-        outcomes.object_name[row],
-        _report_text(names, outcomes.report[row]),
-        truth_text(names, outcomes.truth[row][: len(names)]),
-    ]
-    shown = "|".join(map(plain_text, cells))
-    return f"|{row}|{shown}|{outcomes.cost[row]:.1f}|{outcomes.reward[row]:.1f}|"
-
-
-def _report_text(names: Sequence[str], report: NDArray[np.int8]) -> str:
-    answered = report[0] >= 0
-    return truth_text(names, report[: len(names)]) if answered else "abstained"
 
 
 def _flat(header: Mapping[str, object], before: str = "") -> dict[str, str]:

@@ -81,32 +81,17 @@ def test_own_recordings_end_to_end(run, kitchen, jobs):
     built = build_percept_table(load_dataset("kitchen.toml", root="."))
     assert saved.domain == built.domain
     np.testing.assert_array_equal(saved.log_odds, built.log_odds)
-    asked = (
-        "ask",
-        "Is it red, and is it full?",
-        "--dataset",
-        "tables/own.npz",
-        "--agent",
-        "greedy",
-    )
-    told = json.loads(run(*asked, "--object", "red_jar", "--json").stdout)
-    assert told["trial"]["report"] == {"red": True, "full": True}
-    counted = ("run", "offline", "--dataset", "tables/own.npz", "--trials", "8", "--json")
-    told = json.loads(run(*counted, "--agent", "predefined_plus").stdout)
-    assert told["rows"][0]["accuracy"] > 0.5
+    asked = ("ask", "Is it red, and is it full?", "--dataset", "tables/own.npz", "--object",
+             "red_jar", "--agent", "greedy", "--json")  # fmt: skip
+    assert json.loads(run(*asked).stdout)["trial"]["report"] == {"red": True, "full": True}
 
 
-@pytest.mark.parametrize(
+@pytest.mark.parametrize(  # what else readers refuse is tested with them
     ("file", "old", "new", "found"),
     [
-        ("look_color.csv", "red_jar,1,", "red_jar,", "columns"),
         ("look_color.csv", "red_jar,1,", "red_jar,1,x", "expected a number"),
-        ("lift_force.csv", "red_jar,1,", "red_jar,1,nan #", "column 3"),
-        ("lift_force.csv", "red_jar,2,", "red_jar,1,", "again"),
         ("labels.csv", "red_jar,1,1", "red_jar,1,2", "expected 1, 0 or nothing"),
         ("kitchen.toml", "probability = 0.9", "probability = 1.9", "at most 1"),
-        ("kitchen.toml", 'to = "in_hand"', 'to = "on_table"', "'in_hand'"),
-        ("kitchen.toml", "cost = 4.0, ", "", "has no 'cost'"),
         ("kitchen.toml", "report_reward", "[", "not valid TOML"),
     ],
 )

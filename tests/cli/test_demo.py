@@ -1,7 +1,6 @@
 """The demo tells a trial on the real percepts, and what to do next."""
 
 import shlex
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -61,9 +60,3 @@ def test_what_comes_next_works(told, run, monkeypatch):
     assert run(*ask, "--agent", "greedy").exit_code == 0
     few = ["2" if word == "100" else word.replace("bayes", "greedy") for word in many]
     assert run(*few).exit_code == 0
-
-
-def test_the_log_is_named_by_the_object(told):
-    _, folder = told
-    (path,) = Path(folder, "logs").glob("demo-*.mcap")
-    assert path.name.startswith("demo-heavy_blue_beans-")

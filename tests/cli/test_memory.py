@@ -48,15 +48,7 @@ def test_no_tells_the_opposite_of_one_attribute(ask):
     ask("Is it red?", "no\n")
     (told,) = read_memory("logs", "kitchen")
     assert (told.object_name, dict(told.values)) == ("red_jar", {"red": False})
-    assert facts(ask("Is it red?", "yes\n", "red_jar", "--json"))["report"] == {"red": False}
-
-
-def test_the_later_word_holds(ask):
-    ask("Is it red?", "no\n")
-    ask("Is it red?", "no\n")  # it said "not red"; that was wrong, too
-    assert [dict(t.values) for t in read_memory("logs", "kitchen")] == [
-        {"red": False}, {"red": True}
-    ]  # fmt: skip
+    ask("Is it red?", "no\n")  # it said "not red"; that was wrong, too, and the later word holds
     assert facts(ask("Is it red?", "", "red_jar", "--json"))["report"] == {"red": True}
 
 

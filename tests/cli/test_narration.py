@@ -8,19 +8,14 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.cli.console import print_facts, signs_of
-from meal_bayes.cli.narration import (
-    bar,
-    outcome_text,
-    percept_text,
-    print_trial,
-    print_trial_table,
-)
+from meal_bayes.cli.narration import bar, print_trial, print_trial_table
 from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.api import ask
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.trials import Step
+from meal_bayes.trials.text import outcome_text, percept_labels
 
 
 def console(width=80, encoding="utf-8"):
@@ -57,13 +52,13 @@ def test_every_outcome_has_its_words(momdp):
     assert "no recording is left" in outcome_text(momdp, step(momdp, look, 0, 0, None, 2))
     assert outcome_text(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
     assert outcome_text(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
-    assert percept_text(momdp, look, yes) == "red: yes, heavy: no"
+    assert percept_labels(momdp, look, yes) == ["yes", "no"]
 
 
 def test_levels_have_words(momdp):
     four, six = (replace(momdp, confusion=np.tile(rows_of(k), (2, 3, 1, 1))) for k in (4, 6))
-    assert percept_text(four, 0, np.array([0, 3])) == "red: surely no, heavy: surely yes"
-    assert percept_text(six, 0, np.array([0, 5])) == "red: level 0, heavy: level 5"
+    assert percept_labels(four, 0, np.array([0, 3])) == ["surely no", "surely yes"]
+    assert percept_labels(six, 0, np.array([0, 5])) == ["level 0", "level 5"]
 
 
 def rows_of(k):
@@ -75,8 +70,8 @@ def test_a_percept_without_information_says_nothing(momdp):
     rows = np.array(momdp.confusion)
     rows[1, 0] = 0.5  # of heavy, look tells nothing
     silent = replace(momdp, confusion=rows)
-    assert percept_text(silent, 0, np.array([1, 0])) == "red: yes, heavy: says nothing"
-    assert percept_text(silent, 1, np.array([1, 0])) == "red: yes, heavy: no"
+    assert percept_labels(silent, 0, np.array([1, 0])) == ["yes", "says nothing"]
+    assert percept_labels(silent, 1, np.array([1, 0])) == ["yes", "no"]
 
 
 def test_the_best_options_hold_the_chosen_one_and_the_report():

@@ -20,8 +20,9 @@ def log(run, table):
 def test_a_report_does_not_replace_its_logs(log, fails):
     before = log.read_bytes()
     assert "is what is read" in fails("report", log, "-o", log)
-    Path("page.html").write_bytes(before)
-    assert "is a trial log" in fails("report", log, "-o", "page.html")
+    for words, name in ((("report", "-o"), "p.html"), (("view", "--save"), "p.rrd")):
+        Path(name).write_bytes(before)
+        assert "is a trial log" in fails(words[0], log, words[1], name)
     log.write_bytes(before[:300])  # torn, so that its name alone tells
     assert "is what is read" in fails("report", "logs", "-o", log)
     assert log.read_bytes() == before[:300]

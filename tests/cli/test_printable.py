@@ -2,7 +2,6 @@
 
 import dataclasses
 import io
-from importlib import import_module
 
 import pytest
 
@@ -66,11 +65,3 @@ def test_notes_are_shown(capsys):
     shown = capsys.readouterr().err
     assert safe(shown)
     assert SHOWN in shown
-
-
-def test_a_question_is_shown(monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
-    ask = import_module("meal_bayes.cli.ask")  # in the package it is the command's name
-    assert ask._prompt(f"Is it {ESCAPE}?") is True
-    out = capsys.readouterr()
-    assert safe(out.err + out.out)

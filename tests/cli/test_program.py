@@ -17,13 +17,6 @@ from meal_bayes.cli.program import Program
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "greedy")
 
 
-def test_help_says_where_to_start(start):
-    process = start("--help")
-    text, _ = process.communicate(timeout=600)
-    assert process.returncode == 0
-    assert "meal-bayes demo" in text
-
-
 def test_help_loads_no_numeric_library():
     code = (
         "import sys\nfrom meal_bayes.cli import main\n"
@@ -72,14 +65,10 @@ def test_version(run):
     ("arguments", "found"),
     [
         (("fly",), "No such command 'fly'"),
-        (("--wings",), "No such option '--wings'"),
         (("run", "offlin"), "No such command 'offlin'"),
-        (("ask",), "Missing argument 'QUESTION'"),
         (("ask", "heavy"), "Missing option '--object'"),
         ((*ASK, "--seed", "-1"), "-1 is not in the range"),
-        ((*ASK, "--seed", "x"), "'x' is not a valid integer"),
         (("run", "offline", "--percepts", "mod"), "'mod' is not one of 'recorded', 'model'"),
-        (("run", "offline", "--jobs", "0"), "0 is not in the range"),
     ],
 )
 def test_usage_errors_point_to_the_help(fails, arguments, found):
@@ -100,25 +89,14 @@ def test_usage_errors_point_to_the_help(fails, arguments, found):
         ((*ASK, "--dataset", "rock36"), "did you mean 'roc36'"),
         ((*ASK, "--dataset", "toy"), "give the path of its TOML"),
         ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
-        (("run", "offline", "--dataset", "rock36"), "did you mean 'roc36'"),
-        (("run", "offline", "--agent", "greedo"), "did you mean 'greedy'"),
         (("run", "offline", "--agent", "greedy,greedy"), "named twice"),
         (("run", "offline", "--attributes", "11"), "give a number from 1 to 10"),
-        (("run", "offline", "--trials", "0"), "is not in the range"),
-        (("run", "offline", "--reward", "inf"), "is not in the range"),
         (("data", "fetch", "rock36"), "did you mean 'roc36'"),
-        (("data", "verify", "rock36"), "did you mean 'roc36'"),
-        (("data", "list", "rock36"), "did you mean 'roc36'"),
         (("log", "info", "none.mcap"), "no log none.mcap"),
     ],
 )
 def test_bad_input_is_told_with_the_way_out(fails, arguments, found):
     assert found in fails(*arguments)
-
-
-def test_an_unwritable_place_is_told(fails, tmp_path):
-    (tmp_path / "file").touch()
-    assert "cannot be written" in fails(*ASK, "--logs", "file/logs")
 
 
 def test_what_nobody_foresaw_is_not_hidden():
@@ -154,6 +132,6 @@ def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path, eventuall
 
 
 def test_the_module_is_the_command(start):
-    process = start("--version")
-    assert process.communicate(timeout=600)[0].startswith("meal-bayes ")
+    process = start("--help")
+    assert "Start with: meal-bayes demo" in process.communicate(timeout=600)[0]
     assert process.returncode == 0
