@@ -17,13 +17,12 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import (
     Decision,
     History,
-    Policy,
     Random,
-    RandomLegal,
     Sarsop,
     Solver,
     unvalued,
 )
+from meal_bayes.planners.baselines import RandomLegalPolicy
 from paper_repro.frame import HERE, Setting, paper_values
 
 ASK = "ask"
@@ -121,26 +120,12 @@ class RandomLegalAsking:
 
     budget: float
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomLegalAskingPolicy":
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> RandomLegalPolicy:
         """Make the policy."""
-        first, later = RandomLegal(self.budget), RandomLegal(self.budget, (ASK,))
-        return RandomLegalAskingPolicy(
-            momdp.start, first.solve(momdp, rng), later.solve(momdp, rng)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class RandomLegalAskingPolicy:
-    """Policy of `RandomLegalAsking`."""
-
-    start: int
-    first: Policy
-    later: Policy
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw a legal behavior, or report once the budget is spent."""
-        policy = self.first if history.belief.x == self.start else self.later
-        return policy.decide(history, rng)
+        elsewhere = np.arange(len(momdp.legal)) != momdp.start
+        asks = np.array([name == ASK for name in momdp.behavior_names])
+        allowed = momdp.legal & ~np.outer(elsewhere, asks)
+        return RandomLegalPolicy(momdp, self.budget, allowed)
 
 
 def _random_legal(domain: Domain, query: Query) -> Solver:

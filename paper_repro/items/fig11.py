@@ -1,6 +1,7 @@
 """Fig. 11: CY101, accuracy of each attribute after two hours of exploration."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,7 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
     paper = paper_values("fig11")
     own = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
     often = clustered(wins(own) >= paper["wins"], range(len(own[BEST])), fraction=True)
+    often = replace(often, unit="splits", method="Wilson's on splits of these objects")
     outcomes = [above(often, 0.5, of=f"Pr(best on {paper['wins']} or more)")]
     for name in paper["hard"]:
         p = NAMES.index(name)
