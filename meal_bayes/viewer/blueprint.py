@@ -86,14 +86,10 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
         interaction=rrb.PlotInteraction(points_display="Always"),
     )
-    small = rrb.Vertical(
-        rrb.TimeSeriesView(
-            origin=scene.ENTROPY, name="entropy, bits", axis_x=over, plot_legend=_NO_LEGEND
-        ),
-        rrb.TimeSeriesView(
-            origin=scene.COST, name="cost so far, s", axis_x=over, plot_legend=_NO_LEGEND
-        ),
-    )
+    small = rrb.Vertical(*(
+        rrb.TimeSeriesView(origin=entity, name=name, axis_x=over, plot_legend=_NO_LEGEND)
+        for entity, name in ((scene.ENTROPY, "entropy, bits"), (scene.COST, "cost so far, s"))
+    ))  # fmt: skip
     upper = rrb.Horizontal(belief, values, small, column_shares=[3, 4, 2])
     graphs = rrb.Horizontal(
         rrb.GraphView(origin=scene.DIAGRAM, name="where the robot is, what it just did"),
@@ -130,29 +126,18 @@ def _robot() -> rrb.Vertical:
 
 
 def _run(*, evidence: bool) -> rrb.Vertical:
+    fraction = rrb.ScalarAxis(range=(0.0, 1.02))
     plots = [
-        rrb.TimeSeriesView(
-            origin=run_view.ACCURACY,
-            name="accuracy so far, band = one standard error",
-            axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
-        ),
-        rrb.TimeSeriesView(
-            origin=run_view.COST, name="mean cost so far, s, band = one standard error"
-        ),
-        rrb.TimeSeriesView(
-            origin=run_view.CURVE,
-            name="learning curve: accuracy of the last 50 trials",
-            axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
-        ),
+        (run_view.ACCURACY, "accuracy so far, band = one standard error", fraction),
+        (run_view.COST, "mean cost so far, s, band = one standard error", None),
+        (run_view.CURVE, "learning curve: accuracy of the last 50 trials", fraction),
+        *[(run_view.EVIDENCE, "percepts behind each confusion matrix", None)] * evidence,
     ]
-    if evidence:
-        plots.append(
-            rrb.TimeSeriesView(
-                origin=run_view.EVIDENCE, name="percepts behind each confusion matrix"
-            )
-        )
+    views = [
+        rrb.TimeSeriesView(origin=entity, name=name, axis_y=axis) for entity, name, axis in plots
+    ]
     return rrb.Vertical(
-        rrb.Horizontal(*plots),
+        rrb.Horizontal(*views),
         rrb.Horizontal(
             rrb.TextDocumentView(origin=run_view.TABLE, name="agents and worst trials"),
             rrb.TextDocumentView(origin=run_view.FACTS, name="run facts"),

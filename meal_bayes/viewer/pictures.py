@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from meal_bayes.display import level_names, percent
@@ -18,9 +19,6 @@ _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
-
-# Five anchors of the viridis map.
-_VIRIDIS = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
 
 
 class Label(NamedTuple):
@@ -147,13 +145,11 @@ def point_estimate(counts: NDArray[np.float64]) -> NDArray[np.float64]:
 def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
     rows, k = values.shape
     labels = [Label(title, left + k * _cell_width(k) / 2, -1.3 * high, TEXT)]
-    labels += _level_labels(k, left, rows * high)
-    for row in range(rows):
-        for z in range(k):
-            at = left + (z + 0.5) * _cell_width(k), (row + _MIDDLE) * high
-            text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
-            labels.append(Label(text, *at, WHITE))
-    return labels
+    for row, z in np.ndindex(rows, k):
+        text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
+        at = left + (z + 0.5) * _cell_width(k), (row + _MIDDLE) * high
+        labels.append(Label(text, *at, WHITE))
+    return labels + _level_labels(k, left, rows * high)
 
 
 def _cell_width(k: int) -> int:
@@ -186,7 +182,5 @@ def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[
 
 def viridis(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Map values in [0, 1] to colors, (..., 3)."""
-    at = np.clip(np.nan_to_num(values), 0, 1) * (len(_VIRIDIS) - 1)
-    below = np.minimum(at.astype(int), len(_VIRIDIS) - 2)
-    part = (at - below)[..., None]
-    return np.asarray(_VIRIDIS[below] * (1 - part) + _VIRIDIS[below + 1] * part, np.uint8)
+    colors = colormaps["viridis"](np.nan_to_num(values), bytes=True)
+    return np.asarray(colors[..., :3], np.uint8)

@@ -12,6 +12,8 @@ from meal_bayes.viewer.trial_frames import TrialFrame
 
 _TEXTS = ("text", "labels", "node_ids", "state")
 
+Fields = dict[str, tuple[list[Any], list[int]]]
+
 
 class Time(NamedTuple):
     """Where a row stands on each timeline.
@@ -36,33 +38,24 @@ class Time(NamedTuple):
         return cls(frame.trial_number, frame.row, frame.seconds)
 
 
-class _Rows:
-    """Rows of one entity; every field is a flat list and the lengths of its rows."""
-
-    def __init__(self) -> None:
-        self.times: list[Time] = []
-        self.fields: dict[str, tuple[list[Any], list[int]]] = {}
-
-
 class Recorder:
     """Collector of rows for a recording; nothing is sent before `flush`."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self.stream = stream
-        self._rows: dict[tuple[str, type], _Rows] = {}
+        # By entity and archetype: times, and each field as a flat list and lengths of its rows.
+        self._rows: dict[tuple[str, type], tuple[list[Time], Fields]] = {}
 
     def add(self, entity: str, archetype: type, time: Time, **fields: list[Any]) -> None:
         """Append a row: for each field of rerun's archetype its list of values."""
         key = (entity, archetype)
-        rows = self._rows.get(key)
-        if rows is None:
-            rows = self._rows[key] = _Rows()
-            rows.fields = {name: ([], []) for name in fields}
-        rows.times.append(time)
+        if key not in self._rows:
+            self._rows[key] = ([], {name: ([], []) for name in fields})
+        times, columns = self._rows[key]
+        times.append(time)
         for name, values in fields.items():
-            flat, lengths = rows.fields[name]
-            flat.extend(values)
-            lengths.append(len(values))
+            columns[name][0].extend(values)
+            columns[name][1].append(len(values))
 
     def add_image(self, entity: str, pixels: NDArray[np.uint8], time: Time) -> None:
         """Append a picture, (h,w,3) RGB or (h,w,4) RGBA."""
@@ -80,13 +73,18 @@ class Recorder:
     def flush(self) -> None:
         """Send the collected rows."""
         indexes = dict[tuple[Time, ...], list[rr.TimeColumn]]()  # most entities share their times
-        for (entity, archetype), rows in self._rows.items():
-            times = tuple(rows.times)
+        for (entity, archetype), (rows, fields) in self._rows.items():
+            times = tuple(rows)
             if times not in indexes:
-                indexes[times] = _columns(times)
-            flat = {name: _packed(name, values) for name, (values, _) in rows.fields.items()}
+                trial, step, seconds = zip(*times, strict=True)
+                indexes[times] = [
+                    rr.TimeColumn("trial", sequence=trial),
+                    rr.TimeColumn("step", sequence=step),
+                    rr.TimeColumn("sim_time", duration=seconds),
+                ]
+            flat = {name: _packed(name, values) for name, (values, _) in fields.items()}
             columns = [
-                column.partition(rows.fields[_field(column)][1])
+                column.partition(fields[_field(column)][1])
                 for column in archetype.columns(**flat)  # type: ignore[attr-defined]
             ]
             self.stream.send_columns(entity, indexes[times], columns, strict=True)
@@ -99,15 +97,6 @@ def _image_format(height: int, width: int, channels: int) -> rr.components.Image
     return rr.components.ImageFormat(
         width=width, height=height, color_model=model, channel_datatype="U8"
     )
-
-
-def _columns(times: tuple[Time, ...]) -> list[rr.TimeColumn]:
-    trial, step, seconds = zip(*times, strict=True)
-    return [
-        rr.TimeColumn("trial", sequence=trial),
-        rr.TimeColumn("step", sequence=step),
-        rr.TimeColumn("sim_time", duration=seconds),
-    ]
 
 
 def _packed(name: str, values: list[Any]) -> Any:

@@ -99,9 +99,13 @@ class RunView:
         for i in np.flatnonzero(rows >= self._sent):
             time = self._times[rows[i]]
             # Rounded, as a plot would show the noise of equal costs.
-            self._add_measure(COST, entity, time, cost[i].round(9), cost_variance[i].round(9))
+            measures = {COST: (cost[i].round(9), cost_variance[i].round(9))}
             if judged[i]:
-                self._add_measure(ACCURACY, entity, time, accuracy[i], accuracy_variance[i])
+                measures[ACCURACY] = (accuracy[i], accuracy_variance[i])
+            for plot, (value, variance) in measures.items():
+                fields = {"values": [float(value)], "variances": [float(variance)]}
+                self._to.add(f"{plot}/{entity}", rr.Measurements, time, **fields)
+            if judged[i]:
                 first = max(judged[i] - _WINDOW, 0)
                 recent = (before[judged[i]] - before[first]) / (judged[i] - first)
                 self._to.add(f"{CURVE}/{entity}", rr.Scalars, time, scalars=[float(recent)])
@@ -114,12 +118,6 @@ class RunView:
             f"|{shown}|{len(rows)}|{known}|{abstained}"
             f"|{cost[-1]:.1f} ± {np.sqrt(cost_variance[-1]):.1f}|{reward}|"
         )
-
-    def _add_measure(
-        self, plot: str, entity: str, time: Time, value: np.float64, variance: np.float64
-    ) -> None:
-        fields = {"values": [float(value)], "variances": [float(variance)]}
-        self._to.add(f"{plot}/{entity}", rr.Measurements, time, **fields)
 
     def _add_text(self, entity: str, lines: Sequence[str]) -> None:
         text = rr.TextDocument.from_fields(text="\n".join(lines), media_type="text/markdown")

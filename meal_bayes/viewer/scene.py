@@ -1,6 +1,7 @@
 """The entities of one trial: texts, plots, graphs and pictures of each frame."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -60,17 +61,17 @@ class Scene:
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
         for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
-        self._values(frame, time)
+        if frame.step is not None:  # the report first, where a legend begins
+            decision = frame.step.decision
+            errors = np.square(np.nan_to_num(decision.value_se))
+            values, errors = (np.roll(row, 1).tolist() for row in (decision.values, errors))
+            self._value_row(frame.trial.momdp, values, errors, time)
         self._picture(BARS, belief_bars(frame), time)
         _, diagram, matrices = self._of(frame.trial)
         drawn = diagram.at(frame)
-        self._nodes(DIAGRAM, drawn, time)
-        if drawn.edges != self._arrows:
-            self._arrows = drawn.edges
-            self._edges(DIAGRAM, drawn, time)
-        tree = search_tree(frame)
-        self._nodes(TREE, tree, time)
-        self._edges(TREE, tree, time)
+        self._graph(DIAGRAM, drawn, time, arrows=drawn.edges != self._arrows)
+        self._arrows = drawn.edges
+        self._graph(TREE, search_tree(frame), time)
         self._confusion(frame, matrices, time)
         self._lane_changes(frame, time)
 
@@ -119,14 +120,6 @@ class Scene:
             self._to.add_line(entity, plain_text(name), color)
         return entity
 
-    def _values(self, frame: TrialFrame, time: Time) -> None:
-        if frame.step is None:
-            return
-        decision = frame.step.decision
-        variances = np.square(np.nan_to_num(decision.value_se))
-        values = np.roll(decision.values, 1).tolist()  # the report first, where a legend begins
-        self._value_row(frame.trial.momdp, values, np.roll(variances, 1).tolist(), time)
-
     def _value_row(
         self, momdp: MOMDP, values: list[float], variances: list[float], time: Time
     ) -> None:
@@ -147,30 +140,24 @@ class Scene:
 
     def _picture(self, entity: str, picture: Picture, time: Time) -> None:
         self._to.add_image(f"{entity}/image", picture.pixels, time)
-        labels = picture.labels
-        self._to.add(
-            f"{entity}/labels",
-            rr.Points2D,
-            time,
-            positions=[(label.x, label.y) for label in labels],
-            labels=[label.text for label in labels],
-            colors=[label.color for label in labels],
-        )
+        fields: dict[str, list[Any]] = {
+            "positions": [(label.x, label.y) for label in picture.labels],
+            "labels": [label.text for label in picture.labels],
+            "colors": [label.color for label in picture.labels],
+        }
+        self._to.add(f"{entity}/labels", rr.Points2D, time, **fields)
 
-    def _nodes(self, entity: str, graph: Graph, time: Time) -> None:
+    def _graph(self, entity: str, graph: Graph, time: Time, *, arrows: bool = True) -> None:
         nodes = graph.nodes
-        self._to.add(
-            f"{entity}/nodes",
-            rr.GraphNodes,
-            time,
-            node_ids=[node.name for node in nodes],
-            labels=[node.label for node in nodes],
-            positions=[(node.x, node.y) for node in nodes],
-            colors=[node.color for node in nodes],
-        )
-
-    def _edges(self, entity: str, graph: Graph, time: Time) -> None:
-        self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
+        fields: dict[str, list[Any]] = {
+            "node_ids": [node.name for node in nodes],
+            "labels": [node.label for node in nodes],
+            "positions": [(node.x, node.y) for node in nodes],
+            "colors": [node.color for node in nodes],
+        }
+        self._to.add(f"{entity}/nodes", rr.GraphNodes, time, **fields)
+        if arrows:
+            self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
 
     def _confusion(self, frame: TrialFrame, matrices: Matrices, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""

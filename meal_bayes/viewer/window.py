@@ -13,9 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any, NoReturn, Self
+from typing import IO, Any, NoReturn, Self, TypeVar
 from urllib.parse import quote
 
 from rerun.experimental import ViewerClient
@@ -23,6 +23,8 @@ from rerun.experimental import ViewerClient
 from meal_bayes.errors import LogError, MealBayesError
 from meal_bayes.files import write_whole
 from meal_bayes.processes import start
+
+Result = TypeVar("Result")
 
 HERE = "127.0.0.1"
 _SIZE = (1920, 1080)
@@ -58,11 +60,7 @@ class Viewer:
     """
 
     def __init__(
-        self,
-        arguments: Sequence[str | Path] = (),
-        *,
-        headless: bool = False,
-        web: bool = False,
+        self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
     ) -> None:
         data, self._port = free_ports(2) if web else free_ports(1) * 2  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
@@ -112,33 +110,25 @@ class Viewer:
 
     def wait_until_ready(self) -> None:
         """Wait until it listens; raises as `wait` does."""
-        end = time.monotonic() + _START
-        while time.monotonic() < end:
-            if not self.running:
-                self.wait()
-                raise ViewerError("The viewer ended before it could show anything.")
-            try:
-                socket.create_connection((HERE, self._port), timeout=1).close()
-            except OSError:
-                time.sleep(_POLL)
-            else:
-                return
-        raise ViewerError(f"The viewer does not answer after {_START:.0f} s.")
+        self._until(lambda: socket.create_connection((HERE, self._port), timeout=1).close())
 
     def client(self) -> ViewerClient:
         """Return a client that controls it, once it is ready; raises as `wait` does."""
         self.wait_until_ready()
+        client = self._until(lambda: ViewerClient.connect(self.url))
+        self._until(client.get_state)
+        return client
+
+    def _until(self, act: Callable[[], Result]) -> Result:
+        """Call until nothing is raised any more, for as long as a start may take."""
         end = time.monotonic() + _START
         while True:
             try:
-                client = ViewerClient.connect(self.url)
-                client.get_state()
+                return act()
             except Exception as fault:  # whatever the transport raises while it is not up yet
                 if not self.running or time.monotonic() > end:
                     self.explain(fault)
                 time.sleep(_POLL)
-            else:
-                return client
 
     def explain(self, fault: Exception) -> NoReturn:
         """Raise why it ended, or that it cannot be controlled."""
@@ -212,14 +202,11 @@ def viewer_program() -> Path:
 
 def free_ports(count: int) -> list[int]:
     """Return ports that nobody listens on."""
-    sockets = [socket.socket() for _ in range(count)]
-    try:
-        for one in sockets:
-            one.bind((HERE, 0))
-        return [one.getsockname()[1] for one in sockets]
-    finally:
-        for one in sockets:
-            one.close()
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for each in sockets:
+            each.bind((HERE, 0))
+        return [each.getsockname()[1] for each in sockets]
 
 
 def check_recording_name(path: Path) -> Path:
