@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.viewer.graphs import Diagram, Node, box_size, overlap, search_tree
+from meal_bayes.viewer.graphs import Diagram, overlap, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.trial_frames import Clock
 
@@ -81,15 +81,6 @@ def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
     assert labels["a3-0"].endswith("3.0 · 30")  # the most visited first
     assert [node.name for node in graph.nodes if node.color == ORANGE] == ["a3"]
     apart(graph.nodes)
-
-
-def test_boxes_of_long_labels_overlap_only_where_they_are_drawn():
-    wide, high = box_size("high_velocity_shake\n491.4 · 36")
-    one = Node("a", "high_velocity_shake\n491.4 · 36", 0, 0, ORANGE)
-    assert (wide, high) > box_size("shake")
-    assert overlap(one, one._replace(x=wide - 1))
-    assert not overlap(one, one._replace(x=wide + 1))
-    assert not overlap(one, one._replace(y=high + 1))
 
 
 def test_a_tree_with_long_names_does_not_overlap(trials):
