@@ -13,7 +13,7 @@ NUTS (PyMC) takes seconds for thousands of trials.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import MASS, Measures
 from meal_bayes.evaluation.summary import measured
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials import TrialOutcomes, Trials
 
 MARGINS = {"success": 0.02, "cost": 2.0, "reward": 10.0}  # regions of practical equivalence
 _LOGISTIC = math.pi / 8  # of averaging a logistic over a normal: expit(m / sqrt(1 + pi v / 8))
@@ -115,7 +115,7 @@ class Cells:
 
 
 def compare_outcomes(
-    trials: Iterable[Trial] | TrialOutcomes,
+    trials: Trials,
     *,
     measure: str = "success",
     reference: str | None = None,
@@ -128,7 +128,7 @@ def compare_outcomes(
 
     Parameters
     ----------
-    trials : Iterable[Trial] | TrialOutcomes
+    trials : Trials
         Of two agents or more.
     measure : str
         "success", "cost" or "reward".

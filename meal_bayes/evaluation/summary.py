@@ -19,7 +19,7 @@ from meal_bayes.evaluation.calibration import (
 )
 from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials import TrialOutcomes, Trials
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -49,7 +49,23 @@ class SummaryRow(Measures):
 
 
 class Summary(list[SummaryRow]):
-    """Rows of measures, one an agent; a list that shows itself as a table."""
+    """Rows of measures, one an agent; a list that shows itself as a table.
+
+    Parameters
+    ----------
+    rows : Iterable[SummaryRow]
+        One an agent.
+    outcomes : TrialOutcomes
+        That they summarize.
+    """
+
+    def __init__(self, rows: Iterable[SummaryRow], outcomes: TrialOutcomes) -> None:
+        super().__init__(rows)
+        self.outcomes = outcomes
+
+    def compare(self, first: str, second: str, *, measure: str = "reward") -> Interval:
+        """Compare two of the agents on the tasks they share; see `compare`."""
+        return compare(self.outcomes, first, second, measure=measure)
 
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row an agent."""
@@ -78,24 +94,23 @@ class Summary(list[SummaryRow]):
         return table_html("Summary", header, rows)
 
 
-def summarize(
-    trials: Iterable[Trial] | TrialOutcomes, *, seconds: Mapping[str, float] | None = None
-) -> Summary:
+def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:
     """Summarize trials, one row an agent in the order of their first trials.
 
     Parameters
     ----------
-    trials : or their outcomes; of one data set, as objects' names are the clusters.
-    seconds : computing time by agent; trials do not hold wall-clock times.
+    trials : their outcomes, or a run; of one data set, as objects' names are the clusters.
+    seconds : computing time by agent; trials do not hold wall-clock times, a run does.
     """
-    outcomes, times = TrialOutcomes.of(trials), seconds or {}
-    return Summary(
+    outcomes, times = TrialOutcomes.of(trials), seconds or getattr(trials, "seconds", {})
+    rows = (
         _row(agent, outcomes.of_agent(agent), times.get(agent, math.nan))
         for agent in outcomes.agents
     )
+    return Summary(rows, outcomes)
 
 
-def mean(trials: Iterable[Trial] | TrialOutcomes, measure: str) -> Interval:
+def mean(trials: Trials, measure: str) -> Interval:
     """Compute the mean of a measure, objects as clusters; NaN where no trial has it.
 
     Parameters
@@ -118,9 +133,7 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     return clustered(values[known], outcomes.object_name[known], fraction=fraction)
 
 
-def compare(
-    trials: Iterable[Trial] | TrialOutcomes, first: str, second: str, *, measure: str = "reward"
-) -> Interval:
+def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
     """Compare two agents on the tasks they share: mean of first - second, clustered by object.
 
     Parameters

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import as_agent, distinct
-from meal_bayes.datasets import PerceptTable
+from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.percepts import percepts_for
+from meal_bayes.evaluation import summarize
+from meal_bayes.experiments.percepts import kept_table, percepts_for
 from meal_bayes.experiments.sources import agent_digest
 from meal_bayes.experiments.store import UNIT, Store, fingerprint, is_whole
 from meal_bayes.experiments.tasks import offline_tasks
@@ -26,7 +27,7 @@ from meal_bayes.trial_log import (
     read_seconds,
     read_trials,
 )
-from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
+from meal_bayes.trials import Task, Trial, TrialOutcomes, steps_frame, trials_frame
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
@@ -46,7 +47,7 @@ class OfflineConfig:
 
     Attributes
     ----------
-    dataset : domain or percept table.
+    dataset : a shipped data set, a percept table or its path, or recordings.
     attributes : N, asked at a time.
     trials : of each agent.
     agents : names or values (see `as_agent`), made `Agent`s.
@@ -61,7 +62,7 @@ class OfflineConfig:
         positive and finite.
     """
 
-    dataset: str
+    dataset: Any
     attributes: int = 2
     trials: int = 400
     agents: tuple[Any, ...] = DEFAULT_AGENTS
@@ -75,6 +76,13 @@ class OfflineConfig:
     def __post_init__(self) -> None:
         found = distinct(as_agent(value) for value in self.agents)
         object.__setattr__(self, "agents", found)
+        if isinstance(self.dataset, Dataset | PerceptTable):
+            object.__setattr__(self, "dataset", kept_table(self.dataset))
+        if not isinstance(self.dataset, str):
+            raise SettingsError(
+                f"dataset is {self.dataset!r:.40}; give the name of a data set, a percept table, "
+                "its path, or recordings (`load_dataset`, `Dataset.from_frames`)."
+            )
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}; give a whole number, 0 or more.")
         if self.reward is not None and not 0 < self.reward <= LARGEST:
@@ -119,7 +127,14 @@ class OfflineRun:
         """Return a pandas data frame, a row a trial; see `trials_frame`."""
         return trials_frame(self.trials())
 
+    def steps(self) -> Any:
+        """Return a pandas data frame, a row a step of every trial."""
+        return steps_frame(self.trials())
+
     __repr__ = short_repr
+
+    def _repr_html_(self) -> str:
+        return summarize(self)._repr_html_()
 
 
 @dataclass(frozen=True, slots=True)

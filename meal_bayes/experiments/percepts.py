@@ -3,8 +3,10 @@
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from meal_bayes.datasets import (
+    Dataset,
     PerceptTable,
     cache_folder,
     load_dataset,
@@ -74,6 +76,18 @@ def percepts_for(
         table = build_percept_table(recordings, perception=perception, progress=on_progress)
         save_percepts(table, path)
     return load_percepts(path, domain=domain)
+
+
+def kept_table(data: Dataset | PerceptTable) -> str:
+    """Keep a table, or that of recordings, in the cache under its content; return its path."""
+    table = data if isinstance(data, PerceptTable) else build_percept_table(data)
+    folder = cache_folder() / "percepts"
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder) as draft:
+        made = Path(draft) / "table.npz"
+        save_percepts(table, made)
+        path = folder / f"{file_name(table.domain.data)}-given-{fingerprint(str(made))[:12]}.npz"
+        return str(made.replace(path))
 
 
 def table_path(

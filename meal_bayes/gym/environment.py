@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, load_agent
+from meal_bayes.agents import as_agent
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -50,7 +50,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ----------
     dataset : a shipped data set, the path of a percept table (.npz), or a percept table.
     attributes : N, asked at a time.
-    agent : whose belief is observed, and who decides in `decide`.
+    agent : whose belief is observed, and who decides in `decide`; see `as_agent`.
     seed : of the task list, and of the trials of tasks that are chosen by number.
     trials : tasks in the list, of all objects.
     objects : "all", "train" or "test" (a quarter, the same for every seed), or names: which ones
@@ -70,7 +70,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         dataset: str | Path | PerceptTable | None = None,
         *,
         attributes: int = 2,
-        agent: str | Agent = "bayes",
+        agent: object = "bayes",
         seed: int = 0,
         trials: int = 400,
         objects: str | Sequence[str] = "all",
@@ -84,7 +84,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
         table = dataset if isinstance(dataset, PerceptTable) else percepts_for(str(dataset))
-        chosen = agent if isinstance(agent, Agent) else load_agent(agent)
+        chosen = as_agent(agent)
         names = _chosen(table, objects)
         every = offline_tasks(table, attributes, trials, seed)
         self.tasks = [task for task in every if task.object_name in names]

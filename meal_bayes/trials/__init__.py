@@ -4,10 +4,16 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 """
 
 from meal_bayes.trials.faults import FaultTolerant
-from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, task_key
+from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.session import Recorder, Session, run_trial
 from meal_bayes.trials.streams import Streams
-from meal_bayes.trials.text import percept_labels, trials_frame, truth_text, verdict_text
+from meal_bayes.trials.text import (
+    percept_labels,
+    steps_frame,
+    trials_frame,
+    truth_text,
+    verdict_text,
+)
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 __all__ = [
@@ -20,8 +26,10 @@ __all__ = [
     "Task",
     "Trial",
     "TrialOutcomes",
+    "Trials",
     "percept_labels",
     "run_trial",
+    "steps_frame",
     "task_key",
     "trials_frame",
     "truth_of",

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,15 @@ _TYPES: dict[str, Any] = {
     **dict.fromkeys(REALS, np.float64), "truth": np.int8, "report": np.int8,
 }  # fmt: skip
 _PADDING: dict[str, Any] = {"attribute": "", "truth": -1, "report": -1, "positive": np.nan}
+
+
+@runtime_checkable
+class Run(Protocol):
+    """Many trials, whose outcomes are kept."""
+
+    def outcomes(self) -> "TrialOutcomes":
+        """Return the outcomes of all trials."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,10 +94,12 @@ class TrialOutcomes:
         return len(self.agent)
 
     @classmethod
-    def of(cls, trials: "Iterable[Trial] | TrialOutcomes") -> "TrialOutcomes":
-        """Compute the outcomes of trials; outcomes are returned as they are."""
+    def of(cls, trials: "Trials") -> "TrialOutcomes":
+        """Compute the outcomes of trials; those of a run are read, and outcomes are as they are."""
         if isinstance(trials, TrialOutcomes):
             return trials
+        if isinstance(trials, Run):
+            return trials.outcomes()
         return cls._stack([_columns(trial) for trial in trials])
 
     @classmethod
@@ -238,3 +249,6 @@ def task_key(key: Iterable[str | int]) -> str:
     '["offline", 3]'
     """
     return json.dumps([part if isinstance(part, str) else int(part) for part in key])
+
+
+Trials = Iterable[Trial] | TrialOutcomes | Run

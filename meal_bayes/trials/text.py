@@ -158,6 +158,19 @@ def trials_frame(trials: Iterable["Trial"]) -> Any:
     return frame.astype({"success": "boolean"}) if len(frame) else frame
 
 
+def steps_frame(trials: Iterable["Trial"]) -> Any:
+    """Return the steps of trials as a pandas data frame, a row a step; see `Trial.to_frame`."""
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    frames = [
+        trial.to_frame().assign(
+            agent=trial.agent, task=trial.task.name, object=trial.task.object_name
+        )
+        for trial in trials
+    ]
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+
+
 def _summary(trial: "Trial") -> dict[str, object]:
     query = trial.task.query
     return {
