@@ -139,6 +139,8 @@ def _text(cell: Any) -> str:
         return str(cell)
     if isinstance(cell, list):
         mean, se = cell
+        if mean is None:
+            return _DASH
         digits = 3 if abs(mean) < _ACCURACIES else 1
         return f"{mean:.{digits}f}" + ("" if se is None else f" ± {se:.{digits}f}")
     return f"{cell:.3f}" if abs(cell) < _ACCURACIES else f"{cell:.2f}"

@@ -13,10 +13,11 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import Effect, mean_effect
 from meal_bayes.perception import table_counts
-from paper_repro import frame, offline, online, published
+from paper_repro import frame, offline, online, pages, published
 from paper_repro.statements import RECORDED, THEIRS
 
 FOLDER = Path(frame.__file__).parent
+NOBODY = np.full(3, nan)
 
 
 def test_quick_and_partial_runs_leave_the_committed_results(elsewhere, tmp_path):
@@ -182,6 +183,14 @@ def test_margins_and_central_statements_are_written_down_before_the_run():
     assert set(paper["margin"]) == {"accuracy", "cost"}
     for item in frame.items():
         assert frame.paper_values(item)["where"]
+
+
+def test_a_mean_that_nobody_has_is_a_dash():
+    table = {"title": "", "columns": ["a"], "rows": [[frame.plain_cell(online.mean_of(NOBODY))]]}
+    found = dict.fromkeys(("item", "title", "sentence", "verdict", "command", "shows"), "")
+    page = pages.result_page(found | {"statements": [], "tables": [table], "figures": [],
+                                      "notes": []})  # fmt: skip
+    assert page.endswith("| \N{EN DASH} |")
 
 
 def test_plain_values_are_json_of_six_digits():
