@@ -24,7 +24,6 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.csv_folder import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
-from meal_bayes.planners.point_based.policy_file import read_policy
 from meal_bayes.trial_log import Logs, check_log, log_info, read_outcomes, read_trials, salvage
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
@@ -75,9 +74,7 @@ def _refused(read: Callable[[Path], object]) -> Reader:
 
 
 # The package writes .pomdp and .pomdpx and reads neither: whichever reader gets one must refuse it.
-_WRITTEN_ONLY = tuple(
-    map(_refused, (read_policy, log_info, read_outcomes, lambda p: list(read_trials(p))))
-)
+_WRITTEN_ONLY = tuple(map(_refused, (log_info, read_outcomes, lambda p: list(read_trials(p)))))
 
 
 def _check_same(found: object, expected: object) -> None:

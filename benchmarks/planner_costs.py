@@ -67,7 +67,8 @@ def cost(dataset: str, n: int, agent: str) -> dict[str, Any]:
     for task in tasks[1 : 1 + QUERIES]:
         known = learner.knowledge(task.object_name)
         begin = time.process_time()
-        _, policy = learner.agent.prepare(task.query, known, _generator(), limit=table.recordings)
+        momdp = learner.agent.model(task.query, known, limit=table.recordings)
+        policy = learner.agent.solver(known.domain, task.query).solve(momdp, _generator())
         getattr(policy, "plans", None)
         policies.append(1e3 * (time.process_time() - begin))
     begin = time.process_time()

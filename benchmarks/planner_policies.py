@@ -16,7 +16,6 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
-from meal_bayes.planners.point_based.sarsop import Sarsop
 
 TABLED = 3  # attributes up to which factored value iteration is near the optimum
 
@@ -92,7 +91,7 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "greedy": Greedy,
         "predefined_plus": lambda: Predefined(sequence, persistent=True),
         "random_legal": lambda: RandomLegal(50.0),
-        "sarsop": lambda: Sarsop(seconds=float(str(planner.budget).removesuffix("s"))),
+        "sarsop": lambda: _sarsop(planner),
         "pomdp-py": lambda: _pomdp_py(planner),
         "pomdp-py-shortcut": lambda: _pomdp_py(planner),
     }
@@ -103,6 +102,12 @@ def _search(budget: str) -> POMCP:
     if budget.endswith("ms"):
         return POMCP(milliseconds=float(budget.removesuffix("ms")))
     return POMCP(simulations=int(budget.split(maxsplit=1)[0]))
+
+
+def _sarsop(planner: Planner) -> Solver:
+    from paper_repro.sarsop import Sarsop  # noqa: PLC0415  in a checkout of the whole repository
+
+    return Sarsop(seconds=float(str(planner.budget).removesuffix("s")))
 
 
 def _pomdp_py(planner: Planner) -> Solver:

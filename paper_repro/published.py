@@ -18,12 +18,12 @@ from meal_bayes.planners import (
     Decision,
     History,
     Random,
-    Sarsop,
     Solver,
     unvalued,
 )
 from meal_bayes.planners.baselines import RandomLegalPolicy
 from paper_repro.frame import HERE, Setting, paper_values
+from paper_repro.sarsop import Sarsop
 
 ASK = "ask"
 EVERY_ACTION = str(HERE / "domains" / "roc36_every_action.toml")  # x decides nothing

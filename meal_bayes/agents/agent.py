@@ -10,7 +10,7 @@ from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
-from meal_bayes.planners import Policy, Solver, warm_up
+from meal_bayes.planners import Solver, warm_up
 
 TRUST = 0.99  # Pr(a label that a person gave is right)
 
@@ -58,20 +58,6 @@ class Agent:
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
         warm_up(self.solver(domain, query))
-
-    def prepare(
-        self,
-        query: Query,
-        knowledge: Knowledge,
-        rng: np.random.Generator,
-        *,
-        limit: ArrayLike = np.inf,
-        reward: float | None = None,
-        labels: NDArray[np.int8] | None = None,
-    ) -> tuple[MOMDP, Policy]:
-        """Build the query's MOMDP and solve it (Alg. 1, l. 1-5); see `model`."""
-        momdp = self.model(query, knowledge, limit=limit, reward=reward, labels=labels)
-        return momdp, self.solver(knowledge.domain, query).solve(momdp, rng)
 
     def model(
         self,

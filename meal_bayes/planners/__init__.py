@@ -8,7 +8,6 @@ from meal_bayes.planners.factored import Factored, batched_value_iteration
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.point_based import AlphaVectorPolicy, AlphaVectors, Sarsop, read_policy
 from meal_bayes.planners.pomcp import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
@@ -23,8 +22,6 @@ from meal_bayes.planners.solver import (
 
 __all__ = [
     "POMCP",
-    "AlphaVectorPolicy",
-    "AlphaVectors",
     "Decision",
     "Factored",
     "Greedy",
@@ -36,11 +33,9 @@ __all__ = [
     "Random",
     "RandomLegal",
     "Remembering",
-    "Sarsop",
     "Solver",
     "TreeEdge",
     "batched_value_iteration",
-    "read_policy",
     "unvalued",
     "warm_up",
     "watch_compilation",

@@ -1,0 +1,252 @@
+"""SARSOP [Kurniawati2008], the paper's solver: an adapter to an installed `pomdpsol`."""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes import processes
+from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.cache import temporary_folder
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.momdp import MOMDP, answer_value, initial_belief
+from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.planners import Decision, History
+from meal_bayes.planners.solver import choose
+from meal_bayes.untrusted import read_bytes
+
+_PROGRAM = "pomdpsol"
+_VARIABLE = "MEAL_BAYES_POMDPSOL"
+_QUOTED = 400  # characters of the program's output that a message quotes
+_HOME = "https://github.com/AdaCompNUS/sarsop"
+
+
+@dataclass(frozen=True, slots=True)
+class Sarsop:
+    """Settings; the precision that it reaches in its time depends on the machine.
+
+    Attributes
+    ----------
+    seconds : float
+        s of solving; by default the paper's budget.
+    precision : float
+        Gap between its bounds at which it ends before that.
+    program : str | Path | None
+        By default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
+    patience : float
+        s that reading the problem and writing the policy may need besides.
+
+    Raises
+    ------
+    SettingsError
+        A time or precision that is not above 0.
+    """
+
+    seconds: float = 5.0
+    precision: float = 1e-3
+    program: str | Path | None = None
+    patience: float = 60.0
+
+    def __post_init__(self) -> None:
+        times = (self.seconds, self.precision, self.patience)
+        if not all(0 < value < np.inf for value in times):
+            raise SettingsError(
+                f"Sarsop needs seconds, precision and patience above 0, and finite; found {self}."
+            )
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "AlphaVectorPolicy":
+        """Write the problem, run `pomdpsol` in a folder of its own, read its policy.
+
+        Raises
+        ------
+        SettingsError
+            No such program; a problem that its format cannot hold; a program that fails or does not
+            come to an end.
+        DataError
+            A policy that is not well formed, or of another problem.
+        """
+        program = _find(self.program)
+        if momdp.discount >= 1:
+            raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
+        with temporary_folder() as folder:
+            write_pomdpx(momdp, folder / "problem.pomdpx")
+            command = [
+                program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
+                "--output", "out.policy", "problem.pomdpx",
+            ]  # fmt: skip
+            _run(command, folder, self.seconds + self.patience)
+            if not (folder / "out.policy").is_file():
+                raise SettingsError(
+                    f"{program} wrote no policy; its output ends: {_output(folder)}"
+                )
+            vectors = read_policy(folder / "out.policy")
+        try:
+            return AlphaVectorPolicy(momdp, *vectors)
+        except SettingsError as fault:
+            raise DataError(f"{program} wrote a policy that does not fit: {fault}") from fault
+
+
+def _find(program: str | Path | None) -> str:
+    """Find the program: the given one, the environment's, or the one on the PATH."""
+    named = program or os.environ.get(_VARIABLE) or _PROGRAM
+    path = shutil.which(str(named))
+    if path is None:
+        raise SettingsError(
+            f"No program {str(named)!r} here. Build pomdpsol ({_HOME}) and put it on the PATH, or "
+            f"name it in {_VARIABLE}; or plan with Factored, which needs no other program."
+        )
+    return str(Path(path).resolve())
+
+
+def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
+    """Run a program, without a shell, to its end or the end of patience."""
+    with (folder / "output.txt").open("wb") as words:
+        process = processes.start(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words, stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            code = process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired as fault:
+            raise SettingsError(
+                f"{command[0]} had not ended after {seconds:g} s; ask fewer attributes, or give "
+                "more patience."
+            ) from fault
+        finally:
+            if process.returncode is None:  # end it with all that it has started
+                with contextlib.suppress(ProcessLookupError):
+                    if os.name == "posix":
+                        os.killpg(process.pid, signal.SIGKILL)
+                    else:
+                        process.kill()
+                process.wait()
+    if code != 0:
+        raise SettingsError(
+            f"{command[0]} ended with code {code}; its output ends: {_output(folder)}"
+        )
+
+
+def _output(folder: Path) -> str:
+    """Return the end of a program's output, in one line."""
+    text = (folder / "output.txt").read_bytes()[-_QUOTED:].decode("utf-8", errors="replace")
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split()) or "none"
+
+
+@dataclass(frozen=True, slots=True)
+class AlphaVectorPolicy:
+    """Policy that starts the best plan of several: V(x, b) = max of the vectors of x times b.
+
+    Answers need no vector, as their value is exact, and those of illegal behaviors are left out. A
+    behavior that keeps x and whose percepts have run out (`limit`, which vectors know nothing of)
+    is passed over. Truths are in the query's bit order, actions numbered as in the MOMDP.
+
+    Attributes
+    ----------
+    momdp : MOMDP
+    vectors : (V,Y) array
+        Value of each plan by truth.
+    x : (V,) int array
+        Where it begins.
+    action : (V,) int array
+        Its first action.
+
+    Raises
+    ------
+    SettingsError
+        Vectors of another MOMDP.
+    """
+
+    momdp: MOMDP
+    vectors: NDArray[np.float64]
+    x: NDArray[np.int64]
+    action: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        momdp, n = self.momdp, len(self.momdp.query)
+        set_frozen(self, vectors=freeze(self.vectors))
+        set_frozen(self, x=freeze(self.x, np.int64), action=freeze(self.action, np.int64))
+        if self.vectors.shape[1] != 2**n:
+            raise SettingsError(
+                f"Alpha vectors of {self.vectors.shape[1]} values; {n} attributes have {2**n} "
+                "(they may belong to another query)."
+            )
+        for name, numbers, count in (
+            ("x", self.x, len(momdp.x_names)),
+            ("actions", self.action, momdp.n_actions),
+        ):
+            if numbers.min() < 0 or numbers.max() >= count:
+                raise SettingsError(
+                    f"Alpha vectors with {name} from {numbers.min()} to {numbers.max()}; the MOMDP "
+                    f"has {count} (they may belong to another one)."
+                )
+
+    @property
+    def lower_bound(self) -> float:
+        """Value of the best plan at the start of a trial, exact but for `limit`."""
+        belief = initial_belief(self.momdp)
+        vectors, _ = self._plans(belief.x)
+        planned = float((vectors @ belief.joint).max(initial=-np.inf))
+        return max(planned, answer_value(self.momdp, belief))
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the best plan, or the best answer."""
+        momdp, belief = self.momdp, history.belief
+        vectors, actions = self._plans(belief.x)
+        values = np.full(momdp.n_behaviors, -np.inf)
+        np.maximum.at(values, actions, vectors @ belief.joint)
+        used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
+        values[used_up & (momdp.transition[:, belief.x, belief.x] == 1)] = -np.inf
+        return Decision.exact(*choose(momdp, belief, values))
+
+    def _plans(self, x: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return vectors and first behaviors of the plans that are legal at x."""
+        legal = np.append(self.momdp.legal[x], False)
+        rows = (self.x == x) & legal[np.minimum(self.action, self.momdp.n_behaviors)]
+        return self.vectors[rows], self.action[rows]
+
+
+def read_policy(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Read a .policy file: values (V,Y) of the vectors, their x (V,) and their actions (V,).
+
+    A document type (and with it every entity) is refused.
+
+    Raises
+    ------
+    DataError
+        A file that is not well formed, or larger than 256 MB.
+    """
+    try:
+        text = read_bytes(path).decode("ascii")
+        if "<!" in text:
+            raise ValueError("it declares a document type; none is taken")  # noqa: TRY301
+        every = ElementTree.fromstring(text).find("AlphaVector")
+        if every is None:
+            raise ValueError("it has no <AlphaVector>")  # noqa: TRY301
+        count, length = int(every.get("numVectors", "")), int(every.get("vectorLength", ""))
+        if len(every) != count or not count:
+            raise ValueError(f"found {len(every)} vectors; it promises {count}")  # noqa: TRY301
+        vectors = np.array([_values(element, length) for element in every])
+        x = np.array([int(element.get("obsValue", "")) for element in every])
+        return vectors, x, np.array([int(element.get("action", "")) for element in every])
+    except (ElementTree.ParseError, ValueError, LookupError, OSError) as fault:
+        raise DataError(f"{path} is no policy of SARSOP ({fault}).") from fault
+
+
+def _values(element: ElementTree.Element, length: int) -> NDArray[np.float64]:
+    """Read the values of a vector: all of them, or those that are not 0 with their places."""
+    values = np.array((element.text or "").split(), dtype=np.float64)
+    if element.tag == "SparseVector":
+        pairs = [(entry.text or "").split() for entry in element]
+        values = np.zeros(length)
+        values[[int(place) for place, _ in pairs]] = [float(value) for _, value in pairs]
+    if values.shape != (length,) or not np.isfinite(values).all():
+        raise ValueError(f"a vector has {len(values)} values; expected {length} finite ones")
+    return values
