@@ -64,7 +64,7 @@ class Dataset:
     DataError
         Shapes that do not agree, a context without features, features that are not finite,
         modalities of a behavior that differ in their recordings, labels other than 1, 0 and -1, an
-        object that is listed twice.
+        object that is listed twice, or one with two values of a group.
     """
 
     domain: Domain
@@ -84,6 +84,8 @@ class Dataset:
         for name, count in Counter(self.objects).items():
             if count > 1:
                 raise DataError(f"Object {name!r} is listed twice; names must be unique.")
+        if (misfit := self.domain.group_misfit(self.labels)) is not None:
+            raise DataError(f"{self.objects[misfit[0]]!r} is {misfit[1]}.")
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
         for e, behavior in enumerate(self.domain.behaviors):

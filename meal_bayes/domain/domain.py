@@ -6,6 +6,10 @@ import math
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.display import card, card_html, listed
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram, closure
@@ -59,7 +63,8 @@ class Domain:
     data : str
         The data set whose recordings fit this domain; by default the one of its name.
     groups : Mapping[str, tuple[str, ...]]
-        Attributes that exclude each other, by the group's name.
+        Attributes of which every object has exactly one, by the group's name: the values of one
+        variable. What none of them describes is a value of its own, such as "other".
     synonyms : Mapping[str, str]
         Other word -> attribute.
     predefined : tuple[str, ...]
@@ -143,6 +148,16 @@ class Domain:
         for name in sorted({*self.synonyms.values(), *sum(self.groups.values(), ())}):
             if name not in self.attributes:
                 raise DomainError(f"Groups or synonyms name {name!r}, which is no attribute.")
+        for group, members in self.groups.items():
+            others = (
+                name for other in self.groups if other != group for name in self.groups[other]
+            )
+            if len(members) < 2 or {*members} & {*others}:
+                raise DomainError(
+                    f"The group {group!r} is {list(members)}; give two or more attributes, which "
+                    "no other group has."
+                )
+            _check_unique(f"value of {group!r}", members)
         for name in self.attributes:
             if "," in name:
                 raise DomainError(f"The attribute {name!r} holds a comma, which parts attributes.")
@@ -160,6 +175,50 @@ class Domain:
                 )
             words[fold(word)] = name
         return words
+
+    def group_of(self, attribute: str) -> tuple[str, ...]:
+        """Return the values of an attribute's group; none where it has no group."""
+        return next((names for names in self.groups.values() if attribute in names), ())
+
+    def group_misfit(self, labels: NDArray[np.int8]) -> tuple[int, str] | None:
+        """Return the first row of labels (O,P) that no object can have, and why; or None."""
+        for group, members in self.groups.items():
+            of_group = labels[:, self.columns(members)]
+            wrong = ((of_group == 1).sum(axis=1) > 1) | (of_group == 0).all(axis=1)
+            for row in np.flatnonzero(wrong)[:1].tolist():
+                true = [name for name, value in zip(members, of_group[row], strict=True) if value]
+                said = " and ".join(true) or "none"
+                return row, f"{said} of {group!r} ({', '.join(members)}); exactly one is true"
+        return None
+
+    def with_implied(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Add to labels by attribute what they imply of groups.
+
+        A value that is true makes the others of its group false, the only one that is left is true,
+        and ``{"color": "red"}`` says the same as ``{"red": True}``.
+
+        Raises
+        ------
+        QueryError
+            A group of which two values are true, or none; a value that it does not have.
+        """
+        labels = dict(values)
+        for group, members in self.groups.items():
+            if group not in self.attributes and group in labels:
+                value = labels.pop(group)
+                if value not in members:
+                    raise QueryError(unknown(f"value of {group!r}", str(value), members))
+                labels[value] = True
+            known = {name: labels[name] for name in members if labels.get(name) in (0, 1)}
+            true = [name for name, value in known.items() if value]
+            if len(true) > 1 or (not true and len(known) == len(members)):
+                raise QueryError(
+                    f"{' and '.join(true) or 'None'} of {group!r} ({', '.join(members)}) said to "
+                    "be true; exactly one is."
+                )
+            if true or len(known) == len(members) - 1:
+                labels |= {name: not true for name in members if name not in known}
+        return labels
 
     @property
     def behavior_names(self) -> tuple[str, ...]:

@@ -1,8 +1,10 @@
 """A query: the attributes a robot is asked about, and the table of all their values."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from meal_bayes.arrays import freeze
 from meal_bayes.domain.domain import Domain, fold, unknown
 from meal_bayes.errors import QueryError
 
-_TABLE_LIMIT = 20  # attributes; a table of all values beyond that would not fit in memory
+_TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
 _NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
 _ALTERNATIVES = {"or", "either", "xor"}
 _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
@@ -29,13 +31,26 @@ _FUNCTION_WORDS = set(_FUNCTION_TEXT.split())
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """The vector **p** of queried attributes (bit 0 is the most significant in `index_of`).
+    """The vector **p** of queried attributes, and which of them are the values of one variable.
 
+    Attributes
+    ----------
+    attributes : tuple[str, ...]
+        (N,) names.
+    groups : tuple[tuple[int, ...], ...]
+        Places of attributes of which exactly one is true: the values of a group. An attribute
+        outside is a variable of its own, true or false.
+
+    Examples
+    --------
     >>> Query(("heavy", "beans")).report_names
     ('not heavy, not beans', 'not heavy, beans', 'heavy, not beans', 'heavy, beans')
+    >>> Query(("metal", "empty", "half", "full"), ((1, 2, 3),)).report_names[-2:]
+    ('metal, half', 'metal, full')
     """
 
-    attributes: tuple[str, ...]  # (N,)
+    attributes: tuple[str, ...]
+    groups: tuple[tuple[int, ...], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         if not self.attributes:
@@ -43,37 +58,82 @@ class Query:
         for name in self.attributes:
             if self.attributes.count(name) > 1:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
+        object.__setattr__(self, "groups", tuple(sorted(tuple(sorted(g)) for g in self.groups)))
+        places = [place for group in self.groups for place in group]
+        distinct = len(set(places)) == len(places) and set(places) <= set(range(len(self)))
+        if not distinct or not all(len(group) > 1 for group in self.groups):
+            raise QueryError(
+                f"Groups are {self.groups}; expected two or more places below {len(self)} in each, "
+                "none of them twice."
+            )
 
     def __len__(self) -> int:
         """Return N, the number of queried attributes."""
         return len(self.attributes)
 
     @property
+    def variables(self) -> tuple[tuple[int, ...], ...]:
+        """Places of each variable's attributes: a group, or an attribute alone; by first place."""
+        grouped = {place for group in self.groups for place in group}
+        alone = ((place,) for place in range(len(self)) if place not in grouped)
+        return tuple(sorted((*self.groups, *alone)))
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        """Numbers of values of the variables."""
+        return tuple(max(2, len(places)) for places in self.variables)
+
+    @property
+    def n_values(self) -> int:
+        """Y, the number of value vectors: 2^N without groups."""
+        return math.prod(self._sizes)
+
+    @property
     def values(self) -> NDArray[np.bool_]:
-        """All value vectors, (Y,N); for queries of at most 20 attributes."""
-        if len(self) > _TABLE_LIMIT:
+        """All value vectors, (Y,N); at most 2^20. The first variable is the most significant."""
+        if self.n_values > _TABLE_LIMIT:
             raise QueryError(
                 f"2^{len(self)} value vectors do not fit in a table; "
-                f"work with the factored belief beyond {_TABLE_LIMIT} attributes."
+                f"work with the factored belief beyond {_TABLE_LIMIT:,} vectors."
             )
-        bits = np.arange(2 ** len(self))[:, None] >> np.arange(len(self))[::-1]
-        return freeze(bits & 1, np.bool_)
+        digits = np.unravel_index(np.arange(self.n_values), self._sizes)
+        return freeze(self._bits(digits).T, np.bool_)
+
+    def _bits(self, digits: Sequence[Any]) -> NDArray[np.bool_]:
+        """Return the attributes' values (N,...) of a digit (...) for each variable."""
+        bits = np.zeros((len(self), *np.shape(digits[0])), bool)
+        for places, digit in zip(self.variables, digits, strict=True):
+            for number, place in enumerate(places, start=len(places) == 1):
+                bits[place] = digit == number
+        return bits
 
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Return the row y of a value vector in `values`."""
+        """Return the row y of a value vector in `values`; any N."""
         index = 0
-        for value in values:
-            index = 2 * index + int(value)
+        for places, size in zip(self.variables, self._sizes, strict=True):
+            true = [number for number, place in enumerate(places) if values[place]]
+            if len(places) > 1 and len(true) != 1:
+                names = [self.attributes[place] for place in places]
+                raise QueryError(f"{len(true)} of {names} are true; exactly one value is.")
+            index = size * index + (true[0] if len(places) > 1 else len(true))
         return index
 
     def values_of(self, index: int) -> NDArray[np.bool_]:
         """Return the value vector of row y, (N,); any N."""
-        return freeze([(index >> (len(self) - 1 - i)) & 1 for i in range(len(self))], np.bool_)
+        digits = []
+        for size in reversed(self._sizes):
+            index, digit = divmod(index, size)
+            digits.append(digit)
+        return freeze(self._bits(digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """Format one report."""
-        pairs = zip(self.attributes, values, strict=True)
-        return ", ".join(name if value else f"not {name}" for name, value in pairs)
+        """Format one report; of a group the value that is true."""
+        grouped = {place for group in self.groups for place in group}
+        return ", ".join(
+            name if value else f"not {name}"
+            for place, (name, value) in enumerate(zip(self.attributes, values, strict=True))
+            if value or place not in grouped
+        )
 
     @property
     def report_names(self) -> tuple[str, ...]:
@@ -89,19 +149,29 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     attribute, a sentence with other attributes means the object itself by it; a list means the
     attribute.
 
+    The name of a group asks for its value, and so do two of its values; a single value ("Is the
+    color red?", "Is it half full?") is asked as an attribute, true or false.
+
     Raises
     ------
     QueryError
         No attribute, an unknown one (the nearest are suggested), one named twice, a negation, or
         an alternative: the robot reports each attribute as it is.
+
+    Examples
+    --------
+    >>> from meal_bayes.domain import load_domain
+    >>> read_query("What color is it?", load_domain("roc36")).report_names
+    ('brown', 'green', 'blue')
     """
-    known = domain.words
+    plural = {fold(name) + "s": name for name in domain.groups}
+    known = plural | {fold(name): name for name in domain.groups} | domain.words
     listed = question.split(",") if isinstance(question, str) else question
     items = [fold(item) for item in listed]
     if not isinstance(question, str) or all(item in known for item in items):
-        return Query(tuple(_resolve(item, known, domain) for item in items))
-    found: list[str] = []
-    for word in _words(question, known):
+        return _query([_resolve(item, known, domain) for item in items], domain)
+    asked: list[str] = []
+    for word in _words(question, known, domain):
         if word in _NEGATIONS or word.endswith("n't"):
             raise QueryError(
                 f"The question says {word!r}; ask the plain attribute, "
@@ -114,25 +184,52 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
             )
         if word in known or word not in _FUNCTION_WORDS:
             _resolve(word, known, domain)
-            found.append(word)
-    found = [word for word in found if word not in _REFERENTS] or found
-    if not found:
+            asked.append(word)
+    asked = [word for word in asked if word not in _REFERENTS] or asked
+    if not asked:
         raise QueryError(
             f"No attribute found in {question!r}; expected some of: {', '.join(domain.attributes)}."
         )
-    return Query(tuple(known[word] for word in found))
+    return _query([known[word] for word in asked], domain)
+
+
+def _query(names: Sequence[str], domain: Domain) -> Query:
+    """Build the query of attributes and groups; a group is whole, or one of its values is asked."""
+    Query(tuple(names))  # raises where one is named twice
+    attributes: list[str] = []
+    groups: list[tuple[int, ...]] = []
+    for name in names:
+        members = domain.group_of(name) if name in domain.attributes else domain.groups[name]
+        values = [value for value in names if value in members]
+        if len(values) == 1 or not members:
+            attributes += [name] if name in domain.attributes else []
+        elif members[0] not in attributes:
+            groups.append(tuple(range(len(attributes), len(attributes) + len(members))))
+            attributes += members
+    return Query(tuple(attributes), tuple(groups))
 
 
 def _resolve(word: str, known: Mapping[str, str], domain: Domain) -> str:
     if word not in known:
-        raise QueryError(unknown("attribute", word, (*domain.attributes, *domain.synonyms)))
+        names = (*domain.attributes, *domain.synonyms, *domain.groups)
+        raise QueryError(unknown("attribute", word, names))
     return known[word]
 
 
-def _words(question: str, known: Mapping[str, str]) -> list[str]:
-    """Split a sentence into words; names of the domain with spaces or hyphens stay whole."""
+def _words(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
+    """Split a sentence into words; names of the domain with spaces or hyphens stay whole.
+
+    Of two values of one group that stand side by side ("half full") the first is meant.
+    """
     text = fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     compound = sorted((name for name in known if not name.isalnum()), key=len, reverse=True)
     pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])
-    words = (match.strip("'-") for match in re.findall(pattern, text))
-    return [word for word in words if word]
+    words: list[str] = []
+    end = 0
+    for match in re.finditer(pattern, text):
+        word, before = match.group().strip("'-"), known.get(words[-1], "") if words else ""
+        beside = words and text[end : match.start()].isspace()
+        if not (beside and known.get(word) in domain.group_of(before)) and word:
+            words.append(word)
+        end = match.end()
+    return words

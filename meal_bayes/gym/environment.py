@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.domain import unknown
+from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.experiments.percepts import percepts_for
@@ -91,7 +91,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self.render_mode, self._max_steps, self._scale = render_mode, max_steps, scale
-        self._problems: dict[tuple[int, tuple[str, ...]], MOMDP] = {}
+        self._problems: dict[tuple[int, Query], MOMDP] = {}
         self._learner = Learner(
             table.domain, agent=chosen, seed=seed, percepts=percepts, reward=reward, logs=logs
         ).fit(table)
@@ -187,7 +187,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return self._running[0].trial
 
     def _begin(self, task: Task, seed: int) -> None:
-        learner, key = self._learner, (task.object_index, task.query.attributes)
+        learner, key = self._learner, (task.object_index, task.query)
         if key not in self._problems:
             self._problems[key] = learner.problem(task)
         self.close()

@@ -72,13 +72,13 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
 
     Raises
     ------
-    QueryError : an attribute that the domain does not have.
+    QueryError : an attribute that the domain does not have; a group of which not one is true.
     SettingsError : a value that is no label.
     """
     labels = np.full(len(domain.attributes), -1, np.int8)
     if not isinstance(values, Mapping):
         raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
-    for name, value in values.items():
+    for name, value in domain.with_implied(values).items():
         p = domain.attribute_index(name)
         try:
             labels[p] = label_values(value)

@@ -35,7 +35,7 @@ from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
 
-Asked = tuple[tuple[str, ...], bytes]  # attributes of a query, and percepts that a trial can have
+Asked = tuple[Query, bytes]  # and percepts that a trial can have
 
 
 @dataclass(eq=False)
@@ -140,7 +140,11 @@ class Fitted:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)
         names = {domain.attributes[p] for p in np.flatnonzero(moved)}
-        self.answering = {q: one for q, one in self.answering.items() if not names & {*q[0]}}
+        self.answering = {
+            asked: answer
+            for asked, answer in self.answering.items()
+            if not names & {*asked[0].attributes}
+        }
 
     def _perceive_new(self) -> None:
         """Perceive the instances since the last time: those without features as they were shown."""
@@ -193,7 +197,7 @@ class Fitted:
 
     def place(self, query: Query, limit: NDArray[np.float64]) -> Asked:
         """Return what a model depends on."""
-        return query.attributes, limit.tobytes()
+        return query, limit.tobytes()
 
     @cached_property
     def information(self) -> NDArray[np.float64]:

@@ -96,7 +96,7 @@ class HeldOut:
 
     def place(self, query: Query, limit: NDArray[np.float64]) -> tuple[Any, ...]:
         """Return what a model depends on."""
-        return query.attributes, limit.tobytes(), id(self)
+        return query, limit.tobytes(), id(self)
 
     def labels_of(self, task: Task) -> NDArray[np.int8] | None:
         """Return the labels (N,) that were told of the object; None where none was."""

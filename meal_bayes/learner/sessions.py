@@ -1,5 +1,6 @@
 """Sessions of a learner: their models and policies, with a bonus for exploring, and without."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -163,6 +164,8 @@ def commanded(
     """
     domain, o = fit.knowledge.domain, task.object_index
     columns = domain.columns(task.query.attributes)
+    if isinstance(options.get("truth"), Mapping):
+        options["truth"] = domain.with_implied(options["truth"])
     if isinstance(fit, HeldOut):
         perceiver: Perceiver = fit.perceiver
         if options.get("truth") is None:

@@ -1,4 +1,11 @@
-"""The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers."""
+"""The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers.
+
+Percepts of different attributes are independent given the truth, so the filter runs over each
+attribute alone, with odds that group members never have: as if each were true or false whatever the
+others are. What a group adds is the event that exactly one is true. Its posterior needs nothing
+else from each value k than the odds o_k of that filter: Pr(k) is proportional to o_k (1 - prior_k),
+which is prior_k times the likelihood ratio (`log_odds`).
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -46,12 +53,15 @@ class Belief:
         (N,E,K) percepts of this object so far, by level.
     log_odds : NDArray[np.float64]
         (N,) of the truth, see `belief_of`.
+    groups : tuple[tuple[int, ...], ...]
+        Places of attributes of which exactly one is true, as in the query.
     """
 
     x: int
     log_prob: NDArray[np.float64]
     percept_counts: NDArray[np.int64]
     log_odds: NDArray[np.float64]
+    groups: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
         set_frozen(
@@ -79,17 +89,36 @@ class Belief:
             return freeze(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     @property
+    def marginals(self) -> list[NDArray[np.float64]]:
+        """Probabilities of each variable's values, in the order of `Query.variables`."""
+        positive, places = self.positive, {i: group for group in self.groups for i in group}
+        return [
+            positive[list(places[i])] if i in places else np.array([1.0 - p, p])
+            for i, p in enumerate(positive)
+            if i == min(places.get(i, (i,)))
+        ]
+
+    @property
     def joint(self) -> NDArray[np.float64]:
         """Pr(y) of every value vector, (Y,); small N only."""
         joint = np.ones(1)
-        for p in self.positive:
-            joint = np.concatenate([joint[:, None] * (1 - p), joint[:, None] * p], 1).ravel()
+        for row in self.marginals:
+            joint = np.concatenate([joint[:, None] * p for p in row], 1).ravel()
         return freeze(joint)
 
     @property
     def best_report(self) -> NDArray[np.bool_]:
         """The most probable value vector, (N,)."""
-        return freeze(self.log_odds > 0, np.bool_)
+        best = self.log_odds > 0
+        for group in map(list, self.groups):
+            best[group] = np.arange(len(group)) == self.log_odds[group].argmax()
+        return freeze(best, np.bool_)
+
+    def agreement(self, report: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return factors (N,) of Pr(a report is right); 1 for the values that a group has not."""
+        grouped = np.isin(np.arange(len(report)), [i for group in self.groups for i in group])
+        false = np.where(grouped, 1.0, 1.0 - self.positive)
+        return np.asarray(np.where(report, self.positive, false))
 
     @property
     def certainty(self) -> float:
@@ -98,15 +127,16 @@ class Belief:
 
     @property
     def right(self) -> NDArray[np.float64]:
-        """Pr(attribute's most probable value is the true one), (N,)."""
+        """Pr(variable's most probable value is the true one); (N,) without groups."""
+        if self.groups:
+            return freeze([row.max() for row in self.marginals])
         return freeze(1.0 / (1.0 + np.exp(-np.abs(self.log_odds))))
 
     @property
     def entropy(self) -> float:
         """Entropy of the belief, bits."""
-        p = np.clip(self.positive, 1e-300, 1.0)
-        q = np.clip(1.0 - self.positive, 1e-300, 1.0)
-        return float(-(p * np.log2(p) + q * np.log2(q)).sum())
+        rows = (np.clip(row, 1e-300, 1.0) for row in self.marginals)
+        return float(-sum((row * np.log2(row)).sum() for row in rows))
 
 
 def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -118,17 +148,26 @@ def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
     """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K)."""
-    return Belief(x, log_prob, percept_counts, log_odds(momdp, log_prob))
+    odds = log_odds(momdp, log_prob)
+    return Belief(x, log_prob, percept_counts, odds, momdp.query.groups)
 
 
 def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the log-odds of the truth, (N,), from ln Pr(latent class), (N,C).
+    """Compute the log-odds of the truth, (...,N), from ln Pr(latent class), (...,N,C).
 
     Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
     """
     with np.errstate(invalid="ignore"):  # nan where these are no logarithms of probabilities
-        of_truth = _log_sum(log_prob[:, None] + momdp.log_truth)  # (N,2)
-        return np.asarray(of_truth[:, 1] - of_truth[:, 0])
+        of_truth = _log_sum(log_prob[..., None, :] + momdp.log_truth)  # (...,N,2)
+        odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
+    for group in map(list, momdp.query.groups):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weight = odds[..., group] + np.log1p(-momdp.prior[group])
+        weight[..., momdp.prior[group] == 1] = 0.0  # the others weigh nothing
+        others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
+        with np.errstate(invalid="ignore"):  # nan where no value is possible
+            odds[..., group] = weight - _log_sum(others)
+    return odds
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
@@ -183,7 +222,13 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    return belief_of(momdp, transition.next_x, log_prob - log_total[:, None], counted)
+    after = belief_of(momdp, transition.next_x, log_prob - log_total[:, None], counted)
+    if momdp.query.groups and np.isnan(after.log_odds).any():
+        raise ImpossibleObservation(
+            f"Percepts by {momdp.behavior_names[e]!r} have ruled out every value of a group; give "
+            "the confusion rows a prior without zeros."
+        )
+    return after
 
 
 def _check(momdp: MOMDP, transition: Transition) -> None:
@@ -209,6 +254,9 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
     prob = np.exp(belief.log_prob[:, None] + momdp.log_truth)  # (N,2,C) Pr(truth, class)
+    if belief.groups:
+        truth = np.stack([1.0 - belief.positive, belief.positive], axis=1)
+        prob *= (truth / prob.sum(axis=2).clip(1e-300))[..., None]
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 
@@ -218,7 +266,7 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
-    """Compute the best report's expected reward; each attribute is right with max(b_i, 1 - b_i)."""
+    """Compute the best report's expected reward; a variable is right with its largest Pr(value)."""
     return float(momdp.report_reward(belief.right))
 
 

@@ -61,7 +61,8 @@ def build_momdp(
     precision : ArrayLike
         (N,E,C) or a number; inf is the paper's Eq. 8.
     prior : ArrayLike
-        (N,) or a number, Pr(attribute is true); the paper's is uniform.
+        (N,) or a number, Pr(attribute is true); the paper's is uniform. Over the values of a group
+        it is scaled to sum to 1.
     limit : ArrayLike
         (E,) or a number: recordings that can be perceived in one trial.
     latent_classes : ArrayLike | None
@@ -79,6 +80,9 @@ def build_momdp(
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
     arrays, goal, reward = domain.transitions(), objective or Objective(), domain.report_reward
     senses = np.array([behavior.senses for behavior in domain.behaviors])
+    chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
+    for group in map(list, query.groups):
+        chance[group] /= chance[group].sum()
     return MOMDP(
         query=query,
         x_names=domain.diagram.states,
@@ -89,7 +93,7 @@ def build_momdp(
         legal=arrays.legal,
         confusion=rows,
         precision=spread,
-        prior=np.broadcast_to(prior, (n,)),
+        prior=chance,
         latent_classes=classes,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),

@@ -24,8 +24,9 @@ def momdp_facts(momdp: "MOMDP") -> Facts:
         )
     ]
     paid = f"{momdp.correct:g} or {momdp.incorrect:g} for a report, discount {momdp.discount:g}"
+    values = momdp.query.n_values if momdp.query.groups else f"2^{len(momdp.query)}"
     return f"MOMDP of {', '.join(momdp.query.attributes)}", {
-        "states": f"{momdp.n_states}: {listed(momdp.x_names)} and 2^{len(momdp.query)} values",
+        "states": f"{momdp.n_states}: {listed(momdp.x_names)} and {values} values",
         "actions": f"{momdp.n_actions}: {listed(momdp.behavior_names)} and the reports",
         "percepts": f"{momdp.levels} levels, {momdp.n_classes} latent classes",
         "largest TPR - FPR": listed(largest, 3),

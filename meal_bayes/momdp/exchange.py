@@ -57,9 +57,10 @@ class FileTables(NamedTuple):
 
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
     """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
-    joint = np.ones((1, 1))
-    for rows in momdp.confusion[:, behavior]:  # (2,K)
-        joint = np.kron(joint, rows)
+    truth = momdp.query.values.astype(int)  # (Y,N)
+    joint = np.ones((len(truth), 1))
+    for i, rows in enumerate(momdp.confusion[:, behavior]):  # (2,K)
+        joint = (joint[:, :, None] * rows[truth[:, i], None]).reshape(len(truth), -1)
     return joint
 
 
@@ -85,6 +86,8 @@ def legal_transition(momdp: MOMDP) -> NDArray[np.float64]:
 def prior_of(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute Pr(y) before the trial (Y,)."""
     chance = np.where(momdp.query.values, momdp.prior, 1 - momdp.prior)
+    for group in map(list, momdp.query.groups):
+        chance[:, group] = np.where(momdp.query.values[:, group], momdp.prior[group], 1.0)
     return np.asarray(chance.prod(axis=1))
 
 
@@ -122,12 +125,12 @@ def file_tables(momdp: MOMDP) -> FileTables:
     SettingsError
         As for `check_flat`; or a diagram where Pr(percept | behavior, x') depends on x.
     """
-    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query)
+    n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query)
     perceived = int(momdp.observation_probability.any(axis=1).sum())  # behaviors at an x'
     size = n_y * (perceived * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
     check_flat(momdp, size, LARGEST)
     transition = legal_transition(momdp)
-    y_names = tuple(f"{y:0{len(momdp.query)}b}" for y in range(n_y))
+    y_names = tuple("".join("01"[value] for value in row) for row in momdp.query.values.astype(int))
     separator = "" if momdp.levels <= 10 else "_"  # digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
     answers = (*(f"a{name}" for name in y_names), *(["abstain"] if momdp.abstain else []))

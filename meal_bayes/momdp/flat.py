@@ -68,7 +68,7 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
         Finite precision, whose state would have to carry the percept counts; several latent
         classes a truth; or too many attributes for dense arrays.
     """
-    n_y, n_z = 2 ** len(momdp.query), momdp.levels ** len(momdp.query) + 1
+    n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query) + 1
     n_a, end = momdp.n_actions, momdp.terminal
     living = end * n_y  # states but `term`
     check_flat(momdp, n_a * momdp.n_states**2 * n_z, _LARGEST)

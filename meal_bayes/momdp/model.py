@@ -16,9 +16,9 @@ from meal_bayes.momdp.display import momdp_facts
 class MOMDP:
     """A decision problem in factored form.
 
-    Actions are the E behaviors, then the 2^N reports, then, where the agent may abstain, the answer
-    "I do not know", which ends the trial for nothing. Arrays run over behaviors only: answers
-    always lead to `term`, and 2^N of them need no table.
+    Actions are the E behaviors, then the Y reports (2^N, or fewer where attributes are the values
+    of a group), then, where the agent may abstain, the answer "I do not know", which ends the trial
+    for nothing. Arrays run over behaviors only: answers always lead to `term`, and need no table.
 
     With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
     rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. For each
@@ -47,7 +47,7 @@ class MOMDP:
     precision : NDArray[np.float64]
         (N,E,C) Dirichlet precision of a row, inf where it is known exactly.
     prior : NDArray[np.float64]
-        (N,) Pr(attribute is true) before the trial.
+        (N,) Pr(attribute is true) before the trial; over the values of a group it sums to 1.
     latent_classes : NDArray[np.float64]
         (N,2,C) Pr(latent class | truth).
     cost : NDArray[np.float64]
@@ -130,6 +130,9 @@ class MOMDP:
                 raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
         if not ((self.prior >= 0) & (self.prior <= 1)).all():
             raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
+        for group in self.query.groups:
+            if not np.isclose(self.prior[list(group)].sum(), 1.0):
+                raise SettingsError(f"MOMDP.prior of a group must sum to 1, found {self.prior}.")
         if not (self.precision > 0).all():
             raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
         for name in ("cost", "bonus", "correct", "incorrect"):
@@ -198,18 +201,18 @@ class MOMDP:
 
     @property
     def n_states(self) -> int:
-        """|S| = (|X| - 1) 2^N + 1: `term` is one state."""
-        return int(self.terminal * 2 ** len(self.query) + 1)
+        """|S| = (|X| - 1) Y + 1: `term` is one state."""
+        return self.terminal * self.query.n_values + 1
 
     @property
     def n_actions(self) -> int:
-        """|A| = E + 2^N, and one more where the agent may abstain."""
+        """|A| = E + Y, and one more where the agent may abstain."""
         return self.abstention + self.abstain
 
     @property
     def abstention(self) -> int:
-        """Index E + 2^N of the answer "I do not know"."""
-        return int(self.n_behaviors + 2 ** len(self.query))
+        """Index E + Y of the answer "I do not know"."""
+        return self.n_behaviors + self.query.n_values
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
         """Return the values (N,) that an answer reports; None where it abstains."""

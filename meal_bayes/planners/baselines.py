@@ -12,7 +12,7 @@ from meal_bayes.planners.solver import Decision, History, unvalued
 
 @dataclass(frozen=True, slots=True)
 class Random:
-    """Uniform over the 2^N reports and the legal behaviors of x."""
+    """Uniform over the reports and the legal behaviors of x."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomPolicy":
         """Return the policy."""
@@ -28,11 +28,13 @@ class RandomPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Draw a report or a legal behavior."""
         legal = np.flatnonzero(self.momdp.legal[history.belief.x])
-        n = len(self.momdp.query)
-        # Drawn bit by bit, as 2^81 reports fit in no machine integer.
-        if rng.random() * (2.0**n + len(legal)) < len(legal):
+        query = self.momdp.query
+        if rng.random() * (float(query.n_values) + len(legal)) < len(legal):
             return unvalued(self.momdp, int(rng.choice(legal)))
-        values = rng.random(n) < 0.5  # a fair coin
+        # Drawn bit by bit, as 2^81 reports fit in no machine integer.
+        values = rng.random(len(query)) < 0.5  # a fair coin
+        for group in query.groups:
+            values[list(group)] = np.arange(len(group)) == rng.integers(len(group))
         return unvalued(self.momdp, self.momdp.n_behaviors + self.momdp.query.index_of(values))
 
 

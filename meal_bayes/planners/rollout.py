@@ -118,7 +118,7 @@ def _episode(
             report = world.reported(action)
             if report is None:
                 return total, 0.0, False, paid, True, step + 1, simulations, cpu
-            right = np.where(report, known.positive, 1.0 - known.positive)
+            right = known.agreement(report)
             total += scale * float(world.report_reward(right))
             won = bool((report == true).all())
             return total, float(right.prod()), won, paid, False, step + 1, simulations, cpu
@@ -144,6 +144,8 @@ def _object(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
+    for group in map(list, world.query.groups):
+        true[group] = np.arange(len(group)) == _draw(world.prior[group], rng)
     each = np.arange(len(true))
     latent = [_draw(world.latent_classes[i, v], rng) for i, v in enumerate(true.astype(int))]
     mean, precision = world.confusion[each, :, latent], world.precision[each, :, latent]

@@ -1,7 +1,7 @@
 """Message bytes -> trials or outcomes; what does not fit together is refused."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -187,8 +187,14 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
     classes = _array(message.latent_classes, (n, 2, -1))
     c = classes.shape[2]
+    of_group = list(message.group) or [0] * n
+    if len(of_group) != n:
+        raise LogCorruptError(f"a MOMDP has {len(of_group)} group numbers, expected {n}")
+    groups = tuple(
+        tuple(i for i in range(n) if of_group[i] == number) for number in sorted({*of_group} - {0})
+    )
     momdp = MOMDP(
-        query=Query(tuple(message.attributes)),
+        query=Query(tuple(message.attributes), groups),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
         start=message.start,
@@ -228,7 +234,7 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
     trial = Trial(
         task=Task(
             name=begin.name,
-            query=Query(tuple(begin.attributes)),
+            query=replace(momdp.query, attributes=tuple(begin.attributes)),
             object_index=begin.object_index,
             object_name=begin.object_name,
             key=_key(begin.key),
@@ -268,8 +274,8 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     if action >= e:
         if len(message.report) not in (n, 0 if momdp.abstain else n):
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
-        reported = momdp.query.index_of(message.report)
-        action = e + reported if message.report else momdp.abstention
+        abstains = not message.report
+        action = momdp.abstention if abstains else e + momdp.query.index_of(message.report)
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.domain import Query
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
@@ -61,9 +62,19 @@ def encode_momdp(trial: Trial) -> bytes:
             discount=momdp.discount,
             abstain=momdp.abstain,
             row_counts=() if trial.counts is None else trial.counts.ravel().tolist(),
+            group=_groups(momdp.query),
             **fields,
         )
     )
+
+
+def _groups(query: Query) -> list[int]:
+    """Return the number of each attribute's group from 1, 0 of one without; nothing without any."""
+    numbers = [0] * len(query)
+    for number, group in enumerate(query.groups, start=1):
+        for place in group:
+            numbers[place] = number
+    return numbers if query.groups else []
 
 
 def numbered(number: int, momdp: bytes) -> bytes:

@@ -47,7 +47,7 @@ _FIELDS = {
         "transition:double* observation_probability:double* legal:bool* confusion:double* "
         "precision:double* prior:double* cost:double* correct:double incorrect:double "
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
-        "row_counts:double*"
+        "row_counts:double* group:int64*"
     ),
     "Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "

@@ -38,11 +38,22 @@ def percept_labels(
     return [names[z] if known else silent for z, known in zip(observation, informed, strict=True)]
 
 
-def truth_text(attributes: Sequence[str], truth: Sequence[int] | NDArray[np.int8]) -> str:
-    """Return the known truths (N,) by name, and "unknown" where one of them is not known."""
-    named = zip(attributes, truth, strict=True)
-    known = [name if value == 1 else f"not {name}" for name, value in named if value >= 0]
-    return ", ".join([*known, "unknown"] if len(known) < len(truth) else known)
+def truth_text(
+    attributes: Sequence[str],
+    truth: Sequence[int] | NDArray[np.int8],
+    groups: Sequence[Sequence[int]] = (),
+) -> str:
+    """Return the known truths (N,) by name, and "unknown" where one of them is not known.
+
+    Of a group (places of its values) only the value that is true is named.
+    """
+    implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
+    known = [
+        name if value == 1 else f"not {name}"
+        for i, (name, value) in enumerate(zip(attributes, truth, strict=True))
+        if value == 1 or (value == 0 and i not in implied)
+    ]
+    return ", ".join([*known, "unknown"] if min(truth, default=0) < 0 else known)
 
 
 def verdict_text(trial: "Trial") -> str:
@@ -78,14 +89,15 @@ def outcome_text(momdp: MOMDP, step: "Step", arrow: str = "->") -> str:
 
 def final_facts(trial: "Trial") -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
+    query = trial.task.query
     facts = {
         "answer": "abstained; every report was too risky",
-        "truth": truth_text(trial.task.query.attributes, trial.truth),
+        "truth": truth_text(query.attributes, trial.truth, query.groups),
     }
     if trial.ended:
         facts["answer"] = f"none; {trial.ended}"
     if trial.report is not None:
-        facts["answer"] = trial.task.query.report_name(trial.report)
+        facts["answer"] = query.report_name(trial.report)
         if trial.success is not None:
             facts["verdict"] = verdict_text(trial)
     reward = "" if np.isnan(trial.reward) else f", reward {trial.reward:.1f}"

@@ -170,4 +170,10 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
             f"truth is {truth}; expected 1, 0 or -1 for each of {list(query.attributes)}, or "
             "{attribute: True or False}."
         )
+    for group in map(list, query.groups):
+        if (values[group] >= 0).all() and values[group].sum() != 1:
+            raise QueryError(
+                f"truth of {[query.attributes[i] for i in group]} is {values[group].tolist()}; "
+                "exactly one of them is true."
+            )
     return values

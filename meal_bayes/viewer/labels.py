@@ -95,7 +95,9 @@ def log_line(frame: TrialFrame) -> str:
     if step.observation is not None:
         percept = ", ".join(percept_labels(momdp, action, step.observation))
     path = f"{momdp.x_names[step.x]} → {momdp.x_names[step.next_x]}"
-    return f"{momdp.behavior_names[action]}, {path}, percept {percept}, H {frame.entropy:.2f}"
+    return (
+        f"{momdp.behavior_names[action]}, {path}, percept {percept}, H {frame.belief.entropy:.2f}"
+    )
 
 
 def report_text(trial: Trial, values: np.ndarray | None) -> str:
@@ -119,9 +121,8 @@ def _executed(frame: TrialFrame) -> Sequence[str]:
 def _answer(frame: TrialFrame) -> Sequence[str]:
     trial = frame.trial
     if not frame.last:
-        best = report_text(trial, frame.positive > 0.5)
-        probability = float(np.maximum(frame.positive, 1 - frame.positive).prod())
-        return [f"now it would answer **{best}** ({percent(probability)} sure)"]
+        best = report_text(trial, frame.belief.best_report)
+        return [f"now it would answer **{best}** ({percent(frame.belief.certainty)} sure)"]
     facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
     verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
     return [f"### answer: {facts['answer']}", f"{verdict}truth: {facts['truth']}", facts["cost"]]

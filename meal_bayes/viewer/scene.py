@@ -57,7 +57,7 @@ class Scene:
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         for line in textwrap.wrap(log_line(frame), _LOG_WIDTH):
             to.add(LOG, rr.TextLog, time, text=[line], level=[_level(frame)])
-        to.add(ENTROPY, rr.Scalars, time, scalars=[frame.entropy])
+        to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
         for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])

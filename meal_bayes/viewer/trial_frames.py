@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import entr
 
+from meal_bayes.momdp import Belief
 from meal_bayes.trials import Step, Trial
 
 
@@ -51,9 +51,9 @@ class TrialFrame(NamedTuple):
         return self.number == len(self.trial.steps)
 
     @property
-    def entropy(self) -> float:
-        """Entropy of the belief, bits."""
-        return float((entr(self.positive) + entr(1.0 - self.positive)).sum() / np.log(2))
+    def belief(self) -> Belief:
+        """The belief after the step."""
+        return self.trial.first_belief if self.step is None else self.step.belief
 
 
 @dataclass

@@ -7,8 +7,11 @@ import pytest
 
 from meal_bayes.agents.knowledge import knowledge_without
 from meal_bayes.datasets import load_percepts
+from meal_bayes.domain import load_domain
 from meal_bayes.learner.api import question_task
 from meal_bayes.momdp import Objective, build_momdp, write_pomdp
+
+CY101 = load_domain("cy101")
 
 
 def test_a_query_without_an_object_is_the_papers_problem(run):
@@ -60,7 +63,7 @@ def test_options_reach_the_file(run):
         (("own.pomdp",), "--query"),
         (("own.pomdp", "--query", "heavy", "--object", "x"), "Unknown object"),
         (
-            ("own.pomdp", "--query", "red,green,blue,light,medium,heavy,beans,rice,glass"),
+            ("own.pomdp", "--dataset", "cy101", "--query", ",".join(CY101.attributes[:9])),
             "9 attributes",
         ),
     ],

@@ -1,7 +1,5 @@
 """Made-up data have the structure that they promise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,9 +94,3 @@ def test_settings_out_of_range(setting: dict[str, float]) -> None:
             load_domain("toy"),
             **{"objects": 3, "recordings": 1, "rng": np.random.default_rng(0), **setting},  # type: ignore[arg-type]
         )
-
-
-def test_groups_that_overlap_are_refused() -> None:
-    domain = replace(load_domain("toy"), groups={"a": ("red",), "b": ("heavy", "red")})
-    with pytest.raises(SettingsError, match="Group 'b' shares attributes"):
-        make_synthetic(domain, objects=3, recordings=1, rng=np.random.default_rng(0))

@@ -16,7 +16,7 @@ Rows = dict[str, dict[str, list[Any]]]
 ASKED = (
     ("Is it heavy, and does it hold beans?", "heavy_blue_beans", "greedy"),
     ("Is it blue?", "light_blue_rice", "predefined"),
-    ("Is it heavy, medium, and does it hold rice?", "medium_green_glass", "random"),
+    ("Is it heavy, green, and does it hold rice?", "medium_green_glass", "random"),
     ("Is it heavy?", "light_brown_screws", "greedy"),
 )
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 3, "note": "a|b <c>"}

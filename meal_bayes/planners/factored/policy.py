@@ -83,11 +83,12 @@ class Factored:
         SettingsError : finite precision, several latent classes a truth, more attributes than
             `points` allow, or rewards without a bound.
         """
-        if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
+        known = np.isinf(momdp.precision).all() and momdp.class_is_truth
+        if not known or momdp.query.groups:
             raise SettingsError(
-                "Factored value iteration needs percepts that are independent given the truth, "
-                "with known rates (Eq. 8: infinite precision, one latent class a truth); plan with "
-                "POMCP."
+                "Factored value iteration needs attributes without a group, and percepts that are "
+                "independent given the truth, with known rates (Eq. 8: infinite precision, one "
+                "latent class a truth); plan with POMCP."
             )
         momdp = _without_percepts(momdp, momdp.limit <= 0)
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)

@@ -6,6 +6,7 @@ import numpy as np
 
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.open_loop.coupled import coupled_values
 from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, plan_scratch
@@ -18,7 +19,8 @@ class OpenLoop:
 
     A percept can only help, and what is left of a plan is a plan of the library: the policy is
     worth at least the best plan, whose value is therefore a lower bound on the optimum. It takes
-    any MOMDP, and microseconds a decision.
+    any MOMDP, and microseconds a decision. Where attributes are the values of a group their errors
+    are no product: then plans are valued by sampled percepts (`coupled.py`), in milliseconds.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
@@ -40,6 +42,9 @@ class OpenLoopPolicy:
         """Choose the first behavior of the best plan."""
         belief = history.belief
         values = plan_values(self.problem, self.plans, belief).value
+        if self.momdp.query.groups:
+            coupled = coupled_values(self.momdp, self.problem, self.plans, belief, rng)
+            values = np.where(np.isneginf(values), values, coupled)
         return Decision.exact(*choose(self.momdp, belief, values))
 
 

@@ -4,6 +4,7 @@ Each simulation draws a MOMDP from the posterior and walks the tree in it (`samp
 rewards are those of the MOMDP it is given, so ITRS-shaped ones where the MOMDP is shaped. What
 departs from textbook POMCP, each because the textbook fails here:
 
+- Queries with groups are left to open-loop plans: a node's beliefs are independent.
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief, no particles.
 - New nodes are not valued by random roll-outs but by open-loop plans and tables (`evaluator.py`).
@@ -29,7 +30,7 @@ from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library, retabulate
-from meal_bayes.planners.open_loop.policy import plan_values
+from meal_bayes.planners.open_loop.policy import OpenLoopPolicy, plan_values
 from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.pomcp.certain import certain_behavior
 from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
@@ -169,6 +170,8 @@ class POMCPPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best value, by search where anything is left to decide."""
         belief, end = history.belief, None
+        if self.momdp.query.groups:  # nodes of the tree hold attributes that are independent
+            return OpenLoopPolicy(self.momdp, self.problem, self.plans).decide(history, rng)
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
         certain = certain_behavior(self.momdp, belief)
