@@ -19,7 +19,7 @@ from meal_bayes.errors import MealBayesError, QueryError, SettingsError
 
 SOURCE = Path(meal_bayes.__file__)
 HEAVY = {"scipy", "numba", "sklearn", "pymc", "arviz", "mcap", "google", "joblib", "pooch",
-         "matplotlib", "rerun", "click", "rich"}  # fmt: skip
+         "matplotlib", "pandas", "rerun", "click", "rich"}  # fmt: skip
 QUESTION = {"dataset": "roc36", "object": "heavy_green_beans", "agent": "greedy"}
 
 
@@ -43,6 +43,7 @@ def test_the_import_loads_only_numpy_at_most():
         "meal_bayes.load_domain('roc36')",
         "meal_bayes.Query(('heavy',))",
         "meal_bayes.load_percepts('roc36')",
+        "import meal_bayes.datasets, meal_bayes.robots",
         "meal_bayes.build_momdp",
         "meal_bayes.MealBayesError",
         "dir(meal_bayes)",

@@ -1,7 +1,5 @@
 """A `Dataset` that is wrong cannot be made; one that is made cannot be changed."""
 
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -87,13 +85,3 @@ def test_object_index() -> None:
     assert object_index(("cup", "stone"), "stone") == 1
     with pytest.raises(SettingsError, match="did you mean 'stone'"):
         object_index(("cup", "stone"), "stome")
-
-
-def test_the_package_loads_numpy_only() -> None:
-    code = (
-        "import sys, meal_bayes.datasets, meal_bayes.robots\n"
-        "heavy = {'pooch', 'requests', 'scipy', 'sklearn', 'pandas', 'numba'}\n"
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) == ("[]\n", "")

@@ -54,21 +54,16 @@ def states() -> list[str]:
     return [state for _, state in verify("roc36")]
 
 
-@pytest.mark.parametrize("prefix", ["", "file://"])
-def test_folder_mirror_fills_the_cache(
-    mirror: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, prefix: str
+@pytest.mark.parametrize("kind", ["folder", "address", "server"])
+def test_a_mirror_fills_the_cache(
+    kind: str, server: str, mirror: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("MEAL_BAYES_DATA_URL", f"{prefix}{mirror}/")
+    url = {"folder": f"{mirror}/", "address": f"file://{mirror}", "server": server}[kind]
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", url)
     assert states() == ["missing", "missing"]
     assert fetch("roc36") == tmp_path / "cache"
     assert states() == ["ok", "ok"]
     assert (tmp_path / "cache" / HOME / "sub" / "a.txt").read_text() == "1,2"
-
-
-def test_http_mirror_fills_the_cache(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MEAL_BAYES_DATA_URL", server)
-    fetch("roc36")
-    assert states() == ["ok", "ok"]
 
 
 def test_what_is_cached_is_not_fetched_again(mirror: Path, monkeypatch: pytest.MonkeyPatch) -> None:
