@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from meal_bayes.datasets.synthetic import make_synthetic
+from meal_bayes.datasets import make_synthetic, save_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 
 Held = TypeVar("Held")
-OBJECTS, RECORDINGS = 24, 3
 LOOKS, PAUSE = 12_000, 0.01  # s between looks: two minutes of patience on a quiet machine
 
 # The same examples each time; no limit on their time, which a busy machine would exceed.
@@ -126,16 +125,6 @@ def own_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "own.toml"
     path.write_text(text.replace('name = "toy"', 'name = "own"'), encoding="utf-8")
     rng = np.random.default_rng(5)
-    dataset = make_synthetic(load_domain(path), objects=OBJECTS, recordings=RECORDINGS, rng=rng)
-    rows = zip(dataset.objects, dataset.labels.tolist(), strict=True)
-    lines = [f"{name},{','.join(map(str, values))}" for name, values in rows]
-    header = ",".join(("object", *dataset.domain.attributes))
-    (folder / "labels.csv").write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
-    for (behavior, modality), values in dataset.features.items():
-        names = ",".join(f"f{i}" for i in range(values.shape[2]))
-        lines = [f"object,recording,{names}"]
-        for o, name in enumerate(dataset.objects):
-            for r in range(RECORDINGS):
-                lines.append(f"{name},{r + 1}," + ",".join(map(repr, values[o, r].tolist())))
-        (folder / f"{behavior}_{modality}.csv").write_text("\n".join(lines) + "\n")
+    domain = load_domain(path)
+    save_csv_folder(make_synthetic(domain, objects=24, recordings=3, rng=rng), folder)
     return path

@@ -13,7 +13,7 @@ out of fold (see `folds`).
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -26,10 +26,15 @@ from sklearn.svm import SVC
 
 from meal_bayes.datasets.percepts import THRESHOLD
 from meal_bayes.display import short_repr
-from meal_bayes.errors import DataError
 from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.ensemble import Pool
-from meal_bayes.perception.folds import FoldProblem, folds_of, nested_outputs, table_outputs
+from meal_bayes.perception.folds import (
+    FoldProblem,
+    Machines,
+    folds_of,
+    nested_outputs,
+    table_outputs,
+)
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.modality import FeatureSpace
 from meal_bayes.perception.recordings import BehaviorRecordings
@@ -40,78 +45,9 @@ from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
-_SURE = 1e-3  # probabilities are kept this far from 0 and 1: 50 trees that agree are not certain
 _SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
 _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
-
-
-@dataclass(frozen=True, slots=True)
-class Machines:
-    """Estimators for each of M inputs and P attributes; None where a class was missing.
-
-    An input is what an estimator learns from: the features of all modalities, or the kernel of one
-    modality between recordings.
-
-    Attributes
-    ----------
-    estimators : tuple[tuple[Any, ...], ...]
-        (M,P).
-    columns : NDArray[np.bool_] or slice
-        Columns of the inputs that they were trained on: recordings, where inputs are kernels.
-    """
-
-    estimators: tuple[tuple[Any, ...], ...]
-    columns: Rows | slice
-
-    @classmethod
-    def trained(
-        cls, estimator: Any, inputs: Iterable[Floats], truth: Rows, rows: Rows
-    ) -> "Machines":
-        """Train clones of an estimator on some rows (n,) of inputs (n,d), by truth (n,P)."""
-        pairwise = getattr(estimator, "kernel", None) == "precomputed"
-        columns = rows if pairwise else slice(None)
-        labels = [None if own.all() or not own.any() else own for own in truth[rows].T.astype(int)]
-        return cls(
-            tuple(
-                tuple(
-                    None if own is None else clone(estimator).fit(values[rows][:, columns], own)
-                    for own in labels
-                )
-                for values in inputs
-            ),
-            columns,
-        )
-
-    def decide(self, inputs: Sequence[Floats | None]) -> Floats:
-        """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of NaN."""
-        n = next(len(values) for values in inputs if values is not None)
-        decisions = np.full((n, len(inputs), len(self.estimators[0])), np.nan)
-        for m, values in enumerate(inputs):
-            if values is None:
-                continue
-            finite = np.isfinite(values).all(axis=1)
-            for p, estimator in enumerate(self.estimators[m]):
-                if estimator is None or not finite.any():
-                    decisions[finite, m, p] = 0.0
-                else:
-                    decisions[finite, m, p] = _decisions(estimator, values[finite][:, self.columns])
-        return decisions
-
-
-def _decisions(estimator: Any, features: Floats) -> Floats:
-    """Return one number a row, which rises with the probability of "true"."""
-    if hasattr(estimator, "decision_function"):
-        decisions = np.asarray(estimator.decision_function(features), np.float64)
-    else:
-        prob = np.asarray(estimator.predict_proba(features), np.float64)
-        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
-    if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
-        raise DataError(
-            f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "
-            f"expected one finite number for each of {len(features)} recordings."
-        )
-    return decisions
 
 
 class Part(NamedTuple):
@@ -144,14 +80,15 @@ class ClassifierFit:
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None]) -> Floats:
         """Return log-odds of "true", (B,P); a missing modality has its mean features."""
-        n = next(len(own) for own in rows if own is not None)
-        pairs = list(zip(spaces, rows, strict=True))
-        inputs: list[Floats | None]
-        if self.paper:
-            inputs = [None if own is None else space.similarity(own) for space, own in pairs]
-        else:
-            means = [np.zeros((n, len(space.kept))) if own is None else own for space, own in pairs]
-            inputs = [np.hstack(means)]
+        n = next(len(values) for values in rows if values is not None)
+        inputs: list[Floats | None] = []
+        for space, values in zip(spaces, rows, strict=True):
+            if self.paper:
+                inputs.append(None if values is None else space.similarity(values))
+            else:
+                inputs.append(np.zeros((n, len(space.kept))) if values is None else values)
+        if not self.paper:
+            inputs = [np.hstack(inputs)]  # type: ignore[arg-type]
         log_odds = np.zeros((n, self.nested.shape[1]))
         for attributes, machines, pool in self.parts:
             log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
@@ -184,23 +121,18 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     """Build the fold problem of recordings of which all labels are known, or none."""
     truth, paper = recordings.labels == 1, settings.method == "paper"
     folds, units = folds_of(recordings, settings.folds)
-    if paper:
-        inputs = recordings.kernels()
-        estimator: Any = SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
-    else:
-        inputs, estimator = (
-            np.hstack([space.rows for space in recordings.spaces])[None],
-            repeatable(settings.classifier),
-        )
+    inputs, estimator = recordings.kernels(), SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
+    if not paper:
+        inputs = np.hstack([space.rows for space in recordings.spaces])[None]
+        estimator = repeatable(settings.classifier)
     return FoldProblem(
-        truth=truth,
-        objects=recordings.objects,
-        folds=folds,
-        units=units,
-        machines=len(inputs),
-        train=partial(Machines.trained, estimator, inputs, truth),
-        decide=lambda machines, rows: machines.decide([values[rows] for values in inputs]),
-        fit_pool=KappaPool.fitted if paper else partial(_fit_stacker, settings=settings),
+        inputs,
+        truth,
+        recordings.objects,
+        folds,
+        units,
+        estimator,
+        KappaPool.fitted if paper else partial(_fit_stacker, settings=settings),
         # Support vector machines train without the interpreter's lock; forests set the process's
         # warning filters.
         threads=(os.cpu_count() or 1) if paper else 1,

@@ -65,9 +65,9 @@ class KernelFit(NamedTuple):
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
-        pairs = zip(spaces, rows, strict=True)
-        kernels = np.stack([space.similarity(own) for space, own in pairs if own is not None])
-        present = [m for m, own in enumerate(rows) if own is not None]
+        known = {m: values for m, values in enumerate(rows) if values is not None}
+        kernels = np.stack([spaces[m].similarity(values) for m, values in known.items()])
+        present = list(known)
         if len(self.dual) > len(spaces):
             kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
             present.append(len(spaces))

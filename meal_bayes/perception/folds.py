@@ -6,7 +6,7 @@ saw neither. So each set of at most three folds is left out once: with five, 25 
 every object's percept table.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
@@ -14,7 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
+from sklearn.base import clone
 
+from meal_bayes.errors import DataError
 from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 
@@ -23,7 +26,73 @@ Rows = NDArray[np.bool_]  # (n,)
 Folds = NDArray[np.int64]  # (n,)
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
+_SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
 UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
+
+
+@dataclass(frozen=True, slots=True)
+class Machines:
+    """Estimators for each of M inputs and P attributes; None where a class was missing.
+
+    An input is what an estimator learns from: the features of all modalities, or the kernel of one
+    modality between recordings.
+
+    Attributes
+    ----------
+    estimators : tuple[tuple[Any, ...], ...]
+        (M,P).
+    columns : NDArray[np.bool_] or slice
+        Columns of the inputs that they were trained on: recordings, where inputs are kernels.
+    """
+
+    estimators: tuple[tuple[Any, ...], ...]
+    columns: Rows | slice
+
+    @classmethod
+    def trained(
+        cls, estimator: Any, inputs: Iterable[Floats], truth: Rows, rows: Rows
+    ) -> "Machines":
+        """Train clones of an estimator on some rows (n,) of inputs (n,d), by truth (n,P)."""
+        pairwise = getattr(estimator, "kernel", None) == "precomputed"
+        columns = rows if pairwise else slice(None)
+        fitted = tuple(
+            tuple(
+                clone(estimator).fit(values[rows][:, columns], labels)
+                if 0 < labels.sum() < len(labels)
+                else None
+                for labels in truth[rows].T.astype(int)
+            )
+            for values in inputs
+        )
+        return cls(fitted, columns)
+
+    def decide(self, inputs: Sequence[Floats | None]) -> Floats:
+        """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
+        n = next(len(values) for values in inputs if values is not None)
+        decisions = np.full((n, len(inputs), len(self.estimators[0])), np.nan)
+        for m, values in enumerate(inputs):
+            if values is None:
+                continue
+            for p, estimator in enumerate(self.estimators[m]):
+                decisions[:, m, p] = (
+                    0.0 if estimator is None else _decisions(estimator, values[:, self.columns])
+                )
+        return decisions
+
+
+def _decisions(estimator: Any, features: Floats) -> Floats:
+    """Return one number a row, which rises with the probability of "true"."""
+    if hasattr(estimator, "decision_function"):
+        decisions = np.asarray(estimator.decision_function(features), np.float64)
+    else:
+        prob = np.asarray(estimator.predict_proba(features), np.float64)
+        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
+    if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
+        raise DataError(
+            f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "
+            f"expected one finite number for each of {len(features)} recordings."
+        )
+    return decisions
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +101,8 @@ class FoldProblem:
 
     Attributes
     ----------
+    inputs : NDArray[np.float64]
+        (M,n,d), see `Machines`.
     truth : NDArray[np.bool_]
         (n,P) labels, of rows whose fold is not `UNKNOWN`.
     objects : NDArray[np.int64]
@@ -40,12 +111,8 @@ class FoldProblem:
         (n,) of each recording's object.
     units : NDArray[np.int64]
         (n,) what a percept table holds out: objects, or folds where there are many.
-    machines : int
-        M, the classifiers an attribute.
-    train : Callable
-        From rows to classifiers, by those rows' labels alone.
-    decide : Callable
-        From classifiers and rows to decisions (B,M,P).
+    estimator : Any
+        Cloned for every input, attribute and set of folds.
     fit_pool : Callable
         From decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who
         never saw them, to a pool; r may be 0.
@@ -53,15 +120,22 @@ class FoldProblem:
         That train at a time. More than one only where training is thread-safe.
     """
 
+    inputs: Floats
     truth: Rows
     objects: NDArray[np.int64]
     folds: Folds
     units: Folds
-    machines: int
-    train: Callable[[Rows], Any]
-    decide: Callable[[Any, Rows], Floats]
+    estimator: Any
     fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Pool]
     threads: int = 1
+
+    def train(self, rows: Rows) -> Machines:
+        """Train on some rows, by their labels alone."""
+        return Machines.trained(self.estimator, self.inputs, self.truth, rows)
+
+    def decide(self, machines: Machines, rows: Rows) -> Floats:
+        """Decide on some rows, (B,M,P)."""
+        return machines.decide([values[rows] for values in self.inputs])
 
     @property
     def names(self) -> tuple[int, ...]:
@@ -76,7 +150,7 @@ class FoldProblem:
     def without(self, left_out: Iterable[int]) -> Floats:
         """Decide on the rows of these folds by classifiers that never saw them, (n,M,P)."""
         out = np.isin(self.folds, list(left_out))
-        decisions = np.full((len(self.folds), self.machines, self.truth.shape[1]), np.nan)
+        decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
         rest = self.known & ~out
         decisions[out] = self.decide(self.train(rest), out) if rest.any() else 0.0
         return decisions
@@ -91,9 +165,9 @@ def folds_of(recordings: BehaviorRecordings, folds: int) -> tuple[Folds, Folds]:
     if recordings.large:
         units = dealt(objects, folds)
         return np.where(known, units, UNKNOWN), units
-    found = np.full(len(known), UNKNOWN)
-    found[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % folds
-    return found, objects
+    fold = np.full(len(known), UNKNOWN)
+    fold[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % folds
+    return fold, objects
 
 
 def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
@@ -106,7 +180,7 @@ def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
     Pool
         Fitted to all rows.
     """
-    decisions = _decisions(problem, 2)
+    decisions = _train_and_decide(problem, 2)
     return _nested(problem, decisions), _pool(problem, decisions, frozenset())
 
 
@@ -118,13 +192,13 @@ def table_outputs(
     All that is done for held-out o leaves o's whole fold out. With `by_object` the classifier that
     decides on o itself is trained anew, and leaves o alone out.
     """
-    decisions = _decisions(problem, 3)
-    own = _nested(problem, decisions)
-    training = np.tile(own, (len(held), 1, 1))
+    decisions = _train_and_decide(problem, 3)
+    held_outputs = _nested(problem, decisions)
+    training = np.tile(held_outputs, (len(held), 1, 1))
     for h in problem.names:
         side = _nested(problem, decisions, frozenset([h]))
         inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
-        side[inside] = own[inside]
+        side[inside] = held_outputs[inside]
         training[np.isin(held, problem.units[inside])] = side
     for index, unit in enumerate(held):
         training[index, problem.units == unit] = np.nan
@@ -139,15 +213,15 @@ def table_outputs(
 
         with ThreadPoolExecutor(problem.threads) as workers:
             for o, outputs in zip(scored, workers.map(decide_anew, scored), strict=True):
-                own[problem.objects == o] = outputs
+                held_outputs[problem.objects == o] = outputs
     if not problem.known.all():
         pool = _pool(problem, decisions, frozenset())
         unknown = ~problem.known
-        own[unknown] = pool.log_odds(problem.decide(problem.train(problem.known), unknown))
-    return own, training
+        held_outputs[unknown] = pool.log_odds(problem.decide(problem.train(problem.known), unknown))
+    return held_outputs, training
 
 
-def _decisions(problem: FoldProblem, most: int) -> Decisions:
+def _train_and_decide(problem: FoldProblem, most: int) -> Decisions:
     """Train without every set of at most so many folds, and decide on their rows."""
     sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(problem.names, k)]
     with ThreadPoolExecutor(problem.threads) as workers:
@@ -160,10 +234,10 @@ def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) 
     rows = np.isin(problem.folds, remaining)
     if len(remaining) < 2:  # nothing is out of fold
         rows[:] = False
-    inside = np.empty((len(rows), problem.machines, problem.truth.shape[1]))
+    inside = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
     for fold in remaining:
-        own = problem.folds == fold
-        inside[own] = decisions[left_out | {fold}][own]
+        rows_of_fold = problem.folds == fold
+        inside[rows_of_fold] = decisions[left_out | {fold}][rows_of_fold]
     return problem.fit_pool(inside[rows], problem.truth[rows], problem.objects[rows])
 
 
@@ -174,6 +248,6 @@ def _nested(
     outputs = np.full(problem.truth.shape, np.nan)
     for fold in problem.names:
         if fold not in left_out:
-            own, without = problem.folds == fold, left_out | {fold}
-            outputs[own] = _pool(problem, decisions, without).log_odds(decisions[without][own])
+            rows, without = problem.folds == fold, left_out | {fold}
+            outputs[rows] = _pool(problem, decisions, without).log_odds(decisions[without][rows])
     return outputs

@@ -75,10 +75,10 @@ def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise:
     duals = targets @ inverses
 
     def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
-        own = np.empty((*duals.shape[:2], sizes[left_out].sum()))
+        held = np.empty((*duals.shape[:2], sizes[left_out].sum()))
         decisions = np.empty(duals.shape)
-        score_without(left_out, inverses, duals, targets, starts, nested, own, decisions)
-        return own, decisions
+        score_without(left_out, inverses, duals, targets, starts, nested, held, decisions)
+        return held, decisions
 
     return Problem(names, starts, np.repeat(2.0 / sizes, sizes), targets, duals, score)
 
@@ -117,8 +117,8 @@ def landmark_problem(
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
         for fold, (start, end) in enumerate(pairwise(starts), start=1):
-            own = features[i, start:end]
-            grams[i, fold], products[i, fold] = own.T @ own, own.T @ targets[:, start:end].T
+            part = features[i, start:end]
+            grams[i, fold], products[i, fold] = part.T @ part, part.T @ targets[:, start:end].T
         grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
         products[i, 0] = products[i].sum(axis=0)
         (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
@@ -183,7 +183,7 @@ def leave_out(
     losses = np.zeros((len(sets), n_targets))
     log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
-        own, decisions = problem.score(left_out, settings.nested)
+        held, decisions = problem.score(left_out, settings.nested)
         remaining = problem.weights.copy()
         remaining[problem.rows(left_out)] = 0.0
         if warm is not None:
@@ -198,7 +198,7 @@ def leave_out(
             weights[index],
             losses[index],
         )
-        pooled = weights[index, :, :1] + np.einsum("mpq,pm->pq", own, weights[index, :, 1:])
+        pooled = weights[index, :, :1] + np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         present = np.arange(log_odds.shape[3]) < sizes[left_out][:, None]  # (s,R)
         log_odds[index][:, present] = pooled
     return LeftOut(weights, log_odds, losses)

@@ -176,11 +176,11 @@ def gather(
         rows = np.flatnonzero(training_set.behavior == e)  # they are sorted by object
         objects = training_set.object[rows].astype(np.int64)
         places = objects * dataset.recordings + training_set.recording[rows]
-        own = tuple(
+        modalities = tuple(
             space.at(places) for (name, _), space in spaces.items() if name == behavior.name
         )
-        if len(rows) and own:
-            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], own)
+        if len(rows) and modalities:
+            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], modalities)
     if any(
         len(np.unique(recordings.objects)) > settings.exact_objects
         or len(recordings.objects) > settings.exact_recordings

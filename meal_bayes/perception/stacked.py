@@ -146,10 +146,10 @@ def outputs(
     (part,) = parts(recordings, kernels, settings)
     problem = part.problem
     weights = leave_out(problem, NOBODY, settings).weights[0]
-    own = np.full(recordings.labels.shape, np.nan)
-    own[part.rows] = each_group(problem, settings, weights)
+    held_outputs = np.full(recordings.labels.shape, np.nan)
+    held_outputs[part.rows] = each_group(problem, settings, weights)
     # An object without labels or recordings is in no training set: what serves others serves it.
-    training = np.tile(own, (len(held), 1, 1))
+    training = np.tile(held_outputs, (len(held), 1, 1))
     # Unordered pairs of groups, at least one held out: each gives the training side of the other.
     pairs = np.stack(np.triu_indices(len(problem.groups), 1), axis=1)
     pairs = pairs[np.isin(problem.groups[pairs], held).any(axis=1)]
@@ -164,7 +164,8 @@ def outputs(
     for out, there in zip(places, rows, strict=True):
         if out is not None:
             training[out, there] = np.nan
-    unknown = np.setdiff1d(np.arange(len(own)), part.rows)
+    unknown = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
     across = kernels[:, unknown][:, :, part.columns]
-    own[unknown] = Stacker(weights).log_odds(np.einsum("mbn,mpn->bmp", across, problem.duals))
-    return own, training
+    decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)
+    held_outputs[unknown] = Stacker(weights).log_odds(decisions)
+    return held_outputs, training

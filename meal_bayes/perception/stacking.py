@@ -194,8 +194,8 @@ def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool
         return False
     if balanced:
         for i in range(len(target)):
-            own = positive if target[i] > 0 else negative
-            weight[i] *= (positive + negative) / (2.0 * own)
+            class_weight = positive if target[i] > 0 else negative
+            weight[i] *= (positive + negative) / (2.0 * class_weight)
     return True
 
 
@@ -205,13 +205,13 @@ def _leave_set(
     dual: Floats,
     target: Floats,
     rows: Ints,
-    own: Floats,
+    held: Floats,
     across: Floats,
     known: Floats,
 ) -> None:
     """Score the rows of S by classifiers without S, and prepare the rest.
 
-    Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `own` (P,q), and
+    Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `held` (P,q), and
     with L L' = C^-1[S,S] also `across` (q,n) = L^-1 C^-1[S,:] and `known` (P,q) = L^-1 (C^-1 y)_S.
     """
     q, n = across.shape
@@ -237,7 +237,7 @@ def _leave_set(
             solution[i] = known[p, i]
         _solve_upper(factor, solution)
         for i in range(q):
-            own[p, i] = target[p, rows[i]] - solution[i]
+            held[p, i] = target[p, rows[i]] - solution[i]
 
 
 @partial(_kernel, fastmath=True)
@@ -291,7 +291,7 @@ def score_without(
     targets: Floats,
     starts: Ints,
     nested: bool,
-    own: Floats,
+    held: Floats,
     decisions: Floats,
 ) -> None:
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
@@ -299,11 +299,11 @@ def score_without(
     S are the objects `left_out` (s,). `inverses` (M,n,n) and `duals` (M,P,n) are C^-1 and C^-1 y of
     each modality, C = gram + noise; `targets` (P,n) are +-1; each object's rows begin at `starts`
     (O+1,). With `nested` the others are scored without S as well, not only without themselves.
-    Writes decisions on the rows of S to `own` (M,P,q), on the others' to `decisions` (M,P,n), which
-    are 0 on S.
+    Writes decisions on the rows of S to `held` (M,P,q), and on the others' to `decisions` (M,P,n),
+    which are 0 on S.
     """
     n_modalities, n_targets, n = duals.shape
-    out, rows = np.zeros(len(starts) - 1, np.int64), np.empty(own.shape[2], np.int64)
+    out, rows = np.zeros(len(starts) - 1, np.int64), np.empty(held.shape[2], np.int64)
     row = 0
     for k in left_out:
         out[k] = 1
@@ -313,7 +313,7 @@ def score_without(
     across, known = np.empty((len(rows), n)), np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
     for m in range(n_modalities):
-        _leave_set(inverses[m], duals[m], targets, rows, own[m], across, known)
+        _leave_set(inverses[m], duals[m], targets, rows, held[m], across, known)
         _score_others(
             inverses[m], duals[m], targets, starts, out, across[:shared], known, decisions[m]
         )

@@ -94,11 +94,11 @@ def build_percept_table(
     score = partial(
         _score_behavior, held=held_groups, widths=widths, groups=groups, settings=settings
     )
-    for done, (e, own, shown) in enumerate(each(score, some.items())):
+    for done, (e, outputs, shown) in enumerate(each(score, some.items())):
         recorded = gathered[e].objects
         rows = np.flatnonzero(np.isin(recorded, held))
         place = recorded[rows, None], number_in_object(recorded)[rows, None]
-        log_odds[:, :, e][*place, columns] = own[rows]
+        log_odds[:, :, e][*place, columns] = outputs[rows]
         bins[:, :, :, e][np.ix_(held_groups, np.arange(n_objects), columns)] = shown
         if progress is not None:
             progress(done + 1, len(gathered))
@@ -150,7 +150,7 @@ def _score_behavior(
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
-    own = np.full((n, n_attributes), np.nan, np.float16)
+    held_outputs = np.full((n, n_attributes), np.nan, np.float16)
     shown = np.zeros((len(held), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
     names, starts = np.unique(recordings.objects, return_index=True)
     patterns = list(known_patterns(recordings.labels >= 0))
@@ -160,14 +160,14 @@ def _score_behavior(
             rows = np.isin(groups[recordings.objects], held[chosen])
             for _, attributes in patterns:
                 part = recordings.of(attributes).widened(width)
-                outputs, training = method_of(settings).outputs(part, held[chosen], settings)
-                own[np.ix_(rows, attributes)] = round_log_odds(outputs)[rows]
+                log_odds, training = method_of(settings).outputs(part, held[chosen], settings)
+                held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
                 bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
                 bins[np.isnan(training)] = -1
                 for level in range(len(BIN_EDGES) + 1):
                     counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
                     shown[..., level][np.ix_(chosen, names, attributes)] = counts
-    return index, own, shown
+    return index, held_outputs, shown
 
 
 def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: Ints) -> None:
@@ -176,14 +176,14 @@ def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: 
     Decided for each held-out group from the other groups alone.
     """
     even = int(np.searchsorted(BIN_EDGES, 0.0))
-    for group, own in enumerate(bins):
-        uninformative = youden(by_truth(own.astype(np.int64), labels).total()) <= 0  # (P,E)
+    for group, counts in enumerate(bins):
+        uninformative = youden(by_truth(counts.astype(np.int64), labels).total()) <= 0  # (P,E)
         for o in np.flatnonzero(groups == group):
             computed = ~np.isnan(log_odds[o])
             log_odds[o][computed & uninformative.T] = 0.0
-        recordings = own.sum(axis=-1)
-        own[:, uninformative] = 0
-        own[:, uninformative, even] = recordings[:, uninformative]
+        recordings = counts.sum(axis=-1)
+        counts[:, uninformative] = 0
+        counts[:, uninformative, even] = recordings[:, uninformative]
 
 
 def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:

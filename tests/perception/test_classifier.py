@@ -24,8 +24,8 @@ from meal_bayes.perception import (
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.classifier import Machines
 from meal_bayes.perception.confusion import cohens_kappa
+from meal_bayes.perception.folds import Machines
 
 BY_HEART = KNeighborsClassifier(1)
 
