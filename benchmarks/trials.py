@@ -1,10 +1,12 @@
-"""What a million logged trials cost: compact logs written, their facts, a report.
+"""What it costs to write and to look at many trials: the log's facts, a recording, a report.
 
-    python benchmarks/trials.py [--trials 1000000] [--json]
+    python benchmarks/trials.py [--trials 10000] [--agent bayes] [--json]
+    python benchmarks/trials.py --compact [--trials 1000000] [--json]
 
-Outcomes are synthetic but valid: five agents of an online run, tests after each batch of each
-repeat, a log a batch. Another log holds all of them in one file. Every part runs in a process of
-its own, so that its memory is its own.
+Real trials of one agent are computed once and written over and over, until the log is as large as
+asked for. Compact logs hold synthetic but valid outcomes: six agents of an online run, tests after
+each batch of each repeat, a log a batch; another log holds all of them in one file. Every part runs
+in a process of its own, so that its memory is its own.
 """
 
 import argparse
@@ -14,31 +16,31 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
 
+from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.report import write_report
+from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import Logs, log_info, write_trials
+from meal_bayes.trial_log import Logs, log_info, read_header, read_trials, write_trials
 from meal_bayes.trials import TrialOutcomes, task_key
+from meal_bayes.viewer import write_recording
 
-AGENTS = (
-    "iterative_random_legal",
-    "iterative_morc",
-    "morc_itrs",
-    "bayes",
-    "bayes_memory",
-    "random",
-)
+DISTINCT = 200  # whole trials that are really computed
+AGENTS = ("iterative_random_legal", "iterative_morc", "morc_itrs", "bayes", "bayes_memory",
+          "random")  # fmt: skip
 BATCHES, OBJECTS, ASKED = 10, 34, 2
 SIZE = 1000  # trials of a batch
-BARS = {  # name: (CPU seconds, megabytes of memory) at 1,000,000 trials
-    "log info": (2.0, 2000.0),
-    "report": (180.0, 2000.0),
+BARS = {  # of each form, by part: CPU seconds, megabytes, at so many trials
+    "full": {"log info": (1.0, 1000.0), "recording": (60.0, 1000.0), "report": (30.0, np.inf)},
+    "compact": {"log info": (2.0, 2000.0), "report": (180.0, 2000.0)},
 }
-LARGEST = 400.0  # bytes of a trial on disk
+TRIALS = {"full": 10_000, "compact": 1_000_000}
 
 
 def synthetic(agent: str, repeat: int, batch: int, trials: int) -> TrialOutcomes:
@@ -72,15 +74,24 @@ def synthetic(agent: str, repeat: int, batch: int, trials: int) -> TrialOutcomes
     )
 
 
-def make_logs(folder: Path, trials: int) -> dict[str, float]:
-    """Write logs of so many trials, and one that holds them all; return what that took."""
+def write_full(folder: Path, trials: int, agent: str) -> int:
+    """Write one log of so many whole trials; return their steps."""
+    table = load_percepts("roc36")
+    learner = Learner("roc36", agent=agent, logs=None).fit(table)
+    made = [learner.ask(task) for task in offline_tasks(table, 2, min(DISTINCT, trials), 0)]
+    header = {"config": {"dataset": "roc36"}}
+    write_trials(folder / "all.mcap", islice(cycle(made), trials), header=header)
+    return sum(len(trial.steps) for trial in islice(cycle(made), trials))
+
+
+def write_compact(folder: Path, trials: int) -> int:
+    """Write compact logs of so many trials, and one that holds them all; return how many files."""
     units = [
         (agent, repeat, batch)
         for repeat in range(-(-trials // (SIZE * len(AGENTS) * BATCHES)))
         for batch in range(BATCHES)
         for agent in AGENTS
     ][: trials // SIZE]
-    start = time.process_time()
     for agent, repeat, batch in units:
         path = folder / "run" / agent / f"repeat-{repeat:03d}" / f"{batch:02d}-test.mcap"
         header = {
@@ -89,64 +100,66 @@ def make_logs(folder: Path, trials: int) -> dict[str, float]:
         }  # fmt: skip
         write_trials(path, [synthetic(agent, repeat, batch, SIZE)], header=header)
     write_trials(folder / "all.mcap", (synthetic(*unit, SIZE) for unit in units), header={})
-    files = list((folder / "run").rglob("*.mcap"))
-    return {
-        "trials": SIZE * len(units),
-        "files": len(files),
-        "cpu_s": time.process_time() - start,
-        "bytes_a_trial_in_batches": sum(f.stat().st_size for f in files) / SIZE / len(units),
-        "bytes_a_trial_in_one_file": (folder / "all.mcap").stat().st_size / SIZE / len(units),
-    }
+    return len(units)
 
 
 def part(name: str, folder: Path) -> None:
     """Run one part and print what it took."""
-    start, wall = time.process_time(), time.perf_counter()
+    start, wall, log, written = time.process_time(), time.perf_counter(), folder / "all.mcap", 0
     if name == "log info":
-        held = log_info(folder / "all.mcap").trials
+        log_info(log)
+    elif name == "recording":
+        write_recording(read_trials(log), folder / "run.rrd", read_header(log))
+        written = (folder / "run.rrd").stat().st_size
     else:
-        held = write_report(Logs(folder / "run"), folder / "report.html").trials
+        run = folder / "run" if (folder / "run").is_dir() else log
+        written = write_report(Logs(run), folder / "report.html").size
     facts = {
-        "part": name,
-        "trials": held,
         "cpu_s": time.process_time() - start,
         "wall_s": time.perf_counter() - wall,
-        "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "written_mb": written / 1e6,
     }
     print(json.dumps(facts))
 
 
 def main() -> None:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--trials", type=int, default=1_000_000)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--part", choices=BARS, help=argparse.SUPPRESS)
-    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--compact", action="store_true", help="outcomes alone, a million")
+    parser.add_argument("--trials", type=int)
+    parser.add_argument("--agent", default="bayes", help="of whole trials")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--part", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.part:
-        part(options.part, options.folder)
+        part(options.part[0], Path(options.part[1]))
         return
-    if options.trials < SIZE:
-        sys.exit(f"--trials: give at least {SIZE}")
-    with tempfile.TemporaryDirectory() as folder:
-        made = make_logs(Path(folder), options.trials)
-        parts = []
-        for name in BARS:
-            words = [sys.executable, __file__, "--part", name, "--folder", folder]
+    form = "compact" if options.compact else "full"
+    trials = max(options.trials or TRIALS[form], SIZE if options.compact else 1)
+    with tempfile.TemporaryDirectory() as name:
+        folder, start = Path(name), time.process_time()
+        if options.compact:
+            counted = {"files": write_compact(folder, trials)}
+        else:
+            counted = {"steps": write_full(folder, trials, options.agent)}
+        size = (folder / "all.mcap").stat().st_size
+        facts = {"trials": trials, **counted, "cpu_s": time.process_time() - start,
+                 "bytes_a_trial": size / trials}  # fmt: skip
+        found: dict[str, dict[str, float]] = {"log": facts}
+        for each in BARS[form]:
+            words = [sys.executable, __file__, "--part", each, name]
             done = subprocess.run(words, check=True, capture_output=True, text=True)
-            parts.append(json.loads(done.stdout))
+            found[each] = json.loads(done.stdout)
     if options.json:
-        print(json.dumps({"logs": made, "parts": parts}))
+        print(json.dumps(found))
         return
-    for name, value in made.items():
-        print(f"{name:28s} {value:12,.1f}")
-    print(f"{'bar, bytes':28s} {LARGEST:12,.1f}")
-    for facts in parts:
-        cpu, memory = BARS[facts["part"]]
+    print(", ".join(f"{name} {value:,.0f}" for name, value in found.pop("log").items()))
+    for each, facts in found.items():
+        limits = " and ".join(f"{bar:g}" for bar in BARS[form][each])
         print(
-            f"{facts['part']:10s} {facts['cpu_s']:8.2f} s CPU (bar {cpu:g}), "
-            f"{facts['megabytes']:8.0f} MB (bar {memory:g}), {facts['trials']:,} trials"
+            f"{each:<10} {facts['cpu_s']:6.2f} s CPU, {facts['peak_mb']:5.0f} MB, "
+            f"{facts['written_mb']:6.1f} MB written (bars: {limits})"
         )
 
 
