@@ -32,28 +32,13 @@ _COMMANDS = [
 ]  # fmt: skip
 
 
-def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        import meal_bayes
-
-        click.echo(f"meal-bayes {meal_bayes.__version__}")
-        ctx.exit()
-
-
 @click.group(
     cls=Program,
     commands=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_show_version,
-    help="Show the version and exit.",
-)
+@click.version_option(package_name="meal-bayes", message="meal-bayes %(version)s")
 def main() -> None:
     """Choose which behaviors a robot tries before it answers a question about an object."""
 

@@ -51,23 +51,28 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     With the name of a data set, the path of your own domain (TOML, with --root), or the path of
     your own table (.npz), list what can be asked of it.
     """
-    from meal_bayes.datasets import cache_folder, load_dataset, load_percepts
+    from meal_bayes.datasets import cache_folder, load_dataset, load_percepts, verify
 
     if dataset is not None:
-        own = root is not None
-        held = load_dataset(dataset, root=root) if own else load_percepts(dataset)
+        held = load_dataset(dataset, root=root) if root is not None else load_percepts(dataset)
         _print_contents(held, as_json=as_json)
         return
-    rows = [_row(name) for name in _public()]
+    rows = []
+    for name in _public():
+        table, states = load_percepts(name), verify(name)
+        rows.append({
+            "name": name, "objects": len(table.objects), "behaviors": len(table.domain.behaviors),
+            "attributes": len(table.domain.attributes), "recordings": table.recordings,
+            "files": len(states), "files_cached": sum(s == "ok" for _, s in states),
+        })  # fmt: skip
     if as_json:
         print_json({"datasets": rows, "cache": str(cache_folder())})
         return
     names = "data set", "objects", "behaviors", "attributes", "recordings", "files here"
-    cells = (
+    print_table(names, (
         (*map(str, list(row.values())[:5]), f"{row['files_cached']} of {row['files']}")
         for row in rows
-    )
-    print_table(names, cells)
+    ))  # fmt: skip
     note(
         f"Percepts come with the package. The recordings behind them (files) are kept in "
         f"{cache_folder()}; get them with: meal-bayes data fetch NAME"
@@ -175,22 +180,6 @@ def _public() -> tuple[str, ...]:
     from meal_bayes.datasets.sources import SOURCES
 
     return tuple(SOURCES)
-
-
-def _row(name: str) -> dict[str, str | int]:
-    from meal_bayes.datasets import load_percepts, verify
-
-    table = load_percepts(name)
-    states = verify(name)
-    return {
-        "name": name,
-        "objects": len(table.objects),
-        "behaviors": len(table.domain.behaviors),
-        "attributes": len(table.domain.attributes),
-        "recordings": table.recordings,
-        "files": len(states),
-        "files_cached": sum(state == "ok" for _, state in states),
-    }
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:

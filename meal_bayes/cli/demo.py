@@ -2,18 +2,13 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.answer import answer
 from meal_bayes.cli.console import output, print_facts
 from meal_bayes.cli.options import logs_option, seed_option
-
-if TYPE_CHECKING:
-    from meal_bayes.datasets import PerceptTable
 
 _DATASET = "roc36"
 _QUESTION = "Is it heavy, and does it hold beans?"
@@ -41,14 +36,6 @@ def demo(seed: int, logs: Path) -> None:
         "agent": _AGENT, "seed": seed,
     }  # fmt: skip
     console = output()
-    _introduce(console, table, name)
-    _, path = answer(
-        table, task, agent=_AGENT, seed=seed, logs=logs, config=config, console=console
-    )
-    _print_next(console, name, path)
-
-
-def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
     text = (
         "A robot meets an object it has never learned from, and is asked about it. It tries one "
         "behavior after another, updates its belief by Bayes' rule, and answers once the next "
@@ -58,21 +45,19 @@ def _introduce(console: Console, table: "PerceptTable", name: str) -> None:
     console.print()
     right = table.domain.report_reward
     sensing = sum(bool(behavior.modalities) for behavior in table.domain.behaviors)
-    print_facts(
-        console,
-        {
-            "question": _QUESTION,
-            "object": f"{name}, from the recordings of a real robot (ROC36)",
-            "learned": f"from the other {len(table.objects) - 1} objects: what each of {sensing} "
-            "behaviors shows",
-            "agent": f"{_AGENT}: exact beliefs, tree search (POMCP)",
-            "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
-        },
-    )
+    facts = {
+        "question": _QUESTION,
+        "object": f"{name}, from the recordings of a real robot (ROC36)",
+        "learned": f"from the other {len(table.objects) - 1} objects: what each of {sensing} "
+        "behaviors shows",
+        "agent": f"{_AGENT}: exact beliefs, tree search (POMCP)",
+        "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
+    }
+    print_facts(console, facts)
     console.print()
-
-
-def _print_next(console: Console, name: str, path: Path) -> None:
+    _, path = answer(
+        table, task, agent=_AGENT, seed=seed, logs=logs, config=config, console=console
+    )
     other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
     console.print()
     console.print(Text("what next", "bold"))

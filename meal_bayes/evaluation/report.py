@@ -96,7 +96,20 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
             _attributes(agents),
             _behaviors(agents),
         ]
-    sections += [_worst_trials(data), _run(logs)]
+    worst = [{**_trial(worst), "opened": rank < _OPENED} for rank, worst in enumerate(data.worst)]
+    title, text = "The trial", ""
+    if data.trials > 1:
+        title = "The worst trials"
+        text = (
+            "Those with the lowest reward; among equals, where the belief was nearest to certain."
+        )
+    header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
+    files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
+    run = [
+        {"title": "Configuration and versions", "code": header},
+        {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
+    ]
+    sections += [{"title": title, "text": text, "parts": worst}, {"title": "The run", "parts": run}]
     config = logs.header.get("config")
     name = config.get("dataset") if isinstance(config, dict) else None
     source = logs.files[0].name
@@ -292,15 +305,6 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
     return {"title": "Behaviors", "text": text, "tables": tables}
 
 
-def _worst_trials(data: Collected) -> Section:
-    """Return the trials with the lowest reward; a single trial with its own title."""
-    parts = [{**_trial(worst), "opened": rank < _OPENED} for rank, worst in enumerate(data.worst)]
-    if data.trials == 1:
-        return {"title": "The trial", "parts": parts}
-    text = "Those with the lowest reward; among equals, where the belief was nearest to certain."
-    return {"title": "The worst trials", "text": text, "parts": parts}
-
-
 def _trial(worst: Worst) -> Section:
     file, number, outcome, trial, _ = worst
     facts, verdict = outcome_facts(outcome, 0), "abstained"
@@ -332,13 +336,3 @@ def _steps(trial: Trial) -> Iterator[list[str]]:
             percept = ", ".join(percept_labels(momdp, action, step.observation))
         belief = ", ".join(map(percent, step.belief.positive.tolist()))
         yield [str(number), momdp.action_label(action), f"{step.cost:g}", percept, belief]
-
-
-def _run(logs: Logs) -> Section:
-    text = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
-    files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
-    parts = [
-        {"title": "Configuration and versions", "code": text},
-        {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
-    ]
-    return {"title": "The run", "parts": parts}

@@ -66,7 +66,10 @@ class TrialBuilder:
             self.header = decode_header(data)
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
-            self._remember(message.id, _Known(*_momdp(message), len(data)))
+            self._momdps[message.id] = _Known(*_momdp(message), len(data))
+            sizes = [known.size for known in self._momdps.values()]
+            while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+                del self._momdps[next(iter(self._momdps))], sizes[0]  # as the writer forgets
         elif topic in (TRIAL, STEP):
             if bool(self._open) == (topic == TRIAL):
                 raise LogCorruptError(
@@ -96,13 +99,6 @@ class TrialBuilder:
             raise LogCorruptError(
                 f"the trials are not those that were written ({self.read}, {end})"
             )
-
-    def _remember(self, number: int, known: _Known) -> None:
-        """Keep a MOMDP, and forget the oldest as the writer does."""
-        self._momdps[number] = known
-        sizes = [one.size for one in self._momdps.values()]
-        while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
-            del self._momdps[next(iter(self._momdps))], sizes[0]
 
     def unfinished(self) -> Trial | None:
         """Return the trial under way as far as it went, with `ended`; None where there is none."""
@@ -221,6 +217,9 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
     if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
         raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
+    key = read_json(begin.key)
+    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
+        raise LogCorruptError(f"a trial's key is {begin.key[:40]!r}, expected names and numbers")
     belief = _belief(begin, nothing, momdp)
     first, steps, edges = belief, list[Step](), 0
     for index, message in enumerate(messages):
@@ -237,7 +236,7 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
             query=replace(momdp.query, attributes=tuple(begin.attributes)),
             object_index=begin.object_index,
             object_name=begin.object_name,
-            key=_key(begin.key),
+            key=tuple(key),
         ),
         agent=begin.agent,
         momdp=momdp,
@@ -251,13 +250,6 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
     for problem in misfits(trial):
         raise LogCorruptError(f"trial {begin.trial}: {problem}")
     return trial
-
-
-def _key(text: str) -> tuple[str | int, ...]:
-    key = read_json(text)
-    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
-        raise LogCorruptError(f"a trial's key is {text[:40]!r}, expected names and whole numbers")
-    return tuple(key)
 
 
 def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:

@@ -1,5 +1,6 @@
 """The logs of a run, read as far as they can be: what a viewer or a report wants."""
 
+import contextlib
 import hashlib
 import json
 from collections import Counter
@@ -59,7 +60,11 @@ class Logs:
 
     @cached_property
     def _headers(self) -> list[dict[str, object]]:
-        return list(map(_header, self.files))
+        headers: list[dict[str, object]] = [{} for _ in self.files]
+        for file, header in zip(self.files, headers, strict=True):
+            with contextlib.suppress(LogCorruptError):
+                header.update(read_header(file))
+        return headers
 
     def groups(self) -> Iterator[Group]:
         """Yield the trials of all files in groups, each trial once.
@@ -185,10 +190,3 @@ def run_digest(header: dict[str, object]) -> bytes:
         settings["config"] = {name: value for name, value in config.items() if name not in _APART}
     text = json.dumps(settings, sort_keys=True, default=str)
     return _digest(text.encode())
-
-
-def _header(file: Path) -> dict[str, object]:
-    try:
-        return read_header(file)
-    except LogCorruptError:
-        return {}

@@ -57,7 +57,10 @@ def blueprint(
 
 
 def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
-    over = None if single else _window()
+    over = None
+    if not single:  # the rows around the cursor
+        start, end = (rr.TimeRangeBoundary.cursor_relative(seq=n) for n in (-_AROUND, _AROUND))
+        over = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
     text = rrb.Vertical(
         rrb.TextDocumentView(origin=scene.NARRATION, name="question and answer"),
         rrb.TextDocumentView(origin=scene.DECISION, name="why this action"),
@@ -145,10 +148,3 @@ def _run(*, evidence: bool) -> rrb.Vertical:
         ),
         name="the run",
     )
-
-
-def _window() -> rrb.TimeAxis:
-    """Return an axis of the rows around the cursor."""
-    start = rr.TimeRangeBoundary.cursor_relative(seq=-_AROUND)
-    end = rr.TimeRangeBoundary.cursor_relative(seq=_AROUND)
-    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

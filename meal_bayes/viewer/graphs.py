@@ -68,25 +68,24 @@ class Diagram:
                 (w, h), (v, g) = box_size(start.label), box_size(label)
                 x += (v - w) / 2 * (-1 if start.x > 0 else 1)
                 y -= (h + g) / 2 + _COLUMN_GAP / 2
-            node = self._moved_free(Node(name, label, x, y, DIM))
+            node = Node(name, label, x, y, DIM)
+            taken = [*self._states, *(other for _, other in self._behaviors)]
+            while any(overlap(node, other) for other in taken):  # moved down to a free place
+                node = node._replace(y=node.y + _LINE)
             self._behaviors.append((frozenset(moves[source, target]), node))
             edges += [(start.name, name), (name, end.name)]
         self._edges = tuple(edges)
-
-    def _moved_free(self, node: Node) -> Node:
-        """Return the node, moved down until it overlaps no other."""
-        taken = [*self._states, *(other for _, other in self._behaviors)]
-        while any(overlap(node, other) for other in taken):
-            node = node._replace(y=node.y + _LINE)
-        return node
 
     def at(self, frame: TrialFrame) -> Graph:
         """Return it for a frame: where the robot is, where it was, which behavior it executed."""
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
         visited |= {frame.trial.first_belief.x}
+        end = "end"
+        if frame.x == self._momdp.terminal:
+            end += ": abstained" if frame.trial.report is None else ": answered"
         nodes = [
             node._replace(
-                label=self._end_label(frame) if x == self._momdp.terminal else node.label,
+                label=end if x == self._momdp.terminal else node.label,
                 color=ORANGE if x == frame.x else SKY if x in visited else GRAY,
             )
             for x, node in enumerate(self._states)
@@ -97,11 +96,6 @@ class Diagram:
             executed = done in actions and node.name.startswith(f"{source}-")
             nodes.append(node._replace(color=GREEN if executed else DIM))
         return Graph(tuple(nodes), self._edges)
-
-    def _end_label(self, frame: TrialFrame) -> str:
-        if frame.x != self._momdp.terminal:
-            return "end"
-        return "end: answered" if frame.trial.report is not None else "end: abstained"
 
 
 def search_tree(frame: TrialFrame) -> Graph:
