@@ -41,9 +41,9 @@ def read_array(
     buffer = io.BytesIO(content)
     if np.lib.format.read_magic(buffer) != (1, 0):
         raise ValueError(f"{name} is of another array format than 1.0")
-    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
-    if found != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
-        raise ValueError(f"{name} is {found} {shape}, expected {dtype} with {axes} axes")
+    shape, fortran, kind = np.lib.format.read_array_header_1_0(buffer)
+    if kind != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
+        raise ValueError(f"{name} is {kind} {shape}, expected {dtype} with {axes} axes")
     return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
 
 
@@ -58,7 +58,7 @@ def read_member(archive: zipfile.ZipFile, name: str, limit: int = _LARGEST) -> b
 def read_meta(content: bytes, version: int) -> dict[str, Any]:
     """Read a JSON table whose "format" is this version; raises a `ValueError`."""
     meta = read_json(content)
-    found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-    if not isinstance(meta, dict) or found != version:
-        raise ValueError(f"it has format {found}; this version reads format {version}")
+    format_ = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+    if not isinstance(meta, dict) or format_ != version:
+        raise ValueError(f"it has format {format_}; this version reads format {version}")
     return meta

@@ -84,15 +84,15 @@ def writable_caches() -> Iterator[None]:
     if cache_folder("libraries") is not None:
         yield
         return
-    scratch, given = str(scratch_folder("libraries")), os.environ.get("XDG_CACHE_HOME")
+    scratch, before = str(scratch_folder("libraries")), os.environ.get("XDG_CACHE_HOME")
     os.environ.setdefault("MPLCONFIGDIR", scratch)
     os.environ["XDG_CACHE_HOME"] = scratch
     try:
         yield
     finally:
         del os.environ["XDG_CACHE_HOME"]
-        if given is not None:
-            os.environ["XDG_CACHE_HOME"] = given
+        if before is not None:
+            os.environ["XDG_CACHE_HOME"] = before
 
 
 def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
@@ -110,44 +110,45 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
     """
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
 
-    given = config.CACHE_DIR
-    folder = given if given and _writable(Path(given)) else cache_folder("numba")
+    configured = config.CACHE_DIR
+    usable = configured and _writable(Path(configured))
+    folder = configured if usable else cache_folder("numba")
     config.CACHE_DIR = str(folder or "")
     try:
         made: Callable[..., Any] = njit(cache=folder is not None, **options)(function)
     finally:
-        config.CACHE_DIR = given
-    kept = getattr(made, "_cache", None)  # numba has no public way to it
-    if kept is not None:
-        kept.load_overload = functools.partial(_loaded, kept, kept.load_overload)
+        config.CACHE_DIR = configured
+    disk = getattr(made, "_cache", None)  # numba has no public way to it
+    if disk is not None:
+        disk.load_overload = functools.partial(_loaded, disk, disk.load_overload)
     return made
 
 
-def _loaded(kept: Any, load: Callable[..., Any], *signature: Any) -> Any:
+def _loaded(disk: Any, load: Callable[..., Any], *signature: Any) -> Any:
     """Load a compiled kernel; forget those of this function where a file is torn."""
     try:
         return load(*signature)
     except Exception as fault:  # whatever unpickling torn bytes may raise
         log.info("compiled code cannot be read (%s); compiling anew", fault)
-        kept.flush()
+        disk.flush()
         return None
 
 
 def _prepare(folder: Path) -> None:
     """Create a folder; raise an `OSError` where others can write into it, or the user cannot."""
     folder.parent.parent.mkdir(parents=True, exist_ok=True)
-    for own in (folder.parent, folder):
-        own.mkdir(mode=0o700, exist_ok=True)
-        state = own.lstat()
+    for level in (folder.parent, folder):
+        level.mkdir(mode=0o700, exist_ok=True)
+        state = level.lstat()
         if not stat.S_ISDIR(state.st_mode):
-            raise OSError(f"{own} is a link or a file, expected a folder")
+            raise OSError(f"{level} is a link or a file, expected a folder")
         if os.name != "posix":  # the profile's permissions hold
             continue
         if state.st_uid != os.getuid():
-            raise OSError(f"{own} belongs to another user ({state.st_uid})")
+            raise OSError(f"{level} belongs to another user ({state.st_uid})")
         if state.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             mode = stat.S_IMODE(state.st_mode)
-            raise OSError(f"{own} is open to others (mode {mode:o}); remove it")
+            raise OSError(f"{level} is open to others (mode {mode:o}); remove it")
     if not _writable(folder):
         raise OSError(f"{folder} cannot be written")
 

@@ -36,14 +36,14 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
     # Not to wait for a pipe that nobody writes to.
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(number, "rb") as file:
-        found = os.fstat(number)
-        if stat.S_ISDIR(found.st_mode):
+        status = os.fstat(number)
+        if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError(21, os.strerror(21), str(path))
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise ValueError("it is no regular file, but a pipe or a device")
-        data = file.read(limit + 1) if found.st_size <= limit else b""
-    if found.st_size > limit or len(data) > limit:
-        raise ValueError(f"it has {found.st_size:,} bytes, more than {limit:,}")
+        data = file.read(limit + 1) if status.st_size <= limit else b""
+    if status.st_size > limit or len(data) > limit:
+        raise ValueError(f"it has {status.st_size:,} bytes, more than {limit:,}")
     if b"\0" in data:
         raise ValueError(f"it has a zero byte at {data.index(0)}, and text has none")
     return data
@@ -69,16 +69,19 @@ def read_json(text: str | bytes) -> object:
     if len(text) > JSON_LIMIT:
         raise ValueError(f"JSON of {len(text):,} characters, more than {JSON_LIMIT:,}")
     try:
-        found: object = json.loads(text)
-        for level in levels(found):
-            for value in level:
-                _check_leaf(value)
+        value: object = json.loads(text)
+        for level in levels(value):
+            for leaf in level:
+                if isinstance(leaf, float) and not math.isfinite(leaf):
+                    raise ValueError(f"JSON holds {leaf}, which is no number")
+                if isinstance(leaf, str):
+                    leaf.encode()  # UnicodeEncodeError, a ValueError, of a surrogate alone
     except RecursionError:
         raise ValueError(f"JSON is nested more than {DEPTH_LIMIT} deep") from None
-    return found
+    return value
 
 
-def levels(found: object) -> Iterator[list[object]]:
+def levels(value: object) -> Iterator[list[object]]:
     """Yield the values of every depth of lists and tables.
 
     Raises
@@ -87,20 +90,13 @@ def levels(found: object) -> Iterator[list[object]]:
         They are nested more than `DEPTH_LIMIT` deep. Parsers raise it too, but at a depth that any
         library may change (`sys.setrecursionlimit`).
     """
-    level, depth = [found], 0
+    level, depth = [value], 0
     while level:
         yield level
-        tables = [value for value in level if isinstance(value, dict)]
-        lists = [value for value in level if isinstance(value, list)]
+        tables = [entry for entry in level if isinstance(entry, dict)]
+        lists = [entry for entry in level if isinstance(entry, list)]
         if depth == DEPTH_LIMIT and (tables or lists):
             raise RecursionError
-        level = [entry for value in lists for entry in value]
+        level = [entry for entries in lists for entry in entries]
         level += [entry for table in tables for pair in table.items() for entry in pair]
         depth += 1
-
-
-def _check_leaf(value: object) -> None:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"JSON holds {value}, which is no number")
-    if isinstance(value, str):
-        value.encode()  # UnicodeEncodeError, a ValueError, where a surrogate stands alone

@@ -261,4 +261,4 @@ def labels_by_words(
     for attribute in domain.attributes:
         if attribute not in known:
             raise DataError(f"{name} has no labels of it. {unknown('word', attribute, known)}")
-    return np.array([[a in own for a in domain.attributes] for own in words.values()], np.int8)
+    return np.array([[a in names for a in domain.attributes] for names in words.values()], np.int8)

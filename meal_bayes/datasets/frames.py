@@ -19,7 +19,7 @@ def dataset_parts(
     domain: Domain, features: Mapping[Context, Any], labels: Any, objects: Sequence[str] | None
 ) -> _Parts:
     """Return objects (O,), features {context: (O,R,D)} and labels (O,P); see `from_frames`."""
-    names, table = _labels(domain, labels, objects)
+    names, values = _labels(domain, labels, objects)
     contexts = [(b.name, m) for b in domain.behaviors for m in b.modalities]
     for context in features:
         if context not in contexts:
@@ -28,9 +28,9 @@ def dataset_parts(
         if context not in features:
             raise DataError(f"No features of {context}; expected one entry a context: {contexts}.")
     rows = [(context, _rows(features[context], names, context)) for context in contexts]
-    if not any(len(own.keys) for _, own in rows):
+    if not any(len(table.keys) for _, table in rows):
         raise DataError("No object has a recording; give features of at least one.")
-    return names, join_features(names, rows), table
+    return names, join_features(names, rows), values
 
 
 def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
@@ -52,12 +52,12 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                     "the order of `objects`."
                 )
             named = (
-                (name, _numbers(own, source)) for name, own in zip(objects, values, strict=True)
+                (name, _numbers(part, source)) for name, part in zip(objects, values, strict=True)
             )
-            values = {name: own[~np.isnan(own).all(axis=1)] for name, own in named}
-        parts = {str(name): _numbers(own, source) for name, own in values.items()}
-        keys = [(name, str(r)) for name, own in parts.items() for r in range(1, len(own) + 1)]
-        sizes = {own.shape[1] for own in parts.values() if len(own)}
+            values = {name: part[~np.isnan(part).all(axis=1)] for name, part in named}
+        parts = {str(name): _numbers(part, source) for name, part in values.items()}
+        keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
+        sizes = {part.shape[1] for part in parts.values() if len(part)}
         if len(sizes) > 1:
             raise DataError(
                 f"{source}: found recordings of {sorted(sizes)} features; give one size."

@@ -180,8 +180,8 @@ def _in_domain_order(
     counts = arrays.get("recording_counts", np.full((o, e), r, np.uint16))
     groups = arrays.get("groups", np.arange(o)).astype(np.int64)
     g = int(groups.max(initial=-1)) + 1
-    found = (labels.shape, log_odds.shape, counts.shape, groups.shape, bins.shape[:4], g <= o)
-    if found != ((o, p), (o, r, e, p), (o, e), (o,), (o, p, e, g), True):
+    shapes = (labels.shape, log_odds.shape, counts.shape, groups.shape, bins.shape[:4], g <= o)
+    if shapes != ((o, p), (o, r, e, p), (o, e), (o,), (o, p, e, g), True):
         raise DataError("Names and arrays differ in number; make the table again.")
     if (bins.sum(axis=-1, dtype=np.uint32) > r).any():
         raise DataError("Expected no more counts than recordings; make the table again.")

@@ -119,9 +119,9 @@ class PerceptTable:
             "recording_counts": (o, e),
         }
         for name, shape in expected.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise DataError(f"Percept table: {name} has shape {found}; expected {shape}.")
+            actual = getattr(self, name).shape
+            if actual != shape:
+                raise DataError(f"Percept table: {name} has shape {actual}; expected {shape}.")
         if not ((self.recording_counts >= 0) & (self.recording_counts <= r)).all():
             raise DataError(f"Percept table: expected recording_counts in 0 to {r}.")
         if self.training_bins[self.groups, np.arange(o)].any():

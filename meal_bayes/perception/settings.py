@@ -82,8 +82,18 @@ class PerceptionSettings:
                 raise SettingsError(unknown(name, getattr(self, name), known))
         if (self.method == "classifier") != (self.classifier is not None):
             raise SettingsError("A classifier and the method 'classifier' go together; give both.")
-        if self.classifier is not None:
-            _check_classifier(self.classifier)
+        if isinstance(self.classifier, type):
+            name = self.classifier.__name__
+            raise SettingsError(f"classifier is the class {name}; give an instance: {name}().")
+        if self.classifier is not None and not (
+            hasattr(self.classifier, "fit")
+            and hasattr(self.classifier, "get_params")
+            and any(hasattr(self.classifier, n) for n in ("predict_proba", "decision_function"))
+        ):
+            raise SettingsError(
+                f"classifier is {type(self.classifier).__name__}; expected a scikit-learn "
+                "classifier: with fit, get_params, and predict_proba or decision_function."
+            )
         for name in ("noise", "ridge", "box"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
@@ -124,18 +134,6 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
     """
     options = {"folds": 5, **others}
     return PerceptionSettings(method="classifier", joint=False, classifier=classifier, **options)
-
-
-def _check_classifier(classifier: Any) -> None:
-    if isinstance(classifier, type):
-        name = classifier.__name__
-        raise SettingsError(f"classifier is the class {name}; give an instance: {name}().")
-    decides = hasattr(classifier, "predict_proba") or hasattr(classifier, "decision_function")
-    if not (decides and all(hasattr(classifier, name) for name in ("fit", "get_params"))):
-        raise SettingsError(
-            f"classifier is {type(classifier).__name__}; expected a scikit-learn classifier: with "
-            "fit, get_params, and predict_proba or decision_function."
-        )
 
 
 def named_settings(name: str) -> PerceptionSettings:
