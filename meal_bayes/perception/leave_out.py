@@ -159,14 +159,14 @@ class LeftOut(NamedTuple):
     ----------
     weights : NDArray[np.float64]
         (S,P,1+M) intercept and slopes of each stacker.
-    log_odds : NDArray[np.float64]
-        (S,P,s,R) of the sets' recordings, R the most that a group has.
+    log_odds : list[NDArray[np.float64]]
+        (S,) of each set's recordings, (P,q), in the order of `Problem.rows`.
     losses : NDArray[np.float64]
         (S,P) of each stacker on the decisions it learned from, ridge included.
     """
 
     weights: Floats
-    log_odds: Floats
+    log_odds: list[Floats]
     losses: Floats
 
 
@@ -178,10 +178,9 @@ def leave_out(
     `warm` (P,1+M) is where the search starts; the optimum is unique.
     """
     n_modalities, n_targets, _ = problem.duals.shape
-    sizes = np.diff(problem.starts)
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
     losses = np.zeros((len(sets), n_targets))
-    log_odds = np.zeros((len(sets), n_targets, sets.shape[1], sizes.max()))
+    log_odds = []
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
         held, decisions = problem.score(left_out, settings.nested)
         remaining = problem.weights.copy()
@@ -198,9 +197,8 @@ def leave_out(
             weights[index],
             losses[index],
         )
-        pooled = weights[index, :, :1] + np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
-        present = np.arange(log_odds.shape[3]) < sizes[left_out][:, None]  # (s,R)
-        log_odds[index][:, present] = pooled
+        slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
+        log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)
 
 
@@ -209,10 +207,7 @@ def each_group(
 ) -> Floats:
     """Score every recording by classifiers and stackers that never saw its group, (n,P)."""
     sets = np.arange(len(problem.groups))[:, None]
-    log_odds = leave_out(problem, sets, settings, warm).log_odds[:, :, 0]  # (k,P,R)
-    present = np.arange(log_odds.shape[2]) < np.diff(problem.starts)[:, None]
-    outputs: Floats = log_odds.transpose(0, 2, 1)[present]
-    return outputs
+    return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
 
 
 def known_patterns(

@@ -153,14 +153,15 @@ def outputs(
     # Unordered pairs of groups, at least one held out: each gives the training side of the other.
     pairs = np.stack(np.triu_indices(len(problem.groups), 1), axis=1)
     pairs = pairs[np.isin(problem.groups[pairs], held).any(axis=1)]
-    both = leave_out(problem, pairs, settings, weights).log_odds  # (S,P,2,R)
+    both = leave_out(problem, pairs, settings, weights).log_odds
     rows = [part.rows[start:end] for start, end in pairwise(problem.starts)]
     place = {name: h for h, name in enumerate(held.tolist())}
     places = [place.get(name) for name in problem.groups.tolist()]  # among what is held out
     for (first, second), scores in zip(pairs.tolist(), both, strict=True):
+        sides = np.split(scores.T, [len(rows[first])])
         for out, other, side in ((first, second, 1), (second, first, 0)):
             if places[out] is not None:
-                training[places[out], rows[other]] = scores[:, side, : len(rows[other])].T
+                training[places[out], rows[other]] = sides[side]
     for out, there in zip(places, rows, strict=True):
         if out is not None:
             training[out, there] = np.nan

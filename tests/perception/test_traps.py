@@ -21,7 +21,7 @@ def outputs_of(truth, left_out, settings):
     features = rng.normal(size=(3, 20, 4))
     grams = np.exp(-((features[:, :, None] - features[:, None]) ** 2).sum(axis=-1) / 8)
     problem = kernel_problem(grams, np.repeat(truth, 2)[:, None], np.repeat(np.arange(10), 2), 0.2)
-    return leave_out(problem, np.array([left_out]), settings)[1]
+    return leave_out(problem, np.array([left_out]), settings).log_odds[0]
 
 
 @pytest.mark.parametrize("left_out", [[3], [3, 8]])
