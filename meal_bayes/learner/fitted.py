@@ -35,6 +35,7 @@ from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
 
+_SAME = 0.05  # success probabilities that differ by less are not planned with anew
 Asked = tuple[Query, bytes]  # and percepts that a trial can have
 
 
@@ -96,14 +97,13 @@ class Fitted:
         self.perception, counts = fit_and_validate(
             data, training, settings=perceives, spaces=spaces
         )
-        domain = experience.domain
-        if own.learn_success:
-            domain = learn_success(domain, experience.attempts)
         labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
             nothing = np.zeros((1, *counts.counts.shape[1:]), np.int64)
             counts, labels = ConfusionCounts(nothing), np.full((1, nothing.shape[1]), -1, np.int8)
-        self.knowledge = knowledge_of(domain, counts, labels, object_level=agent.object_level)
+        self.knowledge = knowledge_of(
+            experience.domain, counts, labels, object_level=agent.object_level
+        )
         self.seen = np.zeros(counts.counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
         if own.posterior is None:
             places = training.object, training.behavior
@@ -145,6 +145,17 @@ class Fitted:
             for asked, answer in self.answering.items()
             if not names & {*asked[0].attributes}
         }
+        self._succeed()
+
+    def _succeed(self) -> None:
+        """Learn how often behaviors succeed, where that is now another by more than 1 in 20."""
+        if not self.settings.learn_success:
+            return
+        domain = learn_success(self.experience.domain, self.experience.attempts)
+        pairs = zip(domain.diagram.effects, self.knowledge.domain.diagram.effects, strict=True)
+        if any(abs(now.probability - used.probability) > _SAME for now, used in pairs):
+            self.knowledge = replace(self.knowledge, domain=domain)
+            self.answering, self.exploring = {}, {}
 
     def _perceive_new(self) -> None:
         """Perceive the instances since the last time: those without features as they were shown."""
@@ -268,6 +279,7 @@ class Fitted:
         self.seen = state["seen"]
         self.levels.extend(state["levels"])
         self.counted.extend(state["counted"])
+        self._succeed()
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Check what others wrote."""

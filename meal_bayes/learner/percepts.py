@@ -1,6 +1,7 @@
 """Where percepts of a trial come from, and what of them is recorded."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
 from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.feedback import checked_labels
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.momdp import MOMDP
+from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Task, Trial
 
 if TYPE_CHECKING:
@@ -68,6 +71,43 @@ class Witness:
         """Learn from the trial: labels of an object that is recognized are known already."""
         with self._learner.lock:
             self._learner.fits.update(self._learner.experience.shown(trial.task.key))
+
+
+def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
+    """Rebuild the experience of a learner from the logs of its robot's trials.
+
+    What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
+    features are not. Labels are where `ask --learn` wrote them; others can be told of the trials.
+    Trials that the learner has had, or with other levels than its agent's, are passed over.
+
+    Parameters
+    ----------
+    logs : str or Path
+        Files, or folders of them.
+
+    Returns
+    -------
+    trials : list of Trial
+        That are experience now, in their order.
+    """
+    experience, recalled = learner.experience, list[Trial]()
+    with learner.lock:
+        for group in Logs(*logs).groups():
+            for trial in group.trials:
+                if (
+                    trial.task.key in experience.trials
+                    or trial.momdp.levels != learner.agent.levels
+                ):
+                    continue
+                experience.trial(trial.task.key)
+                record_trial(experience, trial)
+                recalled.append(trial)
+                facts = group.header.get("labels")
+                if isinstance(facts, dict):
+                    labels = checked_labels(facts.get("values", {}), learner.domain)
+                    experience.label(trial.task.key, trial.task.object_name, labels)
+        learner.refit()
+    return recalled
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:

@@ -145,8 +145,11 @@ def session_of(
     with learner.lock:
         fit = fit_of(learner, task, learn=learn)
         momdp, policy = prepare(learner, fit, task, key, limit, explore=learn)
+        if learn:
+            learner.experience.trial(task.key)  # it is the learner's own from now on
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
-        policy = FaultTolerant(momdp, policy, partial(_solve, learner, fit, task, key))
+        usual = learner.domain.diagram.compile(learner.domain.behavior_names).transition
+        policy = FaultTolerant(momdp, policy, partial(_solve, learner, fit, task, key), usual)
     streams = Streams(learner.seed, key, learner.agent.name)
     return commanded(learner, fit, task, streams, momdp, policy=policy, learn=learn, **options)
 

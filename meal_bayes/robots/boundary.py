@@ -1,5 +1,6 @@
 """The boundary to a robot: its outcomes are checked here, once, and become indices."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,7 +30,7 @@ class Execution:
     answers : mapping or None
         A person's answers, by attribute.
     warning : str
-        Why the robot's features are invalid; empty where they are valid.
+        Why features or answers of the robot are invalid; empty where all are valid.
     """
 
     next_x: int
@@ -45,10 +46,10 @@ class _NoPercept(Exception):
 class Boundary:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
-    A state that the domain does not know raises `RobotError`. Features that lack one of the
-    behavior's modalities, are of another size than those learned from, or are not finite numbers
-    are no percept: the trial goes on, with a warning. Modalities that the behavior does not have
-    are left aside.
+    A state that the domain does not know raises `RobotError`. A modality that is missing, of
+    another size than those learned from, or not of finite numbers is left out, with a warning; the
+    percept is made from the others, and where there are none the trial goes on without.
+    Modalities that the behavior does not have are left aside.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ class Boundary:
     ) -> None:
         self._domain, self._object, self._sizes = domain, object_index, sizes or {}
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
-        self._n_sensed = 0
+        self._n_sensed, self._warned = 0, set[str]()
 
     def start(self, state: object) -> int:
         """Return the index of x0, where a robot starts a trial.
@@ -91,7 +92,7 @@ class Boundary:
         try:
             if spec.answer_accuracy is not None:
                 return self._asked(spec, outcome, next_x)
-            return Execution(next_x, self._instance(spec, outcome))
+            return self._sensed(spec, outcome, next_x)
         except _NoPercept as fault:
             return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
 
@@ -111,30 +112,48 @@ class Boundary:
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
         return Execution(next_x, answers=outcome.answers)
 
-    def _instance(self, spec: Behavior, outcome: Outcome) -> Instance | None:
+    def _sensed(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         if outcome.answers is not None:
             raise _NoPercept("it does not ask, but came with answers")
-        features = None
+        features, faults = None, list[str]()
         if outcome.features is not None:
-            features = self._features(spec, outcome.features)
+            features, faults = self._features(spec, outcome.features)
         recording = outcome.recording
         if recording is None:
             if features is None:
-                return None
+                return Execution(next_x)
             recording, self._n_sensed = self._n_sensed, self._n_sensed + 1
-        return Instance(self._object, spec.name, recording, features)
+        warning = ""
+        if faults:
+            warning = f"percept of {spec.name} by {', '.join(features or ())} alone: "
+            warning += "; ".join(faults)
+            if spec.name not in self._warned:  # a person sees it once a trial
+                warnings.warn(warning, stacklevel=2)
+                self._warned.add(spec.name)
+        instance = Instance(self._object, spec.name, recording, features)
+        return Execution(next_x, instance, warning=warning)
 
-    def _features(self, spec: Behavior, given: object) -> Features:
+    def _features(self, spec: Behavior, given: object) -> tuple[Features, list[str]]:
+        """Return the valid features, and what is wrong with the others."""
         if not isinstance(given, Mapping):
             raise _NoPercept(f"features are {type(given).__name__}, not {{modality: numbers}}")
-        names = list(spec.modalities)
-        if not set(given) >= set(names):  # what the domain does not know of is left aside
-            raise _NoPercept(f"features of {sorted(map(str, given))}, expected those of {names}")
-        return {name: self._checked(spec.name, name, given[name]) for name in names}
+        features, faults = Features(), list[str]()
+        for name in spec.modalities:  # what the domain does not know of is left aside
+            try:
+                features[name] = self._checked(spec.name, name, given)
+            except _NoPercept as fault:
+                faults.append(str(fault))
+        if not features:
+            raise _NoPercept("; ".join(faults) or "it has no modalities")
+        return features, faults
 
-    def _checked(self, behavior: str, modality: str, given: ArrayLike) -> NDArray[np.float32]:
+    def _checked(
+        self, behavior: str, modality: str, given: Mapping[str, ArrayLike]
+    ) -> NDArray[np.float32]:
+        if modality not in given:
+            raise _NoPercept(f"{modality} is not among {sorted(map(str, given))}")
         try:
-            values = real_values(given)
+            values = real_values(given[modality])
         except (TypeError, ValueError, OverflowError) as fault:
             raise _NoPercept(f"{modality} does not hold numbers") from fault
         size = self._sizes.get((behavior, modality), values.size)

@@ -14,7 +14,9 @@ _LEAST = 2  # executions without yield, before which nothing is concluded
 _CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 
 
-def faults_of(momdp: MOMDP, history: History) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def faults_of(
+    momdp: MOMDP, history: History, expected: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Find the behaviors whose latest executions yielded nothing, more often than chance allows.
 
     An execution of a behavior that senses yields nothing where no percept comes; of one that only
@@ -23,9 +25,11 @@ def faults_of(momdp: MOMDP, history: History) -> tuple[NDArray[np.bool_], NDArra
     Parameters
     ----------
     momdp : MOMDP
-        The problem, whose diagram says how often a behavior fails by chance.
+        The problem.
     history : History
         The trial so far.
+    expected : (E,X,X) array, optional
+        Pr(x' | x, behavior) that says how often behaviors fail by chance; the problem's by default.
 
     Returns
     -------
@@ -34,14 +38,17 @@ def faults_of(momdp: MOMDP, history: History) -> tuple[NDArray[np.bool_], NDArra
     stuck : NDArray[np.bool_]
         (E,) which of these did not move either.
     """
+    transition = momdp.transition if expected is None else expected
     chance, count = np.ones(momdp.n_behaviors), np.zeros(momdp.n_behaviors, int)
+    left = momdp.limit.copy()  # a robot that replays runs out of recordings
     still, x = np.ones(momdp.n_behaviors, bool), momdp.start
     for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
-        percept = float(momdp.transition[e, x] @ momdp.observation_probability[e, x])
+        percept = float(transition[e, x] @ momdp.observation_probability[e, x])
         if perceived or (percept == 0 and after != x):
             chance[e], count[e], still[e] = 1.0, 0, True
-        else:
-            chance[e] *= 1.0 - percept if percept else momdp.transition[e, x, x]
+            left[e] -= perceived
+        elif left[e] > 0 or percept == 0:
+            chance[e] *= 1.0 - percept if percept else transition[e, x, x]
             count[e] += 1
             still[e] &= after == x
         x = after
@@ -72,11 +79,14 @@ class FaultTolerant:
         Of the problem.
     solve : Callable[[MOMDP], Policy]
         Makes the policy of the problem without them.
+    expected : (E,X,X) array, optional
+        See `faults_of`.
     """
 
     momdp: MOMDP
     policy: Policy
     solve: Callable[[MOMDP], Policy]
+    expected: NDArray[np.float64] | None = None
     _failing: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -84,7 +94,7 @@ class FaultTolerant:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action among what works; warn, once a trial, of what does not."""
-        failing, stuck = faults_of(self.momdp, history)
+        failing, stuck = faults_of(self.momdp, history, self.expected)
         if (failing != self._failing).any():
             for e in np.flatnonzero(failing & ~self._failing):
                 warnings.warn(

@@ -28,3 +28,18 @@ def test_free_behaviors_are_used_and_come_to_an_end(make, apart):
     reports = [[trial.report.tolist() for trial in done] for done in trials.values()]
     assert reports[0] == reports[1]
     assert all(trial.cost == 0 for trial in trials[0.0])
+
+
+@pytest.mark.parametrize("agent", ["morc", "morc_itrs", "bayes", "olfc", "greedy"])
+def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
+    behaviors = tuple(replace(each, cost=0.0) for each in table.domain.behaviors)
+    shown = table.training_bins.sum(axis=-1, keepdims=True)  # all of them in one bin
+    same = shown * (np.arange(table.training_bins.shape[-1]) == 4)
+    log_odds = np.where(np.isnan(table.log_odds), np.nan, 1.0)
+    free = replace(
+        table, domain=replace(table.domain, behaviors=behaviors), log_odds=log_odds,
+        training_bins=same.astype(np.uint8),
+    )  # fmt: skip
+    learner = make.learner(free, agent, percepts="model")
+    for n in (1, 2):
+        assert len(learner.ask(make.task(free, 0, *free.domain.attributes[:n])).steps) == 1

@@ -93,5 +93,10 @@ def dataset():
 def make():
     """The makers."""
     return SimpleNamespace(
-        arm=Arm, agent=agent_of, learner=make_learner, dataset=make_dataset, ours=OURS
+        arm=Arm,
+        agent=agent_of,
+        learner=make_learner,
+        dataset=make_dataset,
+        ours=OURS,
+        kitchen=KITCHEN,
     )

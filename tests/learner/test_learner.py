@@ -1,6 +1,7 @@
 """Told trials are conjugate updates: at once, in any order, and taken back exactly."""
 
 import dataclasses
+import warnings
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from meal_bayes.learner import Learner
 from meal_bayes.perception import ConfusionCounts, fit_and_validate
 from meal_bayes.planners import Predefined
 from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.robots import Outcome
 
 ALPHA = "concentration"
 
@@ -349,6 +351,24 @@ def test_success_rates_are_learned_from_executions(dataset, make):
     lift = next(e for e in learner.knowledge().domain.diagram.effects if e.behavior == "lift")
     assert lift.probability == pytest.approx(2 * 0.9 / 10)
     assert len(learner.experience.instances) == before  # equal recordings are given once
+
+
+def test_a_motion_that_never_works_is_learned_of_at_once_and_left_after_two(dataset, make):
+    """As lift at .05 instead of .9: no refit is needed, and it is tried twice a trial at most."""
+    learner = make.learner(dataset, "bayes")
+    lifts = []
+    for number in range(6):
+        arm = make.arm(seed=number)
+        arm.execute = lambda behavior, look=arm.execute: (
+            look(behavior) if behavior == "look" else Outcome("table")
+        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            trial = learner.ask("full", arm)
+        lifts.append(sum(step.decision.action == 1 for step in trial.steps))
+        assert bool(caught) == (lifts[-1] == 2)
+    assert max(lifts) == 2
+    assert learner.ask("full", arm, max_steps=1).momdp.transition[1, 0, 1] < 0.45
 
 
 def test_a_test_trial_is_no_experience(dataset, make):

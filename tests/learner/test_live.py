@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meal_bayes.datasets import Dataset
 from meal_bayes.domain import domain_from_table
 from meal_bayes.errors import RobotError
 from meal_bayes.evaluation import summarize
@@ -43,8 +44,8 @@ WRONG = {
     "too long": ({"color": [*GOOD, 1.0]}, r"shape \(4,\), expected \(3,\)"),
     "too short": ({"color": GOOD[:2]}, r"shape \(2,\), expected \(3,\)"),
     "a matrix": ({"color": GOOD[None]}, r"shape \(1, 3\), expected \(3,\)"),
-    "unknown modality": ({"colour": GOOD}, r"\['colour'\], expected those of \['color'\]"),
-    "no modality": ({}, "expected those of"),
+    "unknown modality": ({"colour": GOOD}, r"color is not among \['colour'\]"),
+    "no modality": ({}, r"color is not among \[\]"),
     "words": ({"color": ["4_0", "60", "190"]}, "does not hold numbers"),  # 40 to NumPy
     "masked": ({"color": np.ma.array(GOOD, mask=[1, 0, 0])}, "does not hold numbers"),
     "ragged": ({"color": [[1, 2], [3]]}, "does not hold numbers"),
@@ -75,6 +76,26 @@ def test_a_good_percept_has_no_warning(dataset, make, surplus):
     trial = learner.ask("red", Faulty(Outcome("table", {"color": GOOD, **surplus})))
     assert trial.steps[0].observation is not None
     assert not any(step.warning for step in trial.steps)
+
+
+@pytest.mark.parametrize("weight", [None, [math.nan], [1.0, 2.0]])
+def test_a_percept_is_made_of_the_modalities_that_are_there(make, weight):
+    look, *others = make.kitchen["behaviors"]
+    two = {**make.kitchen, "behaviors": [{**look, "modalities": ["color", "weight"]}, *others]}
+    plain, rng = make.dataset(), np.random.default_rng(0)
+    noise = rng.normal(size=(*plain.features["look", "color"].shape[:2], 1)).astype(np.float32)
+    dataset = Dataset(
+        domain_from_table(two), plain.objects, {**plain.features, ("look", "weight"): noise},
+        plain.labels,
+    )  # fmt: skip
+    learner = make.learner(dataset, make.agent("look", "look", **make.ours))
+    given = {"color": GOOD} if weight is None else {"color": GOOD, "weight": weight}
+    with pytest.warns(UserWarning, match="look by color alone: weight") as caught:
+        trial = learner.ask("red", Faulty(Outcome("table", given)), truth={"red": False})
+    assert len(caught) == 1  # a trial
+    assert trial.success
+    assert all(step.observation is not None for step in trial.steps[:2])
+    assert "by color alone" in repr(trial)
 
 
 class Breaks(Exception):

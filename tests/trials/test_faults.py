@@ -1,6 +1,7 @@
 """A sensor that is dead, or a motion that never works, costs two executions and a warning."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,14 @@ def test_without_it_the_sensor_is_tried_again_and_again():
     robot = Faulty("press", moves=True)
     trial_of("morc", robot, momdp_of("press"), tolerant=False)
     assert robot.executed.count("press") > 10
+
+
+def test_a_robot_whose_recordings_run_out_is_sound():
+    momdp = replace(momdp_of("look"), limit=np.ones(len(DOMAIN.behaviors)))
+    history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
+    for perceived in (True, False, False, False):
+        history = history.after(history.belief, look, perceived, 1.0)
+    assert not faults_of(momdp, history)[0].any()
 
 
 def test_failures_that_chance_explains_are_repeated():
