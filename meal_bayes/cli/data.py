@@ -6,26 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cli.console import (
-    note,
-    output,
-    patience,
-    print_facts,
-    print_json,
-    print_table,
-    progress,
-    say,
-)
-from meal_bayes.cli.options import (
-    FILE,
-    cluster_option,
-    jobs_option,
-    json_option,
-    named_value,
-    option,
-    perception_option,
-    root_option,
-)
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
@@ -43,8 +25,8 @@ def data() -> None:
 
 @data.command("list", short_help="List the data sets, or what one holds.")
 @click.argument("dataset", required=False)
-@root_option
-@json_option
+@opt.root_option
+@opt.json_option
 def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     """List the data sets that ship as percept tables, and whether their recordings are here.
 
@@ -66,14 +48,14 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
             "files": len(states), "files_cached": sum(s == "ok" for _, s in states),
         })  # fmt: skip
     if as_json:
-        print_json({"datasets": rows, "cache": str(cache_folder())})
+        terminal.print_json({"datasets": rows, "cache": str(cache_folder())})
         return
     names = "data set", "objects", "behaviors", "attributes", "recordings", "files here"
-    print_table(names, (
+    terminal.print_table(names, (
         (*map(str, list(row.values())[:5]), f"{row['files_cached']} of {row['files']}")
         for row in rows
     ))  # fmt: skip
-    note(
+    terminal.note(
         f"Percepts come with the package. The recordings behind them (files) are kept in "
         f"{cache_folder()}; get them with: meal-bayes data fetch NAME"
     )
@@ -86,9 +68,9 @@ def fetch(dataset: str) -> None:
     from meal_bayes import datasets
 
     total = len(datasets.registry(dataset))
-    with patience(f"fetching {total} files of {dataset} ..."):
+    with terminal.patience(f"fetching {total} files of {dataset} ..."):
         folder = datasets.fetch(dataset)
-    say(f"{dataset}: {total} files in {folder}")
+    terminal.say(f"{dataset}: {total} files in {folder}")
 
 
 @data.command(short_help="Compare the files in the cache with their digests.")
@@ -99,28 +81,28 @@ def verify(dataset: str) -> None:
 
     states = datasets.verify(dataset)
     bad = [(path, state) for path, state in states if state != "ok"]
-    say(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
+    terminal.say(f"{dataset}: {len(states) - len(bad)} of {len(states)} files are as published")
     for path, state in bad[:_LISTED]:
-        say(f"  {state}: {path}")
+        terminal.say(f"  {state}: {path}")
     if bad:
         more = f"  and {len(bad) - _LISTED} more; " if len(bad) > _LISTED else "  "
-        say(f"{more}get them with: meal-bayes data fetch {dataset}")
+        terminal.say(f"{more}get them with: meal-bayes data fetch {dataset}")
         click.get_current_context().exit(_UNSOUND)
 
 
 @data.command()
-@option("--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).",
+@opt.option("--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).",
         required=True)  # fmt: skip
-@perception_option
-@option(
+@opt.perception_option
+@opt.option(
     "--classifier", None, None, "MODULE:NAME",
     "A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
 )  # fmt: skip
-@root_option
-@option("--out", FILE, None, "FILE.npz", "Where to write the table.")
-@jobs_option
-@cluster_option
+@opt.root_option
+@opt.option("--out", opt.FILE, None, "FILE.npz", "Where to write the table.")
+@opt.jobs_option
+@opt.cluster_option
 def percepts(
     dataset: str,
     perception: str,
@@ -147,7 +129,7 @@ def percepts(
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
         check_output(out, inputs=[dataset])
-    estimator = None if classifier is None else named_value(classifier)
+    estimator = None if classifier is None else opt.named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
     own = dataset not in _public()
     compared = not own and perception == "default" and classifier is None
@@ -156,12 +138,12 @@ def percepts(
             f"The package holds no table of {dataset!r} by {classifier or perception} to compare "
             "with; give --out FILE.npz to write the new one."
         )
-    with patience(f"reading the recordings of {dataset} ..."):
+    with terminal.patience(f"reading the recordings of {dataset} ..."):
         recordings = load_dataset(dataset, root=root)
     missing = recordings.missing() if own else []
     if missing:
-        note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
-    with progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
+        terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
+    with terminal.progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
         table = build_percept_table(
             recordings,
             perception=perception,
@@ -171,7 +153,7 @@ def percepts(
         )
     if out is not None:
         save_percepts(table, out)
-        say(f"{out}: {_size(table)}")
+        terminal.say(f"{out}: {_size(table)}")
     if compared:
         _compare(table, dataset)
 
@@ -186,7 +168,7 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
     if as_json:
         names = {"attributes": table.domain.attributes, "objects": table.objects}
-        print_json({"name": table.domain.name, **names, "behaviors": costs})
+        terminal.print_json({"name": table.domain.name, **names, "behaviors": costs})
         return
     facts = {
         "data set": f"{table.domain.name}: {_size(table)}",
@@ -194,7 +176,7 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
         "behaviors": ", ".join(f"{name} {cost:g} s" for name, cost in costs.items()),
         "objects": ", ".join(table.objects),
     }
-    print_facts(output(), facts)
+    terminal.print_facts(terminal.output(), facts)
 
 
 def _size(table: "PerceptTable | Dataset") -> str:
@@ -214,12 +196,12 @@ def _compare(table: "PerceptTable", name: str) -> None:
     new, old = table.log_odds.astype(float), shipped.log_odds.astype(float)
     same = new.shape == old.shape and bool((np.isnan(new) == np.isnan(old)).all())
     if not same:
-        say(f"the table that ships for {name} holds other objects, behaviors or attributes")
+        terminal.say(f"the table shipped for {name} holds other objects, behaviors or attributes")
     else:
         difference = float(np.nanmax(np.abs(new - old)))
         bins = float((table.training_bins != shipped.training_bins).mean())
         same = difference <= _TOLERANCE
-        say(
+        terminal.say(
             f"against the table that ships for {name}: log-odds differ by at most {difference:.2g} "
             f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
         )

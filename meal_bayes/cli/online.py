@@ -8,30 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from meal_bayes.cli.console import (
-    note,
-    output,
-    print_json,
-    print_table,
-    resumed,
-    showing_compilation,
-    signs_of,
-)
-from meal_bayes.cli.options import (
-    COUNT,
-    ONLINE_AGENTS,
-    OWN,
-    agent_value,
-    cluster_option,
-    dataset_option,
-    fresh_option,
-    jobs_option,
-    json_option,
-    listed,
-    logs_option,
-    option,
-    seed_option,
-)
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.values import LARGEST, Finite, chance, shares
 from meal_bayes.untrusted import NAME_LIMIT
 
@@ -47,52 +25,54 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")
-@dataset_option
-@option("--attributes", click.IntRange(1, NAME_LIMIT), 1, "N", "Asked at a time.")
-@option(
+@opt.dataset_option
+@opt.option("--attributes", click.IntRange(1, NAME_LIMIT), 1, "N", "Asked at a time.")
+@opt.option(
     "--agent agents", None, None, "NAME",
-    f"{ONLINE_AGENTS}; any agent of `run offline`; or {OWN}; may be repeated, or a comma list. The "
-    "others are compared with the first. iterative_morc, morc_itrs, bayes and bayes_memory by "
-    "default.", multiple=True,
+    f"{opt.ONLINE_AGENTS}; any agent of `run offline`; or {opt.OWN}; may be repeated, or a comma "
+    "list. The others are compared with the first. iterative_morc, morc_itrs, bayes and "
+    "bayes_memory by default.", multiple=True,
 )  # fmt: skip
-@option("--batches", COUNT, 10, "B", "Refits.")
-@option("--trials", COUNT, 40, "T", "Of training, a batch.")
-@option("--repeats", COUNT, None, "R", "Runs on other splits of the objects; 1 by default.")
+@opt.option("--batches", opt.COUNT, 10, "B", "Refits.")
+@opt.option("--trials", opt.COUNT, 40, "T", "Of training, a batch.")
+@opt.option("--repeats", opt.COUNT, None, "R", "Runs on other splits of the objects; 1 by default.")
 @click.option(
     "--until-decided", is_flag=True,
     help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
     f"--repeats, {_MOST} by default.",
 )  # fmt: skip
-@option(
+@opt.option(
     "--split", shares, "33/33/34", "A/B/C",
     "Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
-@option("--alpha", Finite(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
-@option("--beta", Finite(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
-@option(
+@opt.option("--alpha", Finite(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
+@opt.option("--beta", Finite(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
+@opt.option(
     "--normalizer", click.Choice(["paper", "all"]), "paper", None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
 )  # fmt: skip
-@option(
+@opt.option(
     "--feedback answers", click.Choice(["verdict", "all"]), "verdict", None,
     "Whether the report was right, or the labels of all attributes asked.",
 )  # fmt: skip
-@option("--error", Finite(0, 1, max_open=True), 0.0, None, "Probability that feedback is wrong.")
-@option(
+@opt.option(
+    "--error", Finite(0, 1, max_open=True), 0.0, None, "Probability that feedback is wrong."
+)
+@opt.option(
     "--success", chance, None, "BEHAVIOR=P",
     "True success probability of a behavior; the data set's by default.", multiple=True,
 )  # fmt: skip
 @click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
-@seed_option()
-@jobs_option
-@cluster_option
-@option(
+@opt.seed_option()
+@opt.jobs_option
+@opt.cluster_option
+@opt.option(
     "--log", click.Choice(["compact", "full"]), "compact", None,
     "Form of the logs of test trials; a compact one keeps outcomes, no steps.",
 )  # fmt: skip
-@logs_option
-@fresh_option
-@json_option
+@opt.logs_option
+@opt.fresh_option
+@opt.json_option
 def online(
     root: Path | None,
     agents: tuple[str, ...],
@@ -117,19 +97,19 @@ def online(
     settings["root"] = None if root is None else str(root)
     settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
     if agents:
-        settings["agents"] = tuple(map(agent_value, listed(*agents)))
+        settings["agents"] = tuple(map(opt.agent_value, opt.listed(*agents)))
     config = OnlineConfig(**settings)
-    with showing_compilation():
+    with terminal.showing_compilation():
         warm_up_online(config)
-    with resumed("batches") as advance:
-        how |= {"on_progress": advance, "on_note": note}
+    with terminal.resumed("batches") as advance:
+        how |= {"on_progress": advance, "on_note": terminal.note}
         if until_decided:
             finished = run_online_until(config, decided, **how)
         else:
             finished = run_online(config, **how)
     results = list(finished.results())
     if as_json:
-        print_json(
+        terminal.print_json(
             {
                 "config": finished.config.as_dict(),
                 "rows": [row.as_dict() for row in learning_rows(results)],
@@ -138,8 +118,8 @@ def online(
         )
     else:
         _print(results, finished.training)
-    note(f"trials in {finished.folder}")
-    note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
+    terminal.note(f"trials in {finished.folder}")
+    terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
 
 def _print(results: "list[BatchOutcomes]", training: "Training") -> None:
@@ -158,12 +138,12 @@ def _print(results: "list[BatchOutcomes]", training: "Training") -> None:
              f"{cost:.1f}", f"{one.reward_after:.1f}", f"{one.ece_after:.3f}")
         )  # fmt: skip
     heads = ("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
-    print_table(heads, cells, narrow=True)
+    terminal.print_table(heads, cells, narrow=True)
     repeats = len({row.repeat for row in rows})
     text = f"repeats: {repeats}; after the last batch, ECE of the last three\n"
-    output().print(Text(text, "dim"), end="")
+    terminal.output().print(Text(text, "dim"), end="")
     if len(summary) > 1:
-        output().print()
+        terminal.output().print()
         _print_differences(results, summary)
         _print_successes(training, [one.agent for one in summary])
 
@@ -180,9 +160,11 @@ def _print_differences(results: "list[BatchOutcomes]", summary: "list[LearningSu
         after = f"{one.reward_after_difference:+.1f}"
         cells.append((one.agent, first, *(f"{gain:+.1f}" for gain in gains), after))
     heads = (f"first {summary[0].area_hours:.1f} h", *(f"at {hours:g} h" for hours in BUDGETS))
-    caption = f"{signs_of(output()).interval}: half of the 95 % interval over splits"
+    caption = (
+        f"{terminal.signs_of(terminal.output()).interval}: half of the 95 % interval over splits"
+    )
     names = (f"reward less {summary[0].agent}'s", *heads, "after")
-    print_table(names, cells, narrow=True, caption=caption)
+    terminal.print_table(names, cells, narrow=True, caption=caption)
 
 
 def _print_successes(training: "Training", agents: list[str]) -> None:
@@ -196,10 +178,12 @@ def _print_successes(training: "Training", agents: list[str]) -> None:
         cells.append((name, *(_with_reach(gain.estimate, gain.high) for gain in gains)))
     names = (f"successes less {agents[0]}'s", *(f"in {hours:g} h" for hours in BUDGETS))
     caption = "of training trials, none of those that pass the budget (Eq. 7)"
-    print_table(names, cells, narrow=True, caption=caption)
+    terminal.print_table(names, cells, narrow=True, caption=caption)
 
 
 def _with_reach(estimate: float, high: float) -> str:
     reach = high - estimate
-    interval = "" if math.isnan(reach) else f" {signs_of(output()).interval}{reach:.1f}"
+    interval = (
+        "" if math.isnan(reach) else f" {terminal.signs_of(terminal.output()).interval}{reach:.1f}"
+    )
     return f"{estimate:+.1f}{interval}"

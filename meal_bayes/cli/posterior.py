@@ -7,24 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from meal_bayes.cli.console import (
-    note,
-    output,
-    patience,
-    print_facts,
-    print_json,
-    print_table,
-    progress,
-)
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.export import held_out_counts
-from meal_bayes.cli.options import (
-    FOLDER,
-    dataset_option,
-    digest,
-    json_option,
-    option,
-    table_of,
-)
 from meal_bayes.cli.values import LARGEST_SEED
 
 if TYPE_CHECKING:
@@ -41,28 +26,30 @@ _RATE = "{:.2f} ({:.2f} to {:.2f})"
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
-@dataset_option
-@option(
+@opt.dataset_option
+@opt.option(
     "--method", click.Choice(["grid", "pymc"]), "grid", None,
     "Exact quadrature in a second, or NUTS in minutes.",
 )  # fmt: skip
-@option(
+@opt.option(
     "--model", click.Choice(["same", "crossed"]), "same", None,
     "The grid's, or attributes crossed with behaviors that err together (pymc only).",
 )  # fmt: skip
-@option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
-@option("--held-out", None, None, "OBJECT", "Learn without this object.")
-@option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
-@option(
+@opt.option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
+@opt.option("--held-out", None, None, "OBJECT", "Learn without this object.")
+@opt.option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
+@opt.option(
     "--prior-scale", click.FloatRange(0, 1000, min_open=True), 1.0, "F",
     "Weight of the prior of the rows, of that which is learned from the data.",
 )  # fmt: skip
-@option("--out", FOLDER, None, "DIR", "Folder of what is written; one in posteriors/ by default.")
-@option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
-@option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
-@option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
-@option("--seed", click.IntRange(0, LARGEST_SEED), 0, "S", "Equal seeds give equal draws.")
-@json_option
+@opt.option(
+    "--out", opt.FOLDER, None, "DIR", "Folder of what is written; one in posteriors/ by default."
+)
+@opt.option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
+@opt.option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
+@opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
+@opt.option("--seed", click.IntRange(0, LARGEST_SEED), 0, "S", "Equal seeds give equal draws.")
+@opt.json_option
 def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
 
@@ -77,10 +64,10 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
 
     if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
-    dataset = table_of(options["dataset"], root)
+    dataset = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
     table, columns, counts = _counts(config)
-    name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{digest(config)}"
+    name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     names = [table.domain.attributes[p] for p in columns]
     prior = config["prior_scale"] * fit_dispersion(counts[:, :, sensing(counts)]).prior
@@ -88,10 +75,10 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     rows = _rows(draws)
     facts = _write(draws, statistics, counts, prior, table.objects, config, folder)
     if as_json:
-        print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
+        terminal.print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
         return
     _print(facts, rows, sampled=bool(statistics))
-    note(f"draws, summary and figures in {folder}")
+    terminal.note(f"draws, summary and figures in {folder}")
 
 
 def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
@@ -130,13 +117,13 @@ def _fit(
     named: dict[str, Any] = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
     draws, chains, seed = config["draws"], config["chains"], config["seed"]
     if config["method"] == "grid":
-        with patience("drawing from the grid ..."):
+        with terminal.patience("drawing from the grid ..."):
             rng = stream(seed, "posterior")
             return draw_grid(counts, rng, **named, draws=draws, chains=chains), xr.Dataset()
-    note("the model is compiled first, which takes half a minute or two")
+    terminal.note("the model is compiled first, which takes half a minute or two")
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 
-    with progress("NUTS", "steps") as advance:
+    with terminal.progress("NUTS", "steps") as advance:
         sampling = Sampling(draws, config["tune"], chains, seed=seed)
         return fit_hierarchical(
             counts, **named, model=config["model"], sampling=sampling, progress=advance
@@ -165,7 +152,7 @@ def _write(
 
     seed, attributes = config["seed"], draws["attribute"].values.tolist()
 
-    with patience("checking the fit ..."):
+    with terminal.patience("checking the fit ..."):
         check = predictive_check(draws, counts, stream(seed, "predictive"))
         belief = beliefs_without_itself(draws, counts)
         units = units_of(counts, objects, attributes)
@@ -259,8 +246,8 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
          f"{one['ess_tail']:.0f}")
         for one in facts["convergence"]
     )  # fmt: skip
-    print_table(("variable", "entries", "R-hat", "ESS bulk", "ESS tail"), cells)
-    output().print()
+    terminal.print_table(("variable", "entries", "R-hat", "ESS bulk", "ESS tail"), cells)
+    terminal.output().print()
     pairs = (
         (row["attribute"], row["behavior"], _RATE.format(row["tpr"], *row["tpr_interval"]),
          _RATE.format(row["fpr"], *row["fpr_interval"]),
@@ -268,9 +255,9 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         for row in sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]
     )  # fmt: skip
     names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
-    print_table(names, pairs, left=("behavior",))
+    terminal.print_table(names, pairs, left=("behavior",))
     if len(rows) > _SHOWN:
-        note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
+        terminal.note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
     p = facts["predictive_p"]
     scores = {
         name: "NLL {nll:.3f}, ECE {ece:.3f} ({ece_calibrated:.3f} if calibrated)".format(**quality)
@@ -291,8 +278,8 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         )
     if facts["misperception"] is not None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
-    output().print()
-    print_facts(output(), shown)
+    terminal.output().print()
+    terminal.print_facts(terminal.output(), shown)
 
 
 def _convergence_text(facts: dict[str, Any]) -> str:

@@ -9,17 +9,8 @@ from typing import Any
 
 import click
 
-from meal_bayes.cli.console import note, progress
-from meal_bayes.cli.options import (
-    COUNT,
-    FOLDER,
-    cluster_option,
-    jobs_option,
-    json_option,
-    logs_option,
-    option,
-    seed_option,
-)
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.values import MOST_TRIALS
 from meal_bayes.errors import DownloadError
 
@@ -33,26 +24,26 @@ _PACKAGE = "paper_repro"
     "--as-published", is_flag=True,
     help="The paper's own settings alone: percepts drawn from the matrices.",
 )  # fmt: skip
-@seed_option()
-@jobs_option
-@cluster_option
-@logs_option
-@option(
+@opt.seed_option()
+@opt.jobs_option
+@opt.cluster_option
+@opt.logs_option
+@opt.option(
     "--scripts",
-    FOLDER,
+    opt.FOLDER,
     None,
     "FOLDER",
     f"Where the items are; {_PACKAGE}/ here or above by default.",
 )
-@option("--trials", COUNT, None, "T", "Of an agent offline, at most.")
-@option(
+@opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
+@opt.option(
     "--repeats", click.IntRange(0, MOST_TRIALS), None, "R", "Of online runs, at most; 0 runs none."
 )
-@option(
+@opt.option(
     "--only", None, "", "TEXT",
     "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
 )  # fmt: skip
-@json_option
+@opt.json_option
 def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
@@ -67,14 +58,14 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
         return
     results, skipped = [], {}
     for item in frame.named(items):
-        note(f"{item} ...")
+        terminal.note(f"{item} ...")
         try:
-            with progress(item, "trials") as advance:
+            with terminal.progress(item, "trials") as advance:
                 one = frame.Setting(**setting, on_progress=advance)
                 results.append(frame.reproduce(item, one))
         except DownloadError as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
-            note(f"{item} is skipped: {fault}")
+            terminal.note(f"{item} is skipped: {fault}")
             continue
         if not as_json:
             click.echo(pages.result_page(results[-1]))

@@ -6,33 +6,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from meal_bayes.cli.console import (
-    note,
-    output,
-    print_json,
-    print_table,
-    progress,
-    resumed,
-    showing_compilation,
-    signs_of,
-)
-from meal_bayes.cli.options import (
-    AGENTS,
-    COUNT,
-    OWN,
-    agent_value,
-    cluster_option,
-    dataset_option,
-    fresh_option,
-    jobs_option,
-    json_option,
-    listed,
-    logs_option,
-    option,
-    perception_option,
-    seed_option,
-    table_of,
-)
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 from meal_bayes.cli.values import LARGEST, Finite
 from meal_bayes.untrusted import NAME_LIMIT
@@ -51,28 +26,29 @@ def run() -> None:
 
 
 @run.command(short_help="Agents answer the same queries about new objects.")
-@dataset_option
-@option("--attributes", click.IntRange(1, NAME_LIMIT), 2, "N", "Asked at a time.")
-@option("--trials", COUNT, 400, "T", "For each agent.")
-@option(
+@opt.dataset_option
+@opt.option("--attributes", click.IntRange(1, NAME_LIMIT), 2, "N", "Asked at a time.")
+@opt.option("--trials", opt.COUNT, 400, "T", "For each agent.")
+@opt.option(
     "--agent agents", None, None, "NAME",
-    f"{AGENTS}; or {OWN}; may be repeated, or a comma list. All of them by default.", multiple=True,
+    f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All of them by default.",
+    multiple=True,
 )  # fmt: skip
-@seed_option()
-@jobs_option
-@cluster_option
-@option(
+@opt.seed_option()
+@opt.jobs_option
+@opt.cluster_option
+@opt.option(
     "--percepts", click.Choice(["recorded", "model"]), "recorded", None,
     "Of real recordings, or drawn from the learned confusion matrices.",
 )  # fmt: skip
-@perception_option
-@option(
+@opt.perception_option
+@opt.option(
     "--reward", Finite(0, LARGEST, min_open=True), None, "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
-@logs_option
-@fresh_option
-@json_option
+@opt.logs_option
+@opt.fresh_option
+@opt.json_option
 def offline(
     root: Path | None,
     agents: tuple[str, ...],
@@ -89,17 +65,17 @@ def offline(
     """
     from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
 
-    settings["dataset"] = table_of(settings["dataset"], root, settings["perception"])
-    chosen = tuple(map(agent_value, listed(*agents))) or DEFAULT_AGENTS
+    settings["dataset"] = opt.table_of(settings["dataset"], root, settings["perception"])
+    chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or DEFAULT_AGENTS
     config = OfflineConfig(**settings, agents=chosen)
     finished = _run(config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh)
     rows, paired = _measure(finished)
     if as_json:
         facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
-        print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
+        terminal.print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
     _print(rows, paired)
-    note(f"trials in {finished.folder}")
+    terminal.note(f"trials in {finished.folder}")
 
 
 def _run(config: "OfflineConfig", **options: Any) -> "OfflineRun":
@@ -110,15 +86,15 @@ def _run(config: "OfflineConfig", **options: Any) -> "OfflineRun":
     if config.perception == "default":
         table = percepts_for(config.dataset)
     else:
-        with progress("percepts", "behaviors") as advance:
+        with terminal.progress("percepts", "behaviors") as advance:
             table = percepts_for(
-                config.dataset, config.perception, on_progress=advance, on_note=note
+                config.dataset, config.perception, on_progress=advance, on_note=terminal.note
             )
     offline_tasks(table, config.attributes, config.trials, config.seed)  # raises before any work
-    with showing_compilation():
+    with terminal.showing_compilation():
         warm_up_offline(config)
-    with resumed("trials") as advance:
-        return run_offline(config, on_progress=advance, on_note=note, **options)
+    with terminal.resumed("trials") as advance:
+        return run_offline(config, on_progress=advance, on_note=terminal.note, **options)
 
 
 def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":
@@ -138,8 +114,8 @@ def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, 
 
 
 def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
-    console = output()
-    interval = signs_of(console).interval
+    console = terminal.output()
+    interval = terminal.signs_of(console).interval
     cells = (
         (row.agent, f"{row.accuracy:.3f} {interval}{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
          f"{row.reward:.1f} {interval}{row.reward_se:.1f}", f"{row.nll:.3f}", f"{row.ece:.3f}",
@@ -147,7 +123,7 @@ def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
         for row in rows
     )  # fmt: skip
     names = ("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
-    print_table(names, cells, narrow=True)
+    terminal.print_table(names, cells, narrow=True)
     text = (
         f"{rows[0].trials} trials an agent; {interval} one standard error, objects drawn as "
         "wholes; NLL and ECE of the final belief"
@@ -161,7 +137,7 @@ def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
         )
         for row in rows
     )
-    print_table(("final belief", "NLL", "Brier", "ECE", "ECE if calibrated"), beliefs)
+    terminal.print_table(("final belief", "NLL", "Brier", "ECE", "ECE if calibrated"), beliefs)
     if paired:
         console.print()
         differences = (
@@ -170,7 +146,7 @@ def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
             for pair in paired
         )  # fmt: skip
         heads = (f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
-        print_table(heads, differences)
+        terminal.print_table(heads, differences)
 
 
 def _signed(value: object) -> str:

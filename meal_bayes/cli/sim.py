@@ -8,27 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.answer import trial_facts
-from meal_bayes.cli.console import (
-    note,
-    output,
-    patience,
-    print_json,
-    print_table,
-    progress,
-    showing_compilation,
-)
-from meal_bayes.cli.options import (
-    FILE,
-    FOLDER,
-    agent_value,
-    digest,
-    jobs_option,
-    json_option,
-    logs_option,
-    option,
-    seed_option,
-)
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
@@ -42,7 +24,7 @@ _BLOCK = 20  # trials of one point of the curve
 _FAULT = 1  # exit code of a trial that ended with a robot error
 
 SEVERAL, SOME = click.IntRange(min=2), click.IntRange(min=1)
-agent_option = option("--agent", None, "bayes", "NAME", "Who answers.")
+agent_option = opt.option("--agent", None, "bayes", "NAME", "Who answers.")
 
 
 @click.group(cls=Section, short_help="Ask an arm in physics (MuJoCo) about objects it touches.")
@@ -51,12 +33,12 @@ def sim() -> None:
 
 
 @sim.command(short_help="Record objects as a data set of your own.")
-@option("--objects", SEVERAL, 30, None, "That are drawn from the seed.")
-@option("--recordings", SOME, 5, None, "Of each behavior on each of them.")
-@option("--out", FOLDER, None, "DIRECTORY", "For the CSV files and the table of the domain.",
-        required=True)  # fmt: skip
-@seed_option()
-@jobs_option
+@opt.option("--objects", SEVERAL, 30, None, "That are drawn from the seed.")
+@opt.option("--recordings", SOME, 5, None, "Of each behavior on each of them.")
+@opt.option("--out", opt.FOLDER, None, "DIR", "For the CSV files and the table of the domain.",
+            required=True)  # fmt: skip
+@opt.seed_option()
+@opt.jobs_option
 def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
     """Record every behavior on objects drawn from the seed, as CSV files and a TOML.
 
@@ -66,7 +48,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 
     if out.is_dir() and any(out.iterdir()):
         raise click.UsageError(f"--out {out} holds files already; name a new folder.")
-    with progress("recording", "objects") as advance:
+    with terminal.progress("recording", "objects") as advance:
         made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
     path = save_recordings(made, out)
     click.echo(f"{out}: {objects} objects, up to {recordings} recordings of each behavior")
@@ -78,8 +60,8 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
         (behavior, state, after, str(count), f"{count / tried[state, behavior]:.3f}")
         for (state, behavior, after), count in sorted(happened.items())
     )
-    print_table(("behavior", "from", "to", "times", "fraction"), rows, left=("from", "to"))
-    note(
+    terminal.print_table(("behavior", "from", "to", "times", "fraction"), rows, left=("from", "to"))
+    terminal.note(
         "make percepts of them with: meal-bayes data percepts "
         f"--dataset {path} --root {out} --out {out}/percepts.npz"
     )
@@ -88,15 +70,15 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @sim.command(short_help="Ask about a new object, which the arm then touches.")
 @click.argument("question")
 @agent_option
-@option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept.")
-@option("--recordings", SOME, 3, None, "Recordings of each.")
-@option("--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
+@opt.option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept.")
+@opt.option("--recordings", SOME, 3, None, "Recordings of each.")
+@opt.option("--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
         show_default="one a core")  # fmt: skip
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
-@option("--save", FILE, None, "FILE.rrd", "Write what --view would show.")
-@seed_option()
-@logs_option
-@json_option
+@opt.option("--save", opt.FILE, None, "FILE.rrd", "Write what --view would show.")
+@opt.seed_option()
+@opt.logs_option
+@opt.json_option
 def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: Any) -> None:
     """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
 
@@ -113,13 +95,13 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
 
     recording = None if save is None else check_recording_name(save)
     size = options["objects"], options["recordings"]
-    with progress("recording training objects", "objects") as advance:
+    with terminal.progress("recording training objects", "objects") as advance:
         data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
     seed = options["seed"]
     learner = _fitted(options["agent"], seed, data)
     # Other settings, other logs; equal ones make equal trials.
     config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
-    settings = digest({**config, "question": question})
+    settings = opt.digest({**config, "question": question})
     asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
     log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
@@ -132,25 +114,25 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     except RobotError:
         (trial,) = read_trials(log)  # as far as it went
     if as_json:
-        print_json({**trial_facts(trial), "seed": seed, "log": str(log)})
+        terminal.print_json({**trial_facts(trial), "seed": seed, "log": str(log)})
     else:
-        print_trial_table(output(), trial)
-        note(f"every decision and its reasons: meal-bayes log show {log}")
+        print_trial_table(terminal.output(), trial)
+        terminal.note(f"every decision and its reasons: meal-bayes log show {log}")
     if recording is not None:
         _write_view(trial, frames, recording)
     if view:
         _view(trial, frames)
     if trial.ended:
-        note(trial.ended)
+        terminal.note(trial.ended)
         click.get_current_context().exit(_FAULT)
 
 
 @sim.command(short_help="Begin with nothing, and learn while answering.")
-@option("--trials", SOME, 200, None, "One an object.")
+@opt.option("--trials", SOME, 200, None, "One an object.")
 @agent_option
-@seed_option()
-@logs_option
-@json_option
+@opt.seed_option()
+@opt.logs_option
+@opt.json_option
 def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     """Learn from nothing: a random attribute of each new object is asked, then all labels given.
 
@@ -161,14 +143,14 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     from meal_bayes.experiments.simulated import learn_live
     from meal_bayes.learner import Learner
 
-    chosen = as_agent(agent_value(agent))
-    settings = digest({"agent": agent, "trials": trials, "seed": seed})
+    chosen = as_agent(opt.agent_value(agent))
+    settings = opt.digest({"agent": agent, "trials": trials, "seed": seed})
     folder = logs / f"sim-live-{chosen.name}-seed{seed}-{settings}"
     learner = Learner("simulated_arm", agent=chosen, seed=seed, logs=None)
-    with showing_compilation():
+    with terminal.showing_compilation():
         chosen.warm_up(learner.domain, Query(("heavy",)))
     done: list[LiveTrial] = []
-    with progress("learning", "trials") as advance:
+    with terminal.progress("learning", "trials") as advance:
         for one in learn_live(learner, trials, seed, logs=folder):
             done.append(one)
             advance(len(done), trials)
@@ -178,20 +160,23 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
             | ({} if one.trial is None else trial_facts(one.trial))
             for one in done
         ]
-        print_json({"trials": rows, "log": str(folder)})
+        terminal.print_json({"trials": rows, "log": str(folder)})
         return
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
     blocks = (done[start : start + _BLOCK] for start in range(0, len(done), _BLOCK))
-    print_table(names, map(_point, blocks), left=("agent",))
+    terminal.print_table(names, map(_point, blocks), left=("agent",))
     _print_success(learner)
-    note(f"every trial: meal-bayes log show {folder}")
+    terminal.note(f"every trial: meal-bayes log show {folder}")
 
 
 def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
     from meal_bayes.learner import Learner
 
-    learner = Learner(data.domain, agent=agent_value(agent), seed=seed, logs=None)
-    with showing_compilation(), patience(f"learning from {len(data.objects)} objects ..."):
+    learner = Learner(data.domain, agent=opt.agent_value(agent), seed=seed, logs=None)
+    with (
+        terminal.showing_compilation(),
+        terminal.patience(f"learning from {len(data.objects)} objects ..."),
+    ):
         return learner.fit(data)
 
 
@@ -200,7 +185,7 @@ def _write_view(trial: "Trial", frames: "list[Frame]", path: Path) -> None:
 
     path.parent.mkdir(parents=True, exist_ok=True)
     write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
-    note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
+    terminal.note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
 
 
 def _view(trial: "Trial", frames: "list[Frame]") -> None:
@@ -237,4 +222,4 @@ def _print_success(learner: "Learner") -> None:
         (name, str(failed + succeeded), str(succeeded), learned[name], before[name])
         for name, (failed, succeeded) in zip(domain.behavior_names, attempts.tolist(), strict=True)
     )
-    print_table(("behavior", "tried", "succeeded", "learned", "of 300 objects"), rows)
+    terminal.print_table(("behavior", "tried", "succeeded", "learned", "of 300 objects"), rows)

@@ -76,12 +76,6 @@ def test_equal_commands_write_equal_logs(run, table):
     assert other.name != logs[0][0]
 
 
-def test_abstaining_is_reported(run):
-    result = run("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "random", "--json")
-    assert result.exit_code == 0
-    assert json.loads(result.stdout)["trial"]["report"] in ({"heavy": True}, {"heavy": False})
-
-
 def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
     odd = "../../red jar\n"
     save_percepts(replace(table, objects=(odd, *table.objects[1:])), "odd.npz")

@@ -42,14 +42,6 @@ def test_a_table_serves_as_its_recordings_do(run, kitchen):
     assert {**first, "seconds": 0} == {**second, "seconds": 0}
 
 
-def test_other_recordings_are_another_table(run, kitchen):
-    run(*COMMANDS[0], *OWN)
-    path = kitchen / "look_color.csv"
-    path.write_text(path.read_text().replace("red_mug,1,", "red_mug,1,1"))
-    run(*COMMANDS[0], *OWN)
-    assert len(list((kitchen / "cache" / "percepts").glob("*.npz"))) == 2
-
-
 @pytest.mark.parametrize("command", COMMANDS[:4], ids=IDS[:4])
 @pytest.mark.parametrize(
     ("own", "message"),
@@ -61,8 +53,3 @@ def test_other_recordings_are_another_table(run, kitchen):
 )
 def test_what_does_not_go_together_is_told(fails, table, command, own, message):
     assert message in fails(*command, *own)
-
-
-def test_what_a_domain_holds_is_listed(run, kitchen):
-    result = run("data", "list", "kitchen.toml", "--root", ".")
-    assert "8 objects, 2 behaviors, 2 attributes, 2 recordings" in result.stdout

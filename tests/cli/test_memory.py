@@ -91,13 +91,6 @@ def test_nothing_told_is_nothing_remembered(ask, reply):
     assert len(list(Path("logs").glob("ask-*.mcap"))) == 1  # the trial is kept
 
 
-def test_without_learn_nothing_is_asked_or_used(ask, run):
-    ask("Is it red?", "no\n")
-    result = run("ask", "Is it red?", *OWN, "--object", "red_jar", "--agent", "greedy", "--json")
-    assert facts(result)["report"] == {"red": True}
-    assert "right?" not in result.stderr
-
-
 def test_show_and_forget(ask, run):
     assert "no labels yet" in run("memory", "show", *OWN).stderr
     ask("Is it red?", "yes\n")

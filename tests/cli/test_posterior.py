@@ -51,18 +51,6 @@ def test_the_grid_writes_everything(run, tmp_path):
 
 
 @pytest.mark.long
-def test_equal_commands_give_equal_draws_in_one_folder(run, tmp_path):
-    first, again, other = (
-        json.loads(run(*GRID[:2], "heavy", "--draws", "20", "--json", "--seed", seed).stdout)
-        for seed in ("3", "3", "4")
-    )
-    assert first == again
-    assert first["rows"] != other["rows"]
-    assert first["out"] != other["out"]
-    assert len(list((tmp_path / "posteriors").iterdir())) == 2
-
-
-@pytest.mark.long
 def test_a_held_out_object_is_not_learned_from(run):
     """The rows are those that agents get when they are asked about the object."""
     table = load_percepts("roc36")

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
@@ -31,22 +30,6 @@ def test_a_calibrated_belief_shows_its_expected_error():
     overconfident = np.where(positive > 0.5, 0.99, 0.01)
     error = calibration_error(overconfident, rng.random(300) < positive)
     assert error > 2 * expected_calibration_error(overconfident, rng)
-
-
-def test_certain_beliefs_are_expected_to_be_right():
-    rng = np.random.default_rng(0)
-    assert expected_calibration_error([0.0, 1.0, 1.0], rng) == 0.0
-
-
-@given(beliefs, st.randoms())
-def test_true_and_false_are_told_alike(positive, random):
-    truth = np.array([random.random() < 0.5 for _ in positive])
-    mirrored = 1 - np.array(positive)
-    np.testing.assert_allclose(brier(positive, truth), brier(mirrored, ~truth), atol=1e-12)
-    np.testing.assert_allclose(
-        negative_log_likelihood(positive, truth), negative_log_likelihood(mirrored, ~truth),
-        rtol=1e-6, atol=1e-9,
-    )  # fmt: skip
 
 
 def test_a_belief_that_was_certain_and_wrong_costs_a_finite_price():

@@ -86,11 +86,6 @@ def test_ranks_count_draws_below_and_break_ties_at_random():
         uniformity([1], 50)
 
 
-def test_coverage_of_known_intervals():
-    drawn = np.linspace(0, 1, 1001)[:, None] + np.zeros((1, 4))
-    np.testing.assert_allclose(coverage([0.5, 0.2, 0.03, 0.999], drawn), [0.25, 0.5, 0.75])
-
-
 @pytest.mark.statistical
 def test_prediction_fits_what_the_model_made_and_nothing_else():
     rng, prior = np.random.default_rng(2), leaning(2, 2)[:, :10]

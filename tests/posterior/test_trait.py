@@ -65,24 +65,10 @@ def test_rows_mix_to_the_confusion_matrix(seed, sd, levels):
         assert (np.diff(rows[..., 1], axis=-1) > -1e-12).all()  # the higher the trait, the more yes
 
 
-@given(st.floats(0.05, 2.0), st.integers(2, 15))
-def test_truths_are_mirrored_on_points_that_they_share(sd, points):
-    trait = SharedTrait.of_sd(sd, points)
-    np.testing.assert_allclose(trait.points, -trait.points[::-1], atol=1e-12)
-    np.testing.assert_allclose(trait.latent_classes[0], trait.latent_classes[1, ::-1], atol=1e-12)
-    np.testing.assert_allclose(trait.latent_classes.sum(axis=1), 1.0)
-    assert (trait.latent_classes[1] @ trait.points) > 0
-
-
 def test_pairs_that_say_nothing_stay_silent():
     confusion = np.broadcast_to([0.1, 0.2, 0.3, 0.4], (1, 1, 2, 4))
     rows, _ = SharedTrait.of_sd(0.5).select(confusion, np.full((1, 1, 2), 3.0))
     np.testing.assert_allclose(rows[0, 0], np.tile([0.1, 0.2, 0.3, 0.4], (9, 1)), atol=1e-6)
-
-
-def test_exactly_known_rows_stay_so():
-    _, precision = SharedTrait.of_sd(0.5).select(np.full((1, 2, 2), 0.5), np.full((1, 2), np.inf))
-    assert np.isinf(precision).all()
 
 
 def test_no_number_of_percepts_outweighs_the_trait():

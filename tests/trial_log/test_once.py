@@ -53,14 +53,6 @@ def test_recovered_and_unfinished_files_do_not_count_twice(killed, make):
     assert len(list(Logs(folder).trials())) == len(trials)
 
 
-def test_named_recovered_files_do_not_count_twice_either(killed):
-    folder, draft, saved, trials = killed
-    for files in ((folder, saved), (saved, folder), (draft, saved)):
-        expected = 4 if folder not in files else len(trials)
-        assert len(list(Logs(*files).trials())) == expected
-    assert len(list(Logs(saved).trials())) == 4
-
-
 def test_a_follower_gives_each_trial_once(killed, make):
     folder, draft, _, trials = killed
     follower = Follower(folder)

@@ -81,18 +81,3 @@ def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
     assert labels["a3-0"].endswith("3.0 · 30")  # the most visited first
     assert [node.name for node in graph.nodes if node.color == ORANGE] == ["a3"]
     apart(graph.nodes)
-
-
-def test_a_tree_with_long_names_does_not_overlap(trials):
-    trial = trials[0]
-    e = trial.momdp.n_behaviors
-    values = np.arange(e + 1.0)
-    first = [TreeEdge(1, -1, action, (), 50, 1.0) for action in range(e)]
-    second = [
-        TreeEdge(2, parent, action, (1, 0), 10 + action, 1.0)
-        for parent in range(e)
-        for action in range(e)
-    ]
-    graph = search_tree(decided(trial, values, (*first, *second)))
-    assert len(graph.nodes) == 11
-    apart(graph.nodes)
