@@ -75,7 +75,7 @@ def run_curves(
     dataset, n : what is asked, and how many attributes at a time.
     agent, repeats : who, and how often in all.
     protocol : "recorded", or "theirs": four departures of the published code
-        (`PublishedVariants`), its split and its diagram.
+        (`VARIANTS`), its split and its diagram.
     split : shares of the objects in each part, or their names; those of the protocol by default.
     options : other settings of `OnlineConfig`.
     """
