@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from meal_bayes.domain import unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Effect, canvas
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
-from paper_repro.statements import PROTOCOLS, Evidence, judged, verdict
+from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
@@ -25,6 +25,10 @@ _ZERO = 1e-9
 Choice = TypeVar("Choice")
 
 Cell = str | int | float | Effect | None  # None: not measured, or not printed
+
+
+class NotRun(MealBayesError):
+    """A setting that runs nothing of an item."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ class Setting:
     as_published: bool = False  # the paper's own settings alone
     cluster: str | None = None  # address of a Dask scheduler
     trials: int | None = None  # of an agent offline, at most
-    repeats: int | None = None  # of online runs, at most; 0 runs none
+    repeats: int | None = None  # of online runs, at most; 0 leaves them out
     only: str = ""  # of an item's panels, those with this in their title
     on_progress: Callable[[int, int], None] | None = None
     spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
@@ -65,9 +69,21 @@ class Setting:
         """Return how many offline trials an agent runs: one number, looked at once."""
         return min(quick if self.quick else full, self.trials or full)
 
-    def repeats_of(self, full: int) -> int:
-        """Return how many online repeats an agent runs; a quick run has two."""
-        return min(2 if self.quick else full, full if self.repeats is None else self.repeats)
+    def repeats_of(self, full: int, *, column: str = THEIRS) -> int:
+        """Return how many online repeats an agent runs; a quick run has two.
+
+        Parameters
+        ----------
+        full : of a full run.
+        column : the first one that the item has.
+
+        Raises
+        ------
+        NotRun : no repeats are asked for, or the paper's settings alone where the item has none.
+        """
+        if self.repeats == 0 or column not in self.protocols:
+            raise NotRun("none of its online runs is asked for")
+        return min(2 if self.quick else full, self.repeats or full)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
             with terminal.progress(item, "trials") as advance:
                 one = frame.Setting(**setting, on_progress=advance)
                 results.append(frame.reproduce(item, one))
-        except DownloadError as fault:  # no recordings; the rest does without
+        except (DownloadError, frame.NotRun) as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
             terminal.note(f"{item} is skipped: {fault}")
             continue

@@ -57,7 +57,7 @@ def run(setting: Setting) -> Result:
             theirs = protocol == THEIRS
             if theirs and dataset != "cy101":
                 continue
-            if not repeats or setting.only not in title:
+            if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
             panel = {

@@ -30,9 +30,6 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     figures, told = {}, []
     for protocol in setting.protocols[:2]:
-        if not repeats:
-            evidence[protocol] = dict.fromkeys(texts())
-            continue
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
         }
@@ -50,26 +47,14 @@ def run(setting: Setting) -> Result:
         told.append(f"in {often:.0%} of the splits ({protocol})")
     return Result(
         title=f"CY101, accuracy of each attribute at {paper['hours']:g} h of exploration",
-        sentence=f"MORC-ITRS is best on {paper['wins']} of ten attributes {', '.join(told)}."
-        if told else "The learning curves are not run here.",
+        sentence=f"MORC-ITRS is best on {paper['wins']} of ten attributes {', '.join(told)}.",
         tables=(Table("accuracy, ranked by MORC-ITRS", ("percepts", "attribute", *PAPERS),
-                      tuple(rows)),) if rows else (),
+                      tuple(rows)),),
         evidence=evidence,
         notes=(NOTE,),
         figures=figures,
-        shows=SHOWS if figures else "",
+        shows=SHOWS,
     )  # fmt: skip
-
-
-def texts() -> tuple[str, ...]:
-    """Return the statements about the figure."""
-    paper = paper_values("fig11")
-    below_all = f"is no more than {paper['hard_below']:g} for all three"
-    return (
-        f"MORC-ITRS is best on {paper['wins']} of 10",
-        *(f"{name} {below_all}" for name in paper["hard"]),
-        *(f"{name} is easy" for name in paper["easy"]),
-    )
 
 
 def wins(scores: Scores) -> NDArray[np.int64]:
@@ -84,22 +69,23 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
     own = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
     often = clustered(wins(own) >= paper["wins"], range(len(own[BEST])), fraction=True)
     often = replace(often, unit="splits", method="Wilson's on splits of these objects")
-    outcomes = [above(often, 0.5, of=f"Pr(best on {paper['wins']} or more)")]
+    most = above(often, 0.5, of=f"Pr(best on {paper['wins']} or more)")
+    evidence: dict[str, Evidence | None] = {f"MORC-ITRS is best on {paper['wins']} of 10": most}
     for name in paper["hard"]:
         p = NAMES.index(name)
-        outcomes.append(every([
+        evidence[f"{name} is no more than {paper['hard_below']:g} for all three"] = every([
             below(mean_of(values[:, p], ratio), paper["hard_below"], of=f"{agent}'s accuracy")
             for agent, values in own.items()
-        ]))  # fmt: skip
+        ])  # fmt: skip
     for name in paper["easy"]:
         p = NAMES.index(name)
         others = [q for q in range(len(NAMES)) if q != p]
-        outcomes.append(every([
+        evidence[f"{name} is easy"] = every([
             above(mean_of(values[:, p] - values[:, others].mean(axis=1), ratio), 0,
                   of=f"{agent}'s accuracy less that of the others")
             for agent, values in own.items()
-        ]))  # fmt: skip
-    return dict(zip(texts(), outcomes, strict=True))
+        ])  # fmt: skip
+    return evidence
 
 
 def at_two_hours(curves: Curves, hours: float) -> NDArray[np.float64]:

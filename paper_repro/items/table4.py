@@ -30,9 +30,6 @@ def run(setting: Setting) -> Result:
     found: dict[str, Traits] = {}
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     for protocol in setting.protocols[:2]:
-        if not repeats:
-            evidence[protocol] = dict.fromkeys(texts())
-            continue
         training = run_curves(setting, "cy101", 1, BEST, repeats, protocol).training
         found[protocol] = traits_of(training, DELTA[protocol])
         evidence[protocol] = judge(found[protocol])
@@ -47,41 +44,36 @@ def run(setting: Setting) -> Result:
     ]  # fmt: skip
     return Result(
         title="Observation model of (press, SOFT) on CY101, early and late",
-        sentence=f"TPR - FPR of press, printed .18 and .63, is {'; '.join(told)}."
-        if told else "The learning curves are not run here.",
-        tables=(Table("press, SOFT", ("truth", "Pr(percept soft): paper", *found), tuple(rows)),)
-        if found else (),
+        sentence=f"TPR - FPR of press, printed .18 and .63, is {'; '.join(told)}.",
+        tables=(Table("press, SOFT", ("truth", "Pr(percept soft): paper", *found), tuple(rows)),),
         evidence=evidence,
         notes=(NOTE,),
     )  # fmt: skip
-
-
-def texts() -> tuple[str, ...]:
-    """Return the statements about Table 4 and the two trials."""
-    paper, trials = paper_values("table4"), paper_values("t1t2")
-    return (
-        "pressing is more informative of SOFT late than early",
-        *(f"{w}: TPR - FPR of press is {_youden(paper[w]):.2f}" for w in ("early", "late")),
-        f"late: TPR - FPR of grasp is {_youden(trials['grasp']):.2f}",
-        f"late: IE of (SOFT, grasp) is {trials['experience']:.2f}",
-        "it grasps early and presses late: more SOFT trials press late than early",
-    )
 
 
 def judge(traits: Traits) -> dict[str, Evidence | None]:
     """Judge the statements from the traits (S,) of repeats; nan where SOFT was not asked."""
     paper, trials = paper_values("table4"), paper_values("t1t2")
     early, late = youden(traits, "early"), youden(traits, "late")
-    outcomes = (
-        above(mean_of(late - early), 0, of="rise of TPR - FPR"),
-        placed(early, _youden(paper["early"]), of="TPR - FPR"),
-        placed(late, _youden(paper["late"]), of="TPR - FPR"),
-        placed(traits["grasp"], _youden(trials["grasp"]), of="TPR - FPR"),
-        placed(traits["experience"], trials["experience"], of="IE"),
-        above(mean_of(traits["late presses"] - traits["early presses"]), 0,
-              of="rise of the fraction that presses"),
-    )  # fmt: skip
-    return dict(zip(texts(), outcomes, strict=True))
+    evidence: dict[str, Evidence | None] = {
+        "pressing is more informative of SOFT late than early":
+            above(mean_of(late - early), 0, of="rise of TPR - FPR"),
+    }  # fmt: skip
+    for when, behavior, values, rows in (
+        ("early", "press", early, paper["early"]), ("late", "press", late, paper["late"]),
+        ("late", "grasp", traits["grasp"], trials["grasp"]),
+    ):  # fmt: skip
+        printed = _youden(rows)
+        text = f"{when}: TPR - FPR of {behavior} is {printed:.2f}"
+        evidence[text] = placed(values, printed, of="TPR - FPR")
+    count, presses = trials["experience"], traits["late presses"] - traits["early presses"]
+    evidence[f"late: IE of (SOFT, grasp) is {count:.2f}"] = placed(
+        traits["experience"], count, of="IE"
+    )
+    evidence["it grasps early and presses late: more SOFT trials press late than early"] = above(
+        mean_of(presses), 0, of="rise of the fraction that presses"
+    )
+    return evidence
 
 
 def youden(traits: Traits, when: str) -> NDArray[np.float64]:

@@ -163,14 +163,17 @@ def test_an_item_is_a_script_and_a_section():
     shared = [path for path in FOLDER.glob("*.py") if path.stem != "pages"]  # its head shows one
     for path in shared:
         words = set(re.findall(r"\w+", path.read_text(encoding="utf-8")))
-        assert not words & (scripts - {"errata"}), path.name  # errata.toml is a file as well
+        assert not words & (scripts - {"errata", "pomdpsol"}), path.name  # a file, a program
 
 
 def test_runs_are_as_long_as_asked_for():
     assert frame.Setting().trials_of(400, 6) == 400
     assert frame.Setting(quick=True).trials_of(400, 6) == 6
     assert frame.Setting(trials=100).trials_of(400, 6) == 100
-    assert frame.Setting(repeats=0).repeats_of(20) == 0
+    for setting, column in ((frame.Setting(repeats=0), THEIRS),
+                            (frame.Setting(as_published=True), RECORDED)):  # fmt: skip
+        with pytest.raises(frame.NotRun):
+            setting.repeats_of(20, column=column)
     part = frame.Setting(repeats=5, only="CY101, 1")
     assert frame.command("fig10", part) == (
         'meal-bayes reproduce fig10 --repeats 5 --only "CY101, 1" --seed 0'
