@@ -1,10 +1,15 @@
 """The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers.
 
 Percepts of different attributes are independent given the truth, so the filter runs over each
-attribute alone, with odds that group members never have: as if each were true or false whatever the
-others are. What a group adds is the event that exactly one is true. Its posterior needs nothing
-else from each value k than the odds o_k of that filter: Pr(k) is proportional to o_k (1 - prior_k),
-which is prior_k times the likelihood ratio (`log_odds`).
+attribute alone. Of a group, exactly one attribute is true; its posterior needs nothing else than
+each value's likelihood ratio L_k = Pr(percepts | true) / Pr(percepts | false), from that filter:
+
+    Pr(k | percepts) ~ prior_k L_k^((K - 1) / K)
+
+Without the power this is the prior restricted to the joint values that are allowed. But the K
+percepts come from the same features, each tells its value from the K - 1 others, and they hold the
+evidence of K - 1: the percept of the second of two values is that of the first, and would count
+twice. For weak evidence from equal features the power is exact, for two values always.
 """
 
 from dataclasses import dataclass, replace
@@ -161,9 +166,11 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
         of_truth = _log_sum(log_prob[..., None, :] + momdp.log_truth)  # (...,N,2)
         odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
     for group in map(list, momdp.query.groups):
+        prior = momdp.prior[group]
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = odds[..., group] + np.log1p(-momdp.prior[group])
-        weight[..., momdp.prior[group] == 1] = 0.0  # the others weigh nothing
+            log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
+            weight = np.log(prior) + (1 - 1 / len(group)) * log_ratio
+        weight[..., prior == 0], weight[..., prior == 1] = -np.inf, 0.0
         others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
         with np.errstate(invalid="ignore"):  # nan where no value is possible
             odds[..., group] = weight - _log_sum(others)

@@ -48,7 +48,8 @@ def brute_force(momdp, percepts):
         prob = 1.0
         for i, truth in enumerate(y):
             prob *= momdp.prior[i] if truth else 1 if i in grouped else 1 - momdp.prior[i]
-            prob *= likelihood(momdp, i, truth, percepts)
+            power = 1 - 1 / len(momdp.query.groups[0]) if i in grouped else 1
+            prob *= likelihood(momdp, i, truth, percepts) ** power
         joint[y] = prob
     return {y: prob / sum(joint.values()) for y, prob in joint.items()}
 
@@ -91,6 +92,20 @@ def test_belief_is_that_over_all_joint_values(size, exact):
         action = int(rng.integers(momdp.n_behaviors))
         percepts.append((action, levels))
         belief = update_belief(belief, momdp, Transition(action, 0, levels))
+
+
+def test_the_percept_of_the_second_of_two_values_is_that_of_the_first():
+    """Their classifiers decide the same: asked as a group or as one attribute, belief is one."""
+    domain, rows = load_domain("toy"), np.full((2, 3, 2, 2), 0.5)
+    rows[0, 0] = [[0.8, 0.2], [0.3, 0.7]]
+    rows[1, 0] = rows[0, 0, ::-1, ::-1]
+    group = build_momdp(domain, Query(("empty", "full"), ((0, 1),)), rows, prior=[0.4, 0.6])
+    alone = build_momdp(domain, Query(("empty",)), rows[:1], prior=0.4)
+    both, one = initial_belief(group), initial_belief(alone)
+    for z in (1, 1, 0):
+        both = update_belief(both, group, Transition(0, 0, np.array([z, 1 - z])))
+        one = update_belief(one, alone, Transition(0, 0, np.array([z])))
+        assert_allclose(both.positive, [one.positive[0], 1 - one.positive[0]])
 
 
 def test_a_group_has_as_many_reports_as_values():
