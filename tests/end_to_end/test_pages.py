@@ -6,6 +6,7 @@ import re
 import runpy
 import shlex
 import shutil
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -102,6 +103,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("MEAL_BAYES_OFFLINE", "1")
+    # The last place: packages that robots have, where they are not installed.
+    monkeypatch.setattr(sys, "path", [*sys.path, str(ROOT / "tests" / "stand_ins")])
     return tmp_path
 
 

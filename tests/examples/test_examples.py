@@ -48,6 +48,11 @@ def test_the_driver_needs_nothing_but_the_package():
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
 
 
+def test_arrays(folder, monkeypatch, capsys):
+    play(EXAMPLES / "arrays.py", monkeypatch)
+    assert capsys.readouterr().out == "heavy, half True\n"
+
+
 def test_own_planner(folder, monkeypatch, capsys):
     names = play(EXAMPLES / "own_planner.py", monkeypatch)
     lines = capsys.readouterr().out.splitlines()

@@ -1,0 +1,6 @@
+"""A node."""
+
+
+class Node:
+    def __init__(self, node_name):
+        self.name = node_name
