@@ -41,12 +41,12 @@ class Dynamics(NamedTuple):
     ----------
     step : (X,E) records of `STEP`.
     branch : (X,E,B) records of `BRANCH`, the outcomes of a step.
-    exit_value : (X,) of abstaining, -inf where the agent may not.
+    exit_value : of abstaining, -inf where the agent may not.
     """
 
     step: NDArray[np.void]
     branch: NDArray[np.void]
-    exit_value: Floats
+    exit_value: float
 
     def outcomes(self, x: int, e: int) -> list[tuple[float, int, bool]]:
         """Return probability, next x, and whether a percept comes, of each outcome of a step."""
@@ -183,7 +183,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
         ]
         branch[x, e, : len(outcomes)] = outcomes
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
-    return Dynamics(step, branch, np.full(size, 0.0 if momdp.abstain else -np.inf))
+    return Dynamics(step, branch, 0.0 if momdp.abstain else -np.inf)
 
 
 def _information(momdp: MOMDP) -> Floats:

@@ -15,10 +15,7 @@ from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.momdp.belief import belief_of
 from meal_bayes.planners import POMCP, Decision, History, Policy
-from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.kernels import entry_kernel
-from meal_bayes.planners.open_loop.errors import make_scratch, plan_error
-from meal_bayes.planners.open_loop.policy import plan_values
+from meal_bayes.planners.open_loop.values import plan_values
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far
@@ -284,21 +281,6 @@ def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:
     return belief_of(momdp, x, log_prob, initial_belief(momdp).percept_counts)
 
 
-@entry_kernel
-def _error(percepts, counts, plan, i, prob, scratch):
-    """Call the kernel with numbers, not literals: it is compiled for these anyway."""
-    return plan_error(percepts, counts, plan, i, prob, scratch)
-
-
-def error_of(problem: Compiled, counts: ArrayLike, prob: np.ndarray, seen=None) -> float:
-    """Compute by the kernel the Bayes error of the first attribute after a plan's percepts (E,)."""
-    scratch = make_scratch(problem.percepts, 1, 0)
-    if seen is not None:
-        scratch.counts[:] = seen
-        scratch.total[:] = np.sum(seen, axis=2)[0]
-    return float(_error(problem.percepts, np.array([counts], np.int64), 0, 0, prob, scratch))
-
-
 def search(
     momdp: MOMDP,
     simulations: int,
@@ -339,7 +321,6 @@ def small() -> SimpleNamespace:
         believing=believing,
         weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).log_prob),
         split=split,
-        error=error_of,
         search=search,
         best_value=lambda decision: float(np.nanmax(decision.values)),
         start=lambda momdp: History(initial_belief(momdp)),

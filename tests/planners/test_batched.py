@@ -65,25 +65,6 @@ def test_better_percepts_are_worth_no_less(rates, prior, e, step):
     assert improved >= plain - 0.5  # 0.25 % of r+ - r-, interpolation
 
 
-@given(chance, rate)
-def test_equal_rates_are_worth_the_report_or_abstaining(prior, yes):
-    rates, now = np.full((1, 3, 2), yes), 100 * (2 * max(prior, 1 - prior) - 1)
-    (value,) = batched_value_iteration(problem(), rates, [prior])
-    assert value == pytest.approx(now, abs=0.7)  # a kink between grid points at even odds
-    (leaving,) = batched_value_iteration(problem(objective=Objective(abstain=True)), rates, [prior])
-    assert leaving == pytest.approx(max(now, 0.0), abs=0.7)
-
-
-@pytest.mark.parametrize("order", [[2, 0, 1], [1, 1, 0]])
-def test_problems_do_not_touch_each_other(order):
-    rng = np.random.default_rng(0)
-    rates, prior = random_rates(TOY, rng, 3), rng.uniform(0.1, 0.9, 3)
-    together = batched_value_iteration(problem(), rates, prior)
-    np.testing.assert_allclose(
-        batched_value_iteration(problem(), rates[order], prior[order]), together[order], atol=0.05
-    )
-
-
 @pytest.mark.parametrize(
     ("momdp", "shape", "message"),
     [

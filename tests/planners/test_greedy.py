@@ -4,8 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.domain import Query, load_domain
-from meal_bayes.momdp import Transition, best_report, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.planners import Greedy, History
 from meal_bayes.planners.greedy import information_gain
 
@@ -41,42 +40,6 @@ def test_dispersed_rows_are_less_informative_the_second_time(small):
     assert information_gain(momdp, belief)[0] == pytest.approx(gain(b, *rates))
     independent = small.momdp("toy", {"red": {"look": (0.8, 0.25)}})
     assert information_gain(momdp, belief)[0] < information_gain(independent, belief)[0]
-
-
-@pytest.mark.parametrize("options", [{"own_classes": 3}, {"shared": 3}, {"mistaken": [0.1, 0.3]}])
-def test_information_gain_of_latent_classes_is_that_of_the_truth(small, options):
-    """Against the definition: Pr(truth, level) by the exact solution's percepts."""
-    momdp = small.toy(3, 2, 4, finite=True, **options)
-    exact = small.expectimax(momdp)
-    one = ((0, 0, 1, 0), (0, 0, 0, 0), (0, 0, 0, 0))
-    other = ((1, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0))
-    for seen in (exact.nothing_seen(), (one, other)):
-        found = information_gain(momdp, exact.belief(0, seen))
-        for e in (0, 1):
-            before = sum(entropy(b, 1 - b) for b in exact.positive(seen))
-            after = 0.0
-            for p, more in exact.percepts(seen, e):
-                after += p * sum(entropy(b, 1 - b) for b in exact.positive(more))
-            assert found[e] == pytest.approx(before - after, abs=1e-9)
-
-
-def test_a_mistaken_latent_class_is_worth_no_second_look(small):
-    """Percepts that all err together inform at most of the class."""
-    rows = np.tile([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]], (1, 3, 1, 1))
-    latent_classes = [[[0.9, 0.1, 0.0, 0.0], [0.0, 0.0, 0.9, 0.1]]]
-    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
-    belief = initial_belief(momdp)
-    assert information_gain(momdp, belief)[0] == pytest.approx(1 - entropy(0.9, 0.1))
-    belief = update_belief(belief, momdp, Transition(0, 0, np.array([1])))
-    assert information_gain(momdp, belief)[0] == pytest.approx(0.0, abs=1e-12)
-    assert decide(momdp, History(belief)).action == momdp.n_behaviors + 1
-
-
-def test_used_up_behaviors_are_not_informative(small):
-    momdp = small.momdp("toy", {"red": {"look": (0.8, 0.25)}}, limit=1)
-    belief = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1])))
-    assert not information_gain(momdp, belief).any()
-    assert decide(momdp, History(belief)).action == best_report(momdp, belief)
 
 
 def test_the_most_bits_per_second_win(small):
@@ -116,9 +79,3 @@ def test_bits_that_cost_too_much_are_not_bought(small):
 @pytest.mark.parametrize("odds", [[np.inf, -np.inf], [900.0, -900.0]])
 def test_certain_beliefs_report(small, toy, odds):
     assert decide(toy, History(small.believing(toy, odds))).action == toy.n_behaviors + 2
-
-
-def test_worthless_behaviors_are_not_tried(small):
-    momdp = small.momdp("toy", {"red": {}, "heavy": {}})
-    decision = decide(momdp, small.start(momdp))
-    assert decision.action == best_report(momdp, initial_belief(momdp))

@@ -62,14 +62,6 @@ def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
     np.testing.assert_allclose(added, 7.0 * np.minimum(counts[:, 0], paid))
 
 
-def test_what_was_perceived_in_the_trial_is_not_paid_again(small):
-    momdp = small.momdp("toy", small.rates, limit=5, objective=Objective(discount=1.0))
-    after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1, 0], np.int8)))
-    added, counts = bonuses_of(momdp, [7.0, 20.0, 0.0], 1, after)
-    # Eq. 11 pays executions: a lift that succeeds with 0.9 takes 1 / 0.9 of them.
-    np.testing.assert_allclose(added, 20.0 * np.minimum(counts[:, 1], 1) / 0.9)
-
-
 @pytest.mark.parametrize("prior", [0.5, 0.2])
 def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
@@ -105,14 +97,6 @@ def test_a_bonus_that_is_worth_its_cost_is_fetched(small):
     assert decide(with_bonus(momdp, [0.0, 50.0, 0.0]), paid=1) == 1
     poor = with_bonus(momdp, [0.0, 5.0, 0.0])  # less than lift costs
     assert decide(poor, paid=1) >= momdp.n_behaviors
-
-
-def test_only_what_pays_again_is_done_again(small):
-    momdp = with_bonus(small.momdp("toy", {"red": {}}, limit=4), [50.0, 0.0, 0.0])
-    after = update_belief(initial_belief(momdp), momdp, Transition(0, 0, np.array([1], np.int8)))
-    assert OpenLoop().solve(momdp, None).decide(History(after), None).action == 0
-    assert decide(momdp, after) == 0
-    assert decide(momdp, after, paid=1) >= momdp.n_behaviors
 
 
 def test_one_plan_fetches_every_bonus(small):

@@ -11,18 +11,16 @@ from scipy.stats import betabinom, binom
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective
 from meal_bayes.planners.compiled import class_prior, compile_momdp
-from meal_bayes.planners.open_loop.library import diagram_of, plan_library
+from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import (
     PLAN,
     Plans,
     evaluate_plans,
-    judge_plans,
     plan_scratch,
 )
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 MOST = 15  # percepts of one behavior that are planned with
-COARSE = 0.02  # by how much errors read off the tables may be too high
 
 
 def made(momdp):
@@ -95,97 +93,6 @@ def plans_of(problem, walks):
         row=np.zeros((len(walks), n), dtype=np.int64),
         table=np.zeros((1, 3, classes)),
     )
-
-
-@pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}])
-@pytest.mark.parametrize("precision", [3.0, np.inf])
-def test_merging_outcomes_raises_the_error_a_little(small, options, precision):
-    """More joint outcomes than are held: 4^9, against all of them."""
-    rng = np.random.default_rng(2)
-    momdp = small.random("cy101", 1, 2, rng, precision=precision, **options)
-    weight, counts = small.weights(momdp, [0.3]), [3] * 9 + [0] * 2
-    problem = compile_momdp(momdp)
-    free = replace(momdp, correct=0.0, incorrect=-1.0)  # a plan is worth minus its error
-    exact = -exact_values(
-        compile_momdp(free), plans_of(problem, [(0, 0.0, 1.0, counts)]), 0, weight[None]
-    )
-    found = small.error(problem, counts, weight)
-    assert exact - 1e-12 <= found <= exact + COARSE
-    assert found < small.error(problem, [3, 3, 3, 1, 0, 0, 0, 0, 0, 0, 0], weight)
-
-
-@pytest.mark.parametrize("precision", [5.0, np.inf])
-def test_certain_beliefs_have_no_error(small, precision):
-    momdp = small.momdp("toy", small.rates, precision)
-    problem, plans = made(momdp)
-    for log_odds in ([np.inf, -np.inf], [40.0, -800.0]):
-        weight = np.exp(small.believing(momdp, log_odds).log_prob)
-        values = exact_values(problem, plans, 0, weight[None])[0]
-        ends = momdp.correct * plans.plan["discount"] - plans.plan["cost"]
-        np.testing.assert_allclose(values, ends[: len(values)])
-        tabled = values_at(problem, plans, 0, weight)
-        np.testing.assert_allclose(tabled, by_behavior(problem, plans, 0, values))
-
-
-@pytest.mark.parametrize("name", DOMAINS)
-@pytest.mark.parametrize(
-    ("levels", "options"), [(2, {}), (4, {}), (2, {"own_classes": 2}), (2, {"shared": 3})]
-)
-@pytest.mark.parametrize("precision", [5.0, np.inf])
-def test_tables_are_close_to_exact_and_never_above(small, name, levels, options, precision):
-    rng = np.random.default_rng(3)
-    momdp = small.random(name, 2, levels, rng, precision=precision, **options)
-    problem, plans = made(momdp)
-    odds = [*rng.uniform(-6, 6, (5, 2)), [20.0, -0.3]]
-    weights = np.array([small.weights(momdp, each) for each in odds])
-    weights *= rng.gamma(3.0, 1.0, weights.shape)
-    weights /= weights.sum(axis=2, keepdims=True)
-    for x in range(momdp.terminal):
-        for weight, values in zip(weights, exact_values(problem, plans, x, weights), strict=True):
-            tabled = values_at(problem, plans, x, weight)
-            exact = by_behavior(problem, plans, x, values)
-            some = np.isfinite(exact)
-            np.testing.assert_array_equal(np.isfinite(tabled), some)
-            gap = (exact[some] - tabled[some]) / (momdp.correct - momdp.incorrect)
-            assert gap.min(initial=0.0) >= -1e-9
-            assert gap.max(initial=0.0) <= (4 if options else 2) * COARSE
-
-
-@pytest.mark.parametrize("precision", [5.0, np.inf])
-def test_above_a_floor_only_the_best_of_all_is_sought(small, precision):
-    momdp = small.random("roc36", 2, 2, np.random.default_rng(6), precision=precision)
-    problem, plans = made(momdp)
-    weight = small.weights(momdp, [0.4, -1.0])
-    seen = np.zeros((2, momdp.n_behaviors, 2))
-    for looks in (0, 1):  # of the tables; computed, where rows are not known
-        seen[:, 0, 1] = looks
-        scratch, best = evaluated(problem, plans, 0, weight, seen)
-        assert best == scratch.value.max()
-        for floor in (best - 50.0, best - 1e-6, best, best + 1.0):
-            found = evaluated(problem, plans, 0, weight, seen, floor)[1]
-            assert found == pytest.approx(max(best, floor), abs=1e-9)
-
-
-def test_plans_are_judged_by_the_beliefs_at_which_they_are_best(small):
-    momdp = small.random("roc36", 2, 2, np.random.default_rng(6))
-    problem, plans = made(momdp)
-    odds = np.random.default_rng(7).uniform(-4, 4, (30, 2))
-    weights = np.array([small.weights(momdp, each) for each in odds])
-    wins, expected = np.zeros((2, len(plans.plan), 2), np.int64)
-    highest = np.full((momdp.terminal, momdp.n_behaviors), -np.inf)
-    for x in range(momdp.terminal):
-        for weight in weights:
-            scratch, best = evaluated(problem, plans, x, weight)
-            for a in np.flatnonzero(scratch.value == best):
-                expected[scratch.best[a], 0] += 1
-            for a in np.flatnonzero(scratch.value > highest[x]):
-                own = plans.plan["action"] == a
-                own[: plans.first[x]] = own[plans.first[x + 1] :] = False
-                expected[own, 1], expected[scratch.best[a], 1] = 0, 1
-                highest[x, a] = scratch.value[a]
-    scratch = plan_scratch(problem.percepts, plans)
-    judge_plans(problem, plans, weights, scratch, np.empty((momdp.n_behaviors, 2)), wins)
-    np.testing.assert_array_equal(wins, expected)
 
 
 @pytest.mark.parametrize("name", DOMAINS)
@@ -303,35 +210,6 @@ def test_shaping_is_paid_for_what_can_be_perceived(small, toy):
     plain = values_at(problem, plans, 0, even)[0]
     # 3 of the 4 percepts are within the limit; Pr(true) = .5 each: 2 + 1 a percept, weight 5.
     assert values_at(shaped, plans, 0, even)[0] == pytest.approx(plain + 0.75 * 5 * 3)
-
-
-@pytest.mark.parametrize("name", DOMAINS)
-def test_ways_to_a_percept_are_cheapest(small, name):
-    problem = compile_momdp(small.momdp(name, {load_domain(name).attributes[0]: {}}))
-    ways = diagram_of(problem.dynamics).ways
-    price = np.full(problem.dynamics.step["legal"].shape, np.inf)  # undiscounted, by relaxation
-    for _ in range(problem.dynamics.step["legal"].shape[0]):
-        for x, a in np.argwhere(problem.dynamics.step["legal"]):
-            after = problem.dynamics.branch["x"][x, a, 0]
-            if problem.dynamics.branch["senses"][x, a, 0]:
-                price[x, a] = problem.dynamics.step["cost"][x, a]
-            other = problem.dynamics.step["cost"][x, a] + price[after]
-            price[x] = np.minimum(price[x], other)
-    np.testing.assert_array_equal(ways.hop >= 0, np.isfinite(price))
-    reached = ways.hop >= 0
-    assert (ways.cost[reached] <= price[reached] + 1e-9).all()  # discounted, so never dearer
-    assert (ways.cost[reached] >= price[reached] * 0.9).all()
-    for x, e in np.argwhere(reached):
-        assert problem.dynamics.step["legal"][x, ways.hop[x, e]]
-        assert ways.observation_counts[x, e, e] >= 1
-
-
-def test_ways_are_found_once_for_a_diagram(small):
-    one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
-    other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
-    assert diagram_of(one.dynamics) is diagram_of(other.dynamics)
-    dearer = compile_momdp(small.momdp("roc36", {"heavy": {}}, objective=Objective(discount=0.9)))
-    assert diagram_of(dearer.dynamics) is not diagram_of(one.dynamics)
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])

@@ -8,10 +8,9 @@ from scipy.stats import chisquare
 
 from meal_bayes.momdp import Transition, initial_belief, update_belief
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners import Factored, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.kernels import entry_kernel
-from meal_bayes.planners.pomcp.sampled import KEPT, draw_object, draw_percept, make_sampled
+from meal_bayes.planners.pomcp.tree import KEPT, draw_object, draw_percept, make_sampled
 
 DRAWS = 100_000
 
@@ -107,20 +106,3 @@ def test_a_decision_keeps_rows_of_sampled_momdps(small, precision, backup):
         else:
             assert len(found) == KEPT  # each MOMDP has an object of its own
             assert not found & set(map(tuple, classes))
-
-
-def test_as_many_rows_are_kept_as_there_were_simulations(small):
-    momdp = small.noisy_roc36(2)
-    for simulations in (1, 3):
-        decision = small.search(momdp, simulations, always=True, points=0)
-        assert len(decision.sampled_rows) == decision.visits[decision.action] <= simulations
-
-
-def test_reports_and_exact_decisions_have_no_sampled_rows(small, toy):
-    sure = History(small.believing(toy, [9.0, 9.0]))
-    assert small.search(toy, 50, history=sure).sampled_rows is None
-    plain = small.momdp("toy", small.rates)
-    for solver in (Factored(2000), OpenLoop()):
-        policy = solver.solve(plain, np.random.default_rng(0))
-        decision = policy.decide(small.start(plain), np.random.default_rng(0))
-        assert decision.sampled_rows is None

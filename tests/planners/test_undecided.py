@@ -5,7 +5,6 @@ import pytest
 
 from meal_bayes.momdp import Objective
 from meal_bayes.planners import History
-from meal_bayes.planners.pomcp.certain import certain_behavior
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -31,8 +30,9 @@ def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds
         optimum = small.expectimax(momdp)
         optimum.value(momdp.start, optimum.nothing_seen())
         for x, seen in list(optimum.known):
-            decision = certain_behavior(momdp, optimum.belief(x, seen))
-            if decision is not None:
+            history = History(optimum.belief(x, seen))
+            decision = small.search(momdp, 1, history=history)
+            if decision.simulations == 0 and decision.action < momdp.n_behaviors:
                 found += 1
                 edge = optimum.edge(x, seen, decision.action, optimum.value)
                 assert optimum.stop(x, seen) < decision.values[decision.action] <= edge + 1e-9

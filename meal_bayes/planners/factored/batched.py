@@ -45,11 +45,11 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
     report = momdp.report_reward(np.maximum(belief, 1 - belief)[:, None])
-    floor = np.maximum(report, dynamics.exit_value[: momdp.terminal, None])  # (X-1,G)
+    floor = np.maximum(report, dynamics.exit_value)  # (G,)
     percepts = [_Percept(yes[:, e], grid, belief) for e in range(momdp.n_behaviors)]
-    value = np.repeat(floor[:, None], len(start), axis=1)  # (X-1,B,G)
+    value = np.tile(floor, (momdp.terminal, len(start), 1))  # (X-1,B,G)
     settled = _SETTLED * (momdp.correct - momdp.incorrect)
-    latest_first = range(len(floor))[::-1]
+    latest_first = range(momdp.terminal)[::-1]
     for _ in range(_SWEEPS):
         if max(_back_up(dynamics, percepts, floor, value, x) for x in latest_first) < settled:
             break
@@ -86,7 +86,7 @@ def _back_up(
     dynamics: Dynamics, percepts: list[_Percept], floor: Floats, value: Floats, x: int
 ) -> float:
     """Update the values of one x in place; return the largest change."""
-    new = np.broadcast_to(floor[x], value[x].shape).copy()
+    new = np.broadcast_to(floor, value[x].shape).copy()
     for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
         step, ahead = dynamics.step[x, e], np.zeros_like(new)
         for p, to, senses in dynamics.outcomes(x, e):

@@ -113,7 +113,7 @@ class ValueIteration:
         SettingsError : shaping that pays more than a behavior costs, undiscounted.
         """
         step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
-        best = max(self.momdp.correct, float(self.problem.dynamics.exit_value[:-1].max()))
+        best = max(self.momdp.correct, self.problem.dynamics.exit_value)
         pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
         kept = 1 - step["discount"][step["legal"]]
         lasting = kept > 0

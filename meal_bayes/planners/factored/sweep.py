@@ -28,14 +28,14 @@ class Edges(NamedTuple):
 
     `edge` (M,3) is x, behavior, and 1 if it may keep x; `outcome` (M,2,X-1) the discounted
     probability of each next x, without and with a percept; `reward` (M,1+N) a constant and slopes
-    in the marginals; `exit_value` (X-1,1) that of abstaining; `moves` (N,E) whether percepts move
+    in the marginals; `exit_value` that of abstaining; `moves` (N,E) whether percepts move
     the belief.
     """
 
     edge: Integers
     outcome: Floats
     reward: Floats
-    exit_value: Floats
+    exit_value: float
     moves: NDArray[np.bool_]
 
     @classmethod
@@ -52,14 +52,14 @@ class Edges(NamedTuple):
         reward = step["bonus_scale"][:, None] * bonus[:, e].T
         reward[:, 0] -= step["cost"]
         edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
-        exits = dynamics.exit_value[: momdp.terminal, None]
-        return cls(np.ascontiguousarray(edge), outcome, reward, exits, informative_pairs(momdp))
+        moves = informative_pairs(momdp)
+        return cls(np.ascontiguousarray(edge), outcome, reward, dynamics.exit_value, moves)
 
 
 class Backups(NamedTuple):
     """All that a sweep reads besides the values; `edge` and `outcome` are those of `Edges`.
 
-    `reward` is (M,B), or (M,1) where it is the same for every belief; `floor` (X-1,B) the value of
+    `reward` is (M,B), or (M,1) where it is the same for every belief; `floor` (B,) the value of
     ending; `size` (N,) that of the axes; `point` and `weight` (N,E,G,J) are columns and entries of
     the percepts' matrices, the first column -1 where percepts do not move the belief.
     """
@@ -155,7 +155,7 @@ def sweep(
         largest = 0.0
         for x in range(value.shape[0] - 1, -1, -1):
             for b in range(points):
-                scratch[0, b] = backups.floor[x, b]
+                scratch[0, b] = backups.floor[b]
             fallen, keeps, loops = 0.0, min(0, x), False
             while True:  # once those that leave x, then those that may keep it
                 for m in range(edge.shape[0]):

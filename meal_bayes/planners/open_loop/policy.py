@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.open_loop.coupled import coupled_values
-from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, evaluate_plans, plan_scratch
+from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.solver import Decision, History, choose
 
 
@@ -46,12 +45,3 @@ class OpenLoopPolicy:
             coupled = coupled_values(self.momdp, self.problem, self.plans, belief, rng)
             values = np.where(np.isneginf(values), values, coupled)
         return Decision.exact(*choose(self.momdp, belief, values))
-
-
-def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
-    """Evaluate the best plan of each first behavior -> `value` (E,) of the returned buffers."""
-    scratch = plan_scratch(problem.percepts, plans)
-    scratch.counts[:] = belief.percept_counts
-    scratch.total[:] = belief.percept_counts[0].sum(axis=1)
-    evaluate_plans(problem, plans, belief.x, np.exp(belief.log_prob), scratch, -np.inf, True)
-    return scratch

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.compiled import Percepts
+from meal_bayes.momdp import Belief
+from meal_bayes.planners.compiled import Compiled, Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
@@ -49,6 +50,15 @@ def plan_scratch(percepts: Percepts, plans: Plans) -> Scratch:
     return make_scratch(percepts, int(np.diff(plans.first).max()), len(plans.table))
 
 
+def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
+    """Evaluate the best plan of each first behavior -> `value` (E,) of the returned buffers."""
+    scratch = plan_scratch(problem.percepts, plans)
+    scratch.counts[:] = belief.percept_counts
+    scratch.total[:] = belief.percept_counts[0].sum(axis=1)
+    evaluate_plans(problem, plans, belief.x, np.exp(belief.log_prob), scratch, -np.inf, True)
+    return scratch
+
+
 @kernel
 def true_chance(percepts, prob, i):
     """Compute Pr(attribute i is true) from Pr(latent class) (N,C)."""
@@ -59,13 +69,13 @@ def true_chance(percepts, prob, i):
 
 
 @kernel
-def stop_value(model, x, prob):
+def stop_value(model, prob):
     """Compute the value of ending now: of the most probable report or of the exit."""
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
         right *= max(b, 1.0 - b)
-    return max(model.incorrect + model.gap * right, model.dynamics.exit_value[x])
+    return max(model.incorrect + model.gap * right, model.dynamics.exit_value)
 
 
 @kernel

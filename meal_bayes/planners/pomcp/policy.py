@@ -1,13 +1,13 @@
 """POMCP: online tree search in sampled MOMDPs, from the exact belief [Silver2010, Katt2017].
 
-Each simulation draws a MOMDP from the posterior and walks the tree in it (`sampled.py`); its
+Each simulation draws a MOMDP from the posterior and walks the tree in it; its
 rewards are those of the MOMDP it is given, so ITRS-shaped ones where the MOMDP is shaped. What
 departs from textbook POMCP, each because the textbook fails here:
 
 - Queries with groups are left to open-loop plans: a node's beliefs are independent.
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief, no particles.
-- New nodes are not valued by random roll-outs but by open-loop plans and tables (`evaluator.py`).
+- New nodes are not valued by random roll-outs but by open-loop plans and tables.
 - `backup="expected"`: sampled MOMDPs decide where the tree grows; values are backed up as exact
   expectations over an edge's outcomes (drawn ones beyond 64), which is what the returns of sampled
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
@@ -24,19 +24,25 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
-from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.momdp.belief import next_percept
+from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.library import plan_library, retabulate
-from meal_bayes.planners.open_loop.policy import OpenLoopPolicy, plan_values
-from meal_bayes.planners.open_loop.values import Plans
-from meal_bayes.planners.pomcp.certain import certain_behavior
-from meal_bayes.planners.pomcp.evaluator import LeafEvaluator
-from meal_bayes.planners.pomcp.sampled import KEPT, Sampled, make_sampled
-from meal_bayes.planners.pomcp.search import ENUMERATE, search
-from meal_bayes.planners.pomcp.tree import Tree, make_tree, standard_errors, top_edges
+from meal_bayes.planners.open_loop.library import diagram_of, plan_library, retabulate
+from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
+from meal_bayes.planners.open_loop.values import Plans, plan_values
+from meal_bayes.planners.pomcp.search import ENUMERATE, LeafEvaluator, search
+from meal_bayes.planners.pomcp.tree import (
+    KEPT,
+    Sampled,
+    Tree,
+    make_sampled,
+    make_tree,
+    standard_errors,
+    top_edges,
+)
 from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
@@ -174,7 +180,7 @@ class POMCPPolicy:
             return OpenLoopPolicy(self.momdp, self.problem, self.plans).decide(history, rng)
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
-        certain = certain_behavior(self.momdp, belief)
+        certain = _certain(self.momdp, belief)
         if certain is not None:
             return certain
         scratch = plan_values(self.problem, self.plans, belief)
@@ -259,6 +265,33 @@ class POMCPPolicy:
         tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.log_prob), -1
         tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
         return tree
+
+
+def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
+    """Return the decision for the only legal behavior if a report is worse for certain, else None.
+
+    It is, if the report is worth less than going for a first percept of some behavior and then
+    reporting, where each attribute is judged by the one percept on the way that tells most of it.
+    """
+    dynamics = dynamics_of(momdp)
+    legal = np.flatnonzero(dynamics.step["legal"][belief.x])
+    if len(legal) != 1 or momdp.bonus.any():
+        return None
+    ways = diagram_of(dynamics).ways
+    error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
+    used = (ways.observation_counts[belief.x] > 0) & (
+        belief.percept_counts[0].sum(axis=1) < momdp.limit
+    )  # (goal,E)
+    least = np.where(used[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
+    value = momdp.report_reward(1.0 - least)
+    value = ways.discount[belief.x] * value - ways.cost[belief.x]
+    best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
+    ending = answer_value(momdp, belief)
+    if best <= ending:
+        return None
+    values = np.full(momdp.n_behaviors + 1, np.nan)
+    values[legal[0]], values[-1] = best, ending
+    return Decision.exact(int(legal[0]), values)
 
 
 _EMPTY = Table(np.ones((1, 1)), np.ones(1, np.int64), np.zeros((0, 1), np.float32))

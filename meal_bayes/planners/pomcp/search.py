@@ -1,18 +1,52 @@
-"""POMCP's tree search, read from the top: simulate, select, expand, execute, back up.
+"""POMCP's tree search, read from the top: simulate, select, expand, value, execute, back up.
 
-Kernels over the tree (`tree.py`), the sampled MOMDPs (`sampled.py`) and the leaf evaluators
-(`evaluator.py`).
+Kernels over the tree and the sampled MOMDPs (`tree.py`), and the leaf evaluators. Open-loop plans
+give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few enough, a table
+of factored value iteration estimates the optimum.
 """
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.values import forget_errors, true_chance
-from meal_bayes.planners.pomcp.evaluator import add_node, count_percept, open_node, step_reward
-from meal_bayes.planners.pomcp.sampled import DEPTH, condition, draw_object, draw_percept, note_rows
+from meal_bayes.planners.open_loop.errors import Scratch
+from meal_bayes.planners.open_loop.values import (
+    Plans,
+    evaluate_plans,
+    forget_errors,
+    is_idle,
+    stop_value,
+    true_chance,
+)
+from meal_bayes.planners.pomcp.tree import (
+    DEPTH,
+    condition,
+    draw_object,
+    draw_percept,
+    note_rows,
+)
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
 DRAWN = 24  # children of an edge with more
+
+
+class LeafEvaluator(NamedTuple):
+    """Evaluators of beliefs, and their buffers.
+
+    Attributes
+    ----------
+    plans : open-loop plans.
+    table : estimates over a grid of marginal beliefs, or an empty table.
+    scratch, reading : buffers; `scratch` holds the percepts on the way to the node.
+    """
+
+    plans: Plans
+    table: Table
+    scratch: Scratch
+    reading: NDArray[np.float64]
 
 
 @entry_kernel
@@ -32,7 +66,7 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
         node, depth, value = done * 0, 0, 0.0
         while depth < DEPTH:
             if tree.node[node].visits == 0:
-                open_node(model, evaluator, tree, node)
+                _open_node(model, evaluator, tree, node)
             tree.node[node].visits += 1
             a, value = _select(model, tree, node, options[0]), tree.node[node].stop
             if a < 0:
@@ -43,7 +77,7 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0], sampled.path[depth, 1] = node, a
             x, total = tree.node[node].x, evaluator.scratch.total
-            sampled.reward[depth] = step_reward(model, x, a, sampled.truth, total)
+            sampled.reward[depth] = _step_reward(model, x, a, sampled.truth, total)
             node = _execute(model, evaluator, tree, sampled, node, a, rng)
             depth, value = depth + 1, tree.node[node].value
             if new:
@@ -96,7 +130,7 @@ def _expand(model, evaluator, tree, node, a, rng):
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
         outcomes *= scratch.counts.shape[2] if model.percepts.informative[i, a] else 1
-    tree.edge[node, a].reward = step_reward(model, x, a, scratch.chance, scratch.total)
+    tree.edge[node, a].reward = _step_reward(model, x, a, scratch.chance, scratch.total)
     tree.edge[node, a].first = tree.size[0]
     perceives = scratch.total[a] < model.percepts.limit[a]
     for k in range(model.dynamics.branch.shape[2]):
@@ -118,7 +152,7 @@ def _expand(model, evaluator, tree, node, a, rng):
             else:
                 tree.node[child].p = branch.p if outcome == 0 else 0.0
             if tree.node[child].p > 0.0:
-                add_node(model, evaluator, tree, child, branch.x, a)
+                _add_node(model, evaluator, tree, child, branch.x, a)
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
@@ -142,6 +176,83 @@ def _perceive(model, evaluator, tree, node, a, outcome, rng):
                 z += 1
                 u -= condition(percepts, scratch, tree.prob[node], i, a, z, tree.prob[child])
         tree.level[child, i] = z
+
+
+@kernel
+def _add_node(model, evaluator, tree, child, x, a):
+    """Add the next free node, valued by ending now, the best plan, or the table."""
+    tree.size[0] += 1
+    node, prob, table = tree.node[child], tree.prob[child], evaluator.table
+    node.x, node.visits = x, 0
+    _count_percept(evaluator.scratch, tree.level[child], a, 1.0)
+    node.stop = stop_value(model, prob)
+    for i in range(prob.shape[0]):
+        evaluator.scratch.shown[i] = tree.level[child, i] + 1
+        evaluator.scratch.chance[i] = true_chance(model.percepts, prob, i)
+    if table.value.shape[0] > 0:
+        estimate = _estimate(model, evaluator, x, -table.size[0])
+        node.value = max(node.stop, estimate)
+    else:
+        node.value = evaluate_plans(
+            model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
+        )
+    _count_percept(evaluator.scratch, tree.level[child], a, -1.0)
+
+
+@kernel
+def _open_node(model, evaluator, tree, node):
+    """Create the edges of a visited node; values are -inf where a behavior cannot help."""
+    x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
+    tabled = table.value.shape[0] > 0
+    if tabled:
+        for i in range(scratch.chance.shape[0]):
+            scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
+    else:
+        evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+    for a in range(tree.edge.shape[1]):
+        value = -np.inf if tabled else scratch.value[a]
+        if tabled and model.dynamics.step[x, a].legal and not is_idle(model, x, a, scratch.total):
+            mean = 0.0
+            for k in range(model.dynamics.branch.shape[2]):
+                branch = model.dynamics.branch[x, a, k]
+                behavior = a if branch.senses else -table.size[0]
+                mean += branch.p * _estimate(model, evaluator, branch.x, behavior)
+            reward = _step_reward(model, x, a, scratch.chance, scratch.total)
+            value = reward + model.dynamics.step[x, a].discount * mean
+        edge = tree.edge[node, a]
+        edge.visits, edge.first, edge.count = 0, -1, 0
+        edge.value = value
+        tree.node[node].value = max(tree.node[node].value, value)
+
+
+@kernel
+def _estimate(model, evaluator, x, behavior):
+    """Return the table's value at x after a percept of a behavior (none below 0)."""
+    return value_after(
+        evaluator.table, model.percepts.rows, model.percepts.informative, x, behavior,
+        evaluator.scratch.chance, evaluator.reading,
+    )  # fmt: skip
+
+
+@kernel
+def _step_reward(model, x, a, chance, total):
+    """Compute minus the cost of a behavior, plus its bonus at Pr(attribute is true) (N,)."""
+    reward = -model.dynamics.step[x, a].cost
+    if model.shaped and total[a] < model.paid[a]:
+        for i in range(chance.shape[0]):
+            b = chance[i]
+            mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
+            reward += model.dynamics.step[x, a].bonus_scale * mean
+    return reward
+
+
+@kernel
+def _count_percept(scratch, level, a, sign):
+    """Count a percept (N,) of a behavior (sign 1), or remove it (-1); level -1 is none."""
+    if level[0] >= 0:
+        scratch.total[a] += sign
+        for i in range(level.shape[0]):
+            scratch.counts[i, a, level[i]] += sign
 
 
 @kernel
@@ -173,7 +284,7 @@ def _execute(model, evaluator, tree, sampled, node, a, rng):
             break
         if rng.random() * here < 1.0:
             found = child
-    count_percept(evaluator.scratch, tree.level[found], a, 1.0)
+    _count_percept(evaluator.scratch, tree.level[found], a, 1.0)
     return found
 
 

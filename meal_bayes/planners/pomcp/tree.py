@@ -1,13 +1,23 @@
-"""The search tree: a struct of arrays that the kernels grow, and what is read off it afterwards."""
+"""What a search grows, and the MOMDPs that it draws on the way.
+
+The tree is a struct of arrays that kernels grow and a decision is read off. A sampled MOMDP has an
+object of its own: a latent class and a truth for each attribute, drawn from the belief, and for
+each behavior a row, drawn from its Dirichlet given the percepts of this trial, when the behavior is
+first executed [Katt2017, Guez2012]. Its percepts follow its rows.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.kernels import records
+from meal_bayes.planners.compiled import Percepts
+from meal_bayes.planners.kernels import kernel, records
+from meal_bayes.planners.open_loop.errors import predictive
 from meal_bayes.planners.solver import TreeEdge
 
+KEPT = 8  # sampled MOMDPs whose rows a decision keeps
+DEPTH = 60  # steps of one simulation
 _LOGGED = 40  # edges of the second level that a decision keeps
 
 NODE = np.dtype([
@@ -93,3 +103,118 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
         value.tolist(),
     )
     return (*edges, *(TreeEdge(2, *edge) for edge in zip(*columns, strict=True)))
+
+
+class Sampled(NamedTuple):
+    """The MOMDP of one simulation.
+
+    Attributes
+    ----------
+    prob : (N,C) Pr(latent class) at the root.
+    counts : (N,E,K) percepts of the trial at the root, by level.
+    latent : (N,) the object's latent classes.
+    truth : (N,) the object's attributes, 0 or 1.
+    drawn : (E,) whether the rows of a behavior are drawn yet.
+    rows : (E,N,K) Pr(level).
+    kept : (E,KEPT,N,K) rows of the last simulations that began with a behavior.
+    path : (DEPTH,2) nodes and behaviors of the simulation.
+    reward : (DEPTH,) rewards of its steps.
+    """
+
+    prob: NDArray[np.float64]
+    counts: NDArray[np.float64]
+    latent: NDArray[np.int64]
+    truth: NDArray[np.float64]
+    drawn: NDArray[np.bool_]
+    rows: NDArray[np.float64]
+    kept: NDArray[np.float64]
+    path: NDArray[np.int64]
+    reward: NDArray[np.float64]
+
+
+def make_sampled(
+    percepts: Percepts, prob: NDArray[np.float64], counts: NDArray[np.float64]
+) -> Sampled:
+    """Create the buffers of sampled MOMDPs, from a belief (N,C) and percept counts (N,E,K)."""
+    n, e, _, k = percepts.rows.shape
+    return Sampled(
+        prob=prob,
+        counts=counts,
+        latent=np.zeros(n, np.int64),
+        truth=np.zeros(n),
+        drawn=np.zeros(e, np.bool_),
+        rows=np.zeros((e, n, k)),
+        kept=np.zeros((e, KEPT, n, k)),
+        path=np.zeros((DEPTH, 2), np.int64),
+        reward=np.zeros(DEPTH),
+    )
+
+
+@kernel
+def draw_object(percepts, sampled, rng):
+    """Draw a latent class and a truth for each attribute; rows wait until they are needed."""
+    for e in range(sampled.drawn.shape[0]):
+        sampled.drawn[e] = False
+    for i in range(sampled.prob.shape[0]):
+        u, c = rng.random(), 0
+        while c < sampled.prob.shape[1] - 1 and u >= sampled.prob[i, c]:
+            u -= sampled.prob[i, c]
+            c += 1
+        sampled.latent[i] = c
+        sampled.truth[i] = 1.0 if rng.random() < percepts.truth[i, 1, c] else 0.0
+
+
+@kernel
+def draw_rows(percepts, sampled, e, rng):
+    """Draw the object's rows of a behavior, from Dirichlet(precision * mean + counts)."""
+    sampled.drawn[e] = True
+    levels = percepts.rows.shape[3]
+    for i in range(sampled.latent.shape[0]):
+        c = sampled.latent[i]
+        s, total = percepts.precision[i, e, c], 0.0
+        for z in range(levels):
+            sampled.rows[e, i, z] = percepts.rows[i, e, c, z]
+        if np.isinf(s):
+            continue
+        for z in range(levels):
+            alpha = s * percepts.rows[i, e, c, z] + sampled.counts[i, e, z]
+            sampled.rows[e, i, z] = rng.standard_gamma(alpha) + 1e-300
+            total += sampled.rows[e, i, z]
+        for z in range(levels):
+            sampled.rows[e, i, z] /= total
+
+
+@kernel
+def draw_percept(percepts, sampled, e, level, rng):
+    """Draw a percept of a behavior in the sampled MOMDP -> level (N,)."""
+    if not sampled.drawn[e]:
+        draw_rows(percepts, sampled, e, rng)
+    last = percepts.rows.shape[3] - 1
+    for i in range(level.shape[0]):
+        u, z = rng.random(), 0
+        while z < last and u >= sampled.rows[e, i, z]:
+            u -= sampled.rows[e, i, z]
+            z += 1
+        level[i] = z
+
+
+@kernel
+def note_rows(sampled, e, simulation):
+    """Keep the rows of a behavior with which a simulation begins."""
+    for i in range(sampled.latent.shape[0]):
+        for z in range(sampled.rows.shape[2]):
+            sampled.kept[e, simulation % KEPT, i, z] = sampled.rows[e, i, z]
+
+
+@kernel
+def condition(percepts, scratch, prob, i, e, z, out):
+    """Condition attribute i of a belief (N,C) on level z of behavior e -> out[i]; return Pr(z)."""
+    evidence, count, total = 0.0, scratch.counts[i, e, z], scratch.total[e]
+    for c in range(prob.shape[1]):
+        mean, s = percepts.rows[i, e, c, z], percepts.precision[i, e, c]
+        out[i, c] = prob[i, c] * predictive(mean, s, count, total)
+        evidence += out[i, c]
+    if evidence > 0.0:
+        for c in range(prob.shape[1]):
+            out[i, c] /= evidence
+    return evidence
