@@ -8,7 +8,7 @@ objects that no classifier has seen.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from meal_bayes.perception import (
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
+
+if TYPE_CHECKING:
+    from meal_bayes.learner.held_out import HeldOut
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
 Asked = tuple[Query, bytes]  # and percepts that a trial can have
@@ -286,20 +289,15 @@ class Fitted:
         experience, k = self.experience, self.agent.levels
         (e, _), (_, p) = experience.attempts.shape, experience.tally.shape
         for knowledge in (state["knowledge"], state["refitted"]):
-            if knowledge.posterior.counts.shape != (p, e, 2, k) or knowledge.base_rates.shape != (
-                p,
-            ):
+            shapes = knowledge.posterior.counts.shape, knowledge.base_rates.shape
+            if shapes != ((p, e, 2, k), (p,)):
                 raise ValueError("what was counted does not fit attributes, behaviors and levels")
         seen, levels, counted = (state[name] for name in ("seen", "levels", "counted"))
-        most = len(experience.instances)
-        if (
-            seen.dtype != bool
-            or seen.shape[1:] != (e, p)
-            or len(seen) > len(experience.objects) + 1
-        ):
+        fits = seen.dtype == bool and seen.shape[1:] == (e, p)
+        if not fits or len(seen) > len(experience.objects) + 1:
             raise ValueError("what classifiers have seen does not fit the objects")
         for values, end in ((levels, k), (counted, 2)):
-            fits = values.shape == (len(levels), p) and len(levels) <= most
+            fits = values.shape == (len(levels), p) and len(levels) <= len(experience.instances)
             if not fits or ((values < -1) | (values >= end)).any():
                 raise ValueError("percepts or their labels do not fit the instances")
         for name, classifier in state["perception"].classifiers.items():
@@ -308,23 +306,9 @@ class Fitted:
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
 
 
-class Valued(Protocol):
-    """What a bonus is computed from."""
-
-    settings: LearnerSettings
-
-    @property
-    def knowledge(self) -> Knowledge:
-        """What was learned so far."""
-
-    @property
-    def information(self) -> NDArray[np.float64]:
-        """Value of information (P,E), s a query."""
-
-
 def progress_of(
-    fit: Valued, labelled: NDArray[np.int64], counted: NDArray[np.int64], queries: float, *,
-    fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
+    fit: "Fitted | HeldOut", labelled: NDArray[np.int64], counted: NDArray[np.int64],
+    queries: float, *, fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
 ) -> Progress:  # fmt: skip
     """Return what has been learned so far, for a bonus; see `Progress`.
 

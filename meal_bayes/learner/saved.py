@@ -8,6 +8,8 @@ could only be pickled: `load` fits them again, with equal results where they are
 import json
 import zipfile
 from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.rows import Rows
 from meal_bayes.learner.settings import own_posterior
 
-_FORMAT = 4
+_FORMAT = 5
 _TEXT = "learner.json"
 _TABLE = "table.npz"
 _ROWS = {
@@ -62,20 +64,26 @@ def save_learner(learner: Learner, path: Path) -> None:
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
-        arrays = _Arrays(archive)
-        meta["posterior"] = pack(settings.posterior, arrays.keep)
+        numbers = count()
+
+        def keep(values: NDArray[Any]) -> str:
+            name = f"fitted/{next(numbers)}"
+            write_array(archive, name, values)
+            return name
+
+        meta["posterior"] = pack(settings.posterior, keep)
         for name in _ROWS:
-            arrays.write(name, getattr(own, name).values)
-        arrays.write_lines("objects", own.objects)
-        arrays.write_lines("trials", own.trials)
+            write_array(archive, name, getattr(own, name).values)
+        for name in ("objects", "trials"):
+            archive.writestr(name, "\n".join(map(json.dumps, getattr(own, name))))
         for i, context in enumerate(_contexts(own)):
             if context in own.features:
-                arrays.write(f"features/{i}", own.features[context].values)
+                write_array(archive, f"features/{i}", own.features[context].values)
         meta["state"] = None
         if learner.table is not None:
             archive.writestr(_TABLE, _table_bytes(learner))
         elif classifier is None:
-            meta["state"] = pack(learner.fitted(learner.agent).state, arrays.keep)
+            meta["state"] = pack(learner.fitted(learner.agent).state, keep)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
 
 
@@ -87,18 +95,18 @@ def load_learner(
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
         with zipfile.ZipFile(path) as archive:
-            arrays = _Arrays(archive)
+            read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             learner = _learner(meta, agent, classifier, logs)
-            own = unpack(meta["posterior"], arrays.read_kept, learner.domain)
+            own = unpack(meta["posterior"], read, learner.domain)
             posterior = own_posterior(own, learner.domain, learner.agent)
             learner.fits.settings = replace(learner.fits.settings, posterior=posterior)
-            _read_experience(arrays, learner.experience, learner.agent.levels)
+            _read_experience(archive, learner.experience)
             if _TABLE in archive.namelist():
                 return learner.fit(_read_table(archive, learner))
             if meta["state"] is None:
                 return learner.refit()
-            state = unpack(meta["state"], arrays.read_kept, learner.domain)
+            state = unpack(meta["state"], read, learner.domain)
             learner.fits.restore(learner.agent, state, [int(count) for count in meta["growth"]])
     except SettingsError:
         raise
@@ -142,16 +150,16 @@ def _learner(
     return learner
 
 
-def _read_experience(arrays: "_Arrays", experience: Experience, levels: int) -> None:
+def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     """Fill an empty record from a file, once every number in it is known to fit."""
     domain = experience.domain
-    rows = {name: arrays.read(name, dtype, 2) for name, dtype in _ROWS.items()}
-    objects = arrays.read_lines("objects")
-    trials = [tuple(key) for key in arrays.read_lines("trials")]
+    rows = {name: read_array(archive, name, dtype, 2) for name, dtype in _ROWS.items()}
+    objects = _read_lines(archive, "objects")
+    trials = [tuple(key) for key in _read_lines(archive, "trials")]
     sizes = np.zeros(len(domain.behaviors), int)
     for i, context in enumerate(_contexts(experience)):
-        if arrays.has(f"features/{i}"):
-            values = arrays.read(f"features/{i}", "<f4", 2)
+        if f"features/{i}.npy" in archive.namelist():
+            values = read_array(archive, f"features/{i}", "<f4", 2)
             if not np.isfinite(values).all():
                 raise ValueError(f"features of {context} are not finite")
             sizes[domain.behavior_index(context[0])] = len(values)
@@ -186,43 +194,11 @@ def _contexts(experience: Experience) -> list[tuple[str, str]]:
     return [(b.name, m) for b in experience.domain.behaviors for m in b.modalities]
 
 
-class _Arrays:
-    """Arrays of an archive, each checked before it is believed."""
-
-    def __init__(self, archive: zipfile.ZipFile) -> None:
-        self._archive, self._count = archive, 0
-
-    def keep(self, values: NDArray[Any]) -> str:
-        """Write an array of what was fitted, and return its name."""
-        self._count += 1
-        self.write(f"fitted/{self._count}", values)
-        return str(self._count)
-
-    def read_kept(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        """Read an array that `keep` wrote."""
-        return self.read(f"fitted/{name}", dtype, axes)
-
-    def write(self, name: str, values: NDArray[Any]) -> None:
-        """Write an array."""
-        write_array(self._archive, name, values)
-
-    def read(self, name: str, dtype: str, axes: int) -> NDArray[Any]:
-        """Read an array of this type."""
-        return read_array(self._archive, name, dtype, axes)
-
-    def write_lines(self, name: str, values: Any) -> None:
-        """Write JSON values, a line each."""
-        self._archive.writestr(name, "\n".join(map(json.dumps, values)))
-
-    def read_lines(self, name: str) -> list[Any]:
-        """Read what `write_lines` wrote."""
-        text = read_member(self._archive, name).decode().replace("\n", ",")
-        values: list[Any] = json.loads(f"[{text}]")
-        return values
-
-    def has(self, name: str) -> bool:
-        """Return whether there is an array of this name."""
-        return f"{name}.npy" in self._archive.namelist()
+def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
+    """Read JSON values, a line each."""
+    text = read_member(archive, name).decode().replace("\n", ",")
+    values: list[Any] = json.loads(f"[{text}]")
+    return values
 
 
 def _table_bytes(learner: Learner) -> bytes:
