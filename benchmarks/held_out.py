@@ -74,6 +74,9 @@ def yes_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> Conf
 
 
 def permuted(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """Shuffle each attribute's labels over the objects, so that nothing can be learned."""
+    """Shuffle each attribute's labels, or a group's, over the objects: nothing can be learned."""
     labels = rng.permuted(dataset.labels, axis=0)
+    for members in dataset.domain.groups.values():  # of which exactly one stays true
+        columns = dataset.domain.columns(members)
+        labels[:, columns] = rng.permutation(dataset.labels[:, columns])
     return Dataset(dataset.domain, dataset.objects, dataset.features, labels)
