@@ -168,6 +168,7 @@ def heat_map(
     labels: tuple[str, str, str],
     digits: int = 2,
     limits: tuple[float, float] | None = None,
+    height: float = 2.9,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw a table (len(y), len(x)) as colors with its numbers in them (as Fig. 12).
@@ -176,12 +177,17 @@ def heat_map(
     color, the table's own by default.
     """
     table = np.asarray(values, float)
-    with axes_to_draw(ax) as to:
+    with axes_to_draw(ax, height=height) as to:
         low, high = limits or (None, None)
         image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)
-        _numbers(to, table, image, digits)
-        to.set_xticks(range(len(x)), [str(one) for one in x])
-        to.set_yticks(range(len(y)), [str(one) for one in y])
+        dark, small = image.get_clim(), 8 if table.size <= _CELLS else 6
+        for (row, column), value in np.ndenumerate(table):
+            if np.isfinite(value):
+                light = value < dark[0] + 0.6 * (dark[1] - dark[0])
+                to.text(column, row, f"{value:.{digits}f}", ha="center", va="center",
+                        color="white" if light else "black", fontsize=small)  # fmt: skip
+        to.set_xticks(range(len(x)), [str(name) for name in x])
+        to.set_yticks(range(len(y)), [str(name) for name in y])
         to.set(xlabel=labels[0], ylabel=labels[1])
         to.figure.colorbar(image, ax=to, label=labels[2])
         return to
@@ -193,17 +199,15 @@ def confusion_matrices(
     """Draw one behavior's matrices (N,2,K), rows = truth."""
     table = np.asarray(confusion, float)
     n, _, k = table.shape
-    rows = table.reshape(2 * n, k)
-    with axes_to_draw(ax, height=1.2 + 0.5 * len(rows)) as to:
-        image = to.imshow(rows, cmap="viridis", vmin=0, vmax=1, aspect="auto")
-        _numbers(to, rows, image, 2)
-        to.set_xticks(range(k), level_names(k))
-        names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
-        to.set_yticks(range(len(rows)), names)
-        to.set(xlabel="percept", ylabel="truth", title=title)
-        to.hlines(np.arange(1, n) * 2 - 0.5, -0.5, k - 0.5, color="white", lw=3)
-        to.figure.colorbar(image, ax=to, label="probability")
-        return to
+    names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
+    to = heat_map(
+        table.reshape(2 * n, k), level_names(k), names, labels=("percept", "truth", "probability"),
+        limits=(0.0, 1.0), height=1.2 + n, ax=ax,
+    )  # fmt: skip
+    to.invert_yaxis()  # the first attribute above
+    to.set_title(title)
+    to.hlines(np.arange(1, n) * 2 - 0.5, -0.5, k - 0.5, color="white", lw=3)
+    return to
 
 
 def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
@@ -278,15 +282,3 @@ def _reach(found: Sequence[Interval]) -> NDArray[np.float64]:
     """Return how far intervals go below and above their estimates, (2,n); 0 where unknown."""
     ends = [[one.estimate - one.low, one.high - one.estimate] for one in found]
     return np.asarray(np.nan_to_num(np.clip(ends, 0, None)).T)
-
-
-def _numbers(ax: Axes, table: NDArray[np.float64], image: Any, digits: int) -> None:
-    """Write the numbers into an image, light on dark and dark on light."""
-    low, high = image.get_clim()
-    small = 8 if table.size <= _CELLS else 6
-    for (row, column), value in np.ndenumerate(table):
-        if not np.isfinite(value):
-            continue
-        light = value < low + 0.6 * (high - low)
-        text, color = f"{value:.{digits}f}", "white" if light else "black"
-        ax.text(column, row, text, ha="center", va="center", color=color, fontsize=small)

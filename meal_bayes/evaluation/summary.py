@@ -3,13 +3,12 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import card, table_html
+from meal_bayes.display import card
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
@@ -84,14 +83,7 @@ class Summary(list[SummaryRow]):
         return card(f"Summary of {sum(row.trials for row in self)} trials", facts)
 
     def _repr_html_(self) -> str:
-        header = ("agent", "trials", "accuracy", "cost, s", "reward", "NLL", "ECE")
-        rows = [
-            (escape(row.agent), str(row.trials), f"{row.accuracy:.3f} ± {row.accuracy_se:.3f}",
-             f"{row.cost_s:.1f}", f"{row.reward:.1f} ± {row.reward_se:.1f}", f"{row.nll:.3f}",
-             f"{row.ece:.3f}")
-            for row in self
-        ]  # fmt: skip
-        return table_html("Summary", header, rows)
+        return str(self.to_frame().round(3).to_html(index=False))
 
 
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:

@@ -20,8 +20,6 @@ from meal_bayes.trial_log.schema import (
     COUNT_LIMIT,
     EDGE_LIMIT,
     FORMAT_VERSION,
-    MOMDP_BYTES,
-    MOMDP_MEMORY,
     MOMDPS,
     NAME_LIMIT,
     OUTCOME,
@@ -35,6 +33,7 @@ from meal_bayes.trial_log.schema import (
     RunMessage,
     StepMessage,
     TrialMessage,
+    forget_oldest,
 )
 from meal_bayes.trial_log.shapes import misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
@@ -67,9 +66,7 @@ class TrialBuilder:
         elif topic == MOMDPS:
             message = _parse(MomdpMessage, data)
             self._momdps[message.id] = _Known(*_momdp(message), len(data))
-            sizes = [known.size for known in self._momdps.values()]
-            while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
-                del self._momdps[next(iter(self._momdps))], sizes[0]  # as the writer forgets
+            forget_oldest(self._momdps)
         elif topic in (TRIAL, STEP):
             if bool(self._open) == (topic == TRIAL):
                 raise LogCorruptError(

@@ -146,3 +146,10 @@ def log_time(trial: int, step: int) -> int:
     2003000000000
     """
     return (trial * _TRIAL_SPAN + min(step, _TRIAL_SPAN - 1)) * _SECOND
+
+
+def forget_oldest(momdps: dict[Any, Any]) -> None:
+    """Forget the oldest MOMDPs, each with its `size`, beyond what a trial may refer back to."""
+    sizes = [known.size for known in momdps.values()]
+    while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+        del momdps[next(iter(momdps))], sizes[0]

@@ -17,10 +17,9 @@ from meal_bayes.trial_log.schema import (
     COMPACT,
     FULL,
     MESSAGE_LIMIT,
-    MOMDP_BYTES,
-    MOMDP_MEMORY,
     MOMDPS,
     OUTCOMES,
+    forget_oldest,
     log_time,
 )
 from meal_bayes.trials import Step, Trial, TrialOutcomes
@@ -113,9 +112,7 @@ class TrialWriter(LogFile):
         if self._content not in self._known:
             self._known[self._content] = _Placed(self._momdps, self._momdp_size)
             self._momdps += 1
-            sizes = [one.size for one in self._known.values()]
-            while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
-                del self._known[next(iter(self._known))], sizes[0]
+            forget_oldest(self._known)
 
 
 class OutcomeWriter(LogFile):

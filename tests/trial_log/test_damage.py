@@ -263,8 +263,7 @@ def test_a_hole_ends_the_reading(whole, tmp_path):
 
 
 def test_the_memory_of_momdps_is_bounded_and_writer_and_reader_agree(make, monkeypatch, tmp_path):
-    for module in ("decode", "writer"):
-        monkeypatch.setattr(f"meal_bayes.trial_log.{module}.MOMDP_BYTES", 5000)
+    monkeypatch.setattr("meal_bayes.trial_log.schema.MOMDP_BYTES", 5000)
     rng = np.random.default_rng(2)
     momdps = [make.momdp(load_domain("toy"), 2, rng) for _ in range(6)]
     trials = [make.trial(momdp, rng, steps=1, edges=1) for momdp in (*momdps, *momdps)]
