@@ -74,11 +74,7 @@ _MOST = 40  # repeats of a run that goes on until it is decided
 @opt.fresh_option
 @opt.json_option
 def online(
-    root: Path | None,
-    agents: tuple[str, ...],
-    until_decided: bool,
-    as_json: bool,
-    **settings: Any,
+    root: Path | None, agents: tuple[str, ...], until_decided: bool, as_json: bool, **settings: Any
 ) -> None:
     """Train agents on their own trials by feedback, and test them after every batch.
 
@@ -86,12 +82,7 @@ def online(
     interrupted continues when the same command is given again.
     """
     from meal_bayes.evaluation import decided, learning_rows, summarize_learning
-    from meal_bayes.experiments import (
-        OnlineConfig,
-        run_online,
-        run_online_until,
-        warm_up_online,
-    )
+    from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
 
     how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
     settings["root"] = None if root is None else str(root)

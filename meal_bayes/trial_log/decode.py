@@ -13,28 +13,10 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
+from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.compact import decode_outcomes
 from meal_bayes.trial_log.encode import judgment
 from meal_bayes.trial_log.ending import End
-from meal_bayes.trial_log.schema import (
-    COUNT_LIMIT,
-    EDGE_LIMIT,
-    FORMAT_VERSION,
-    MOMDPS,
-    NAME_LIMIT,
-    OUTCOME,
-    OUTCOMES,
-    RUN,
-    STEP,
-    TRIAL,
-    TRIAL_LIMIT,
-    MomdpMessage,
-    OutcomeMessage,
-    RunMessage,
-    StepMessage,
-    TrialMessage,
-    forget_oldest,
-)
 from meal_bayes.trial_log.shapes import misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
@@ -61,27 +43,27 @@ class TrialBuilder:
 
     def add(self, topic: str, data: bytes) -> Trial | TrialOutcomes | None:
         """Add the next message; return the trial, or the outcomes, that it completes."""
-        if topic == RUN:
+        if topic == schema.RUN:
             self.header = decode_header(data)
-        elif topic == MOMDPS:
-            message = _parse(MomdpMessage, data)
+        elif topic == schema.MOMDPS:
+            message = _parse(schema.MomdpMessage, data)
             self._momdps[message.id] = _Known(*_momdp(message), len(data))
-            forget_oldest(self._momdps)
-        elif topic in (TRIAL, STEP):
-            if bool(self._open) == (topic == TRIAL):
+            schema.forget_oldest(self._momdps)
+        elif topic in (schema.TRIAL, schema.STEP):
+            if bool(self._open) == (topic == schema.TRIAL):
                 raise LogCorruptError(
                     "a trial has no outcome" if self._open else "a step has no trial"
                 )
             self._open.append(data)
             self._size += len(data)
-            if self._size > TRIAL_LIMIT:
-                raise LogCorruptError(f"a trial is longer than {TRIAL_LIMIT} bytes")
-        elif topic in (OUTCOME, OUTCOMES):
-            first, found = self._finish(data) if topic == OUTCOME else decode_outcomes(data)
+            if self._size > schema.TRIAL_LIMIT:
+                raise LogCorruptError(f"a trial is longer than {schema.TRIAL_LIMIT} bytes")
+        elif topic in (schema.OUTCOME, schema.OUTCOMES):
+            first, found = self._finish(data) if topic == schema.OUTCOME else decode_outcomes(data)
             if first < self._next:
                 raise LogCorruptError(f"trial {first} is there twice, or not in order")
             self.read = self.read.after(found)
-            self._next = first + (1 if topic == OUTCOME else len(found))  # type: ignore[arg-type]
+            self._next = first + (1 if topic == schema.OUTCOME else len(found))  # type: ignore[arg-type]
             return found
         return None
 
@@ -102,10 +84,10 @@ class TrialBuilder:
         if not self._open:
             return None
         start, *steps = self._open
-        begin = _parse(TrialMessage, start)
+        begin = _parse(schema.TrialMessage, start)
         known = self._known_of(begin)
-        outcome = OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
-        return _trial(begin, [_parse(StepMessage, step) for step in steps], outcome, known)
+        outcome = schema.OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
+        return _trial(begin, [_parse(schema.StepMessage, step) for step in steps], outcome, known)
 
     def _known_of(self, begin: Any) -> _Known:
         known = self._momdps.get(begin.momdp)
@@ -122,11 +104,11 @@ class TrialBuilder:
             raise LogCorruptError("an outcome has no trial")
         start, *steps = self._open
         self.drop()
-        begin, outcome = _parse(TrialMessage, start), _parse(OutcomeMessage, data)
+        begin, outcome = _parse(schema.TrialMessage, start), _parse(schema.OutcomeMessage, data)
         known = self._known_of(begin)
         if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
-        messages = (_parse(StepMessage, step) for step in steps)
+        messages = (_parse(schema.StepMessage, step) for step in steps)
         trial = _trial(begin, messages, outcome, known)
         found = (judgment(trial), trial.cost, trial.reward)
         if not np.array_equal(
@@ -144,19 +126,19 @@ def decode_header(data: bytes) -> dict[str, object]:
     LogVersionError
         The file was written in another format version.
     """
-    message = _parse(RunMessage, data)
+    message = _parse(schema.RunMessage, data)
     header = read_json(message.header)
     if not isinstance(header, dict):
         raise LogCorruptError("the header is no table of names and values")
-    if message.format_version != FORMAT_VERSION:
+    if message.format_version != schema.FORMAT_VERSION:
         versions = header.get("versions")
         writer = versions.get("meal_bayes") if isinstance(versions, dict) else None
         # The version alone is no advice: one that is not released yet may have had several formats.
         by = f" (meal_bayes {writer})" if isinstance(writer, str) else ""
         raise LogVersionError(
             f"written in log format {message.format_version}, this meal_bayes reads format "
-            f"{FORMAT_VERSION}; run its configuration again, or read it with the code that wrote "
-            f"it{by}"
+            f"{schema.FORMAT_VERSION}; run its configuration again, or read it with the code that "
+            f"wrote it{by}"
         )
     return header
 
@@ -175,7 +157,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     """Read a MOMDP and the counts behind it."""
     names = (message.attributes, message.behavior_names, message.x_names)
     n, e, x = (len(column) for column in names)
-    if not all(0 < count <= NAME_LIMIT for count in (n, e, x)):
+    if not all(0 < count <= schema.NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
     classes = _array(message.latent_classes, (n, 2, -1))
@@ -212,8 +194,8 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
 def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> Trial:
     momdp = known.momdp
     nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-    if nothing.size * (1 + outcome.steps) > COUNT_LIMIT:
-        raise LogCorruptError(f"trial {begin.trial} counts more than {COUNT_LIMIT} percepts")
+    if nothing.size * (1 + outcome.steps) > schema.COUNT_LIMIT:
+        raise LogCorruptError(f"trial {begin.trial} counts more than {schema.COUNT_LIMIT} percepts")
     key = read_json(begin.key)
     if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
         raise LogCorruptError(f"a trial's key is {begin.key[:40]!r}, expected names and numbers")
@@ -223,8 +205,10 @@ def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> 
         if (message.trial, message.step) != (begin.trial, index):
             raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
         edges += len(message.tree_level)
-        if edges > EDGE_LIMIT:
-            raise LogCorruptError(f"trial {begin.trial} has more than {EDGE_LIMIT} tree edges")
+        if edges > schema.EDGE_LIMIT:
+            raise LogCorruptError(
+                f"trial {begin.trial} has more than {schema.EDGE_LIMIT} tree edges"
+            )
         steps.append(_step(message, momdp, belief))
         belief = steps[-1].belief
     trial = Trial(

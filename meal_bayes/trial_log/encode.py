@@ -12,22 +12,7 @@ from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
 from meal_bayes.planners import TreeEdge
-from meal_bayes.trial_log.schema import (
-    COUNT_LIMIT,
-    EDGE_LIMIT,
-    LINES,
-    MESSAGE_LIMIT,
-    OUTCOME,
-    STEP,
-    TRIAL,
-    TRIAL_LIMIT,
-    LogMessage,
-    MomdpMessage,
-    OutcomeMessage,
-    StepMessage,
-    TrialMessage,
-    log_time,
-)
+from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.shapes import report_misfits, start_misfits, step_misfits
 from meal_bayes.trials import Step, Trial, task_key
 
@@ -52,7 +37,7 @@ def encode_momdp(trial: Trial) -> bytes:
     momdp = trial.momdp
     fields = {name: getattr(momdp, name).ravel().tolist() for name in _ARRAYS}
     return _bytes(
-        MomdpMessage(
+        schema.MomdpMessage(
             attributes=momdp.query.attributes,
             x_names=momdp.x_names,
             behavior_names=momdp.behavior_names,
@@ -79,7 +64,7 @@ def _groups(query: Query) -> list[int]:
 
 def numbered(number: int, momdp: bytes) -> bytes:
     """Add to a packed MOMDP its number in the file (protobuf messages join by concatenation)."""
-    prefix: bytes = MomdpMessage(id=number).SerializeToString()
+    prefix: bytes = schema.MomdpMessage(id=number).SerializeToString()
     return prefix + momdp
 
 
@@ -108,7 +93,7 @@ class TrialEncoder:
         task, first = trial.task, trial.first_belief
         self._check(start_misfits(trial), first, trial.momdp)
         self._trial, self._before = trial, first
-        start = TrialMessage(
+        start = schema.TrialMessage(
             trial=self._number,
             momdp=self._momdp,
             agent=trial.agent,
@@ -120,7 +105,7 @@ class TrialEncoder:
             truth=trial.truth.tolist(),
             **_belief(first, replayed=not first.percept_counts.any()),
         )
-        return self._packed((TRIAL, 0, start))
+        return self._packed((schema.TRIAL, 0, start))
 
     def step(self, step: Step) -> list[Packed]:
         """Pack the next step with a line of text."""
@@ -133,7 +118,7 @@ class TrialEncoder:
             change[np.arange(len(change)), action, step.observation] -= 1
         self._before = step.belief
         report = momdp.reported(action) if action >= momdp.n_behaviors else None
-        message = StepMessage(
+        message = schema.StepMessage(
             trial=self._number,
             step=index,
             x=step.x,
@@ -155,18 +140,18 @@ class TrialEncoder:
             **_tree(decision.tree),
             **_belief(step.belief, replayed=not change.any()),
         )
-        line = LogMessage(
+        line = schema.LogMessage(
             level=_WARNING if step.warning else _INFO,
             message=self._line(step, index),
             name=self._trial.agent,
         )
-        line.timestamp.seconds = log_time(self._number, index + 1) // 1_000_000_000
-        return self._packed((STEP, index + 1, message), (LINES, index + 1, line))
+        line.timestamp.seconds = schema.log_time(self._number, index + 1) // 1_000_000_000
+        return self._packed((schema.STEP, index + 1, message), (schema.LINES, index + 1, line))
 
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
         self._check(report_misfits(trial))
-        outcome = OutcomeMessage(
+        outcome = schema.OutcomeMessage(
             trial=self._number,
             steps=len(trial.steps),
             report=_values(trial.report),
@@ -175,7 +160,7 @@ class TrialEncoder:
             reward=trial.reward,
             ended=trial.ended,
         )
-        return self._packed((OUTCOME, self._steps + 1, outcome))
+        return self._packed((schema.OUTCOME, self._steps + 1, outcome))
 
     def whole(self, trial: Trial) -> list[Packed]:
         """Pack a trial that is whole."""
@@ -189,11 +174,11 @@ class TrialEncoder:
     ) -> None:
         """Raise the first misfit, or what is beyond the limits or no reader would compute."""
         problems = list(misfits)
-        if self._edges > EDGE_LIMIT:
-            problems += [f"its search trees have more than {EDGE_LIMIT} edges"]
+        if self._edges > schema.EDGE_LIMIT:
+            problems += [f"its search trees have more than {schema.EDGE_LIMIT} edges"]
         if belief is not None and momdp is not None and not problems:
-            if (1 + self._steps) * belief.percept_counts.size > COUNT_LIMIT:
-                problems += [f"its beliefs count more than {COUNT_LIMIT} percepts"]
+            if (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
+                problems += [f"its beliefs count more than {schema.COUNT_LIMIT} percepts"]
             if not np.array_equal(
                 belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True
             ):
@@ -204,13 +189,14 @@ class TrialEncoder:
     def _packed(self, *messages: tuple[str, int, Any]) -> list[Packed]:
         """Pack messages, each given with its topic and the number of its step on the clock."""
         packed = [
-            Packed(topic, log_time(self._number, step), _bytes(message))
+            Packed(topic, schema.log_time(self._number, step), _bytes(message))
             for topic, step, message in messages
         ]
         self._size += sum(len(message.data) for message in packed)
-        if self._size > TRIAL_LIMIT:
+        if self._size > schema.TRIAL_LIMIT:
             raise LogError(
-                f"Trial {self._number} takes {self._size} bytes; a log holds at most {TRIAL_LIMIT}."
+                f"Trial {self._number} takes {self._size} bytes; a log holds at most "
+                f"{schema.TRIAL_LIMIT}."
             )
         return packed
 
@@ -231,10 +217,10 @@ class TrialEncoder:
 
 def _bytes(message: Any) -> bytes:
     data: bytes = message.SerializeToString()
-    if len(data) > MESSAGE_LIMIT:
+    if len(data) > schema.MESSAGE_LIMIT:
         raise LogError(
             f"A {type(message).__name__} message takes {len(data)} bytes; a log holds at most "
-            f"{MESSAGE_LIMIT} in one message (log fewer edges of the search tree)."
+            f"{schema.MESSAGE_LIMIT} in one message (log fewer edges of the search tree)."
         )
     return data
 

@@ -12,6 +12,7 @@ from mcap.records import Attachment, Chunk, Header, McapRecord
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import (
     FAULTS,
     chunk_messages,
@@ -23,17 +24,6 @@ from meal_bayes.trial_log.container import (
 from meal_bayes.trial_log.decode import TrialBuilder, decode_header
 from meal_bayes.trial_log.ending import End
 from meal_bayes.trial_log.names import drafts_of, log_files
-from meal_bayes.trial_log.schema import (
-    ACTIVE,
-    END,
-    FORMAT_VERSION,
-    FULL,
-    MOMDPS,
-    PROFILES,
-    RUN,
-    SUFFIX,
-    channels,
-)
 from meal_bayes.trials import Trial, TrialOutcomes
 
 _PROBLEMS = 20  # that are kept of one file
@@ -115,14 +105,18 @@ def log_info(path: str | Path) -> LogInfo:
     with opened(path) as file:
         form, header = _header(file)
         summary = read_summary(file)
-        ends = [index for index in summary.attachment_indexes if index.name == END]
+        ends = [index for index in summary.attachment_indexes if index.name == schema.END]
         if not ends or summary.statistics is None:
             raise LogCorruptError("the closing record of the writer is missing")
         end = End.of_json(read_attachment(file, ends[-1].offset, ends[-1].length))
         counts = summary.statistics.channel_message_counts
-        momdps = sum(n for number, n in counts.items() if summary.channels[number].topic == MOMDPS)
+        momdps = sum(
+            n for number, n in counts.items() if summary.channels[number].topic == schema.MOMDPS
+        )
         size = os.fstat(file.fileno()).st_size
-    return LogInfo(path, size, FORMAT_VERSION, form, **end._asdict(), momdps=momdps, header=header)
+    return LogInfo(
+        path, size, schema.FORMAT_VERSION, form, **end._asdict(), momdps=momdps, header=header
+    )
 
 
 def count_whole(path: str | Path) -> int:
@@ -142,7 +136,7 @@ class Scan:
         self.problems: list[str] = []
         self.builder = TrialBuilder()
         self._tolerant = tolerant
-        self.form = FULL
+        self.form = schema.FULL
         self._channels: dict[int, str] = {}
         self._end: End | None = None
         self._unpacked = 0  # bytes of all chunks
@@ -182,12 +176,12 @@ class Scan:
                     if entry is not None:
                         yield entry
             elif isinstance(record, Attachment):
-                self._end = End.of_json(record.data) if record.name == END else self._end
+                self._end = End.of_json(record.data) if record.name == schema.END else self._end
             elif isinstance(record, Header):
                 self.form = form_of(record)
                 if self._tolerant:
                     # Without its first chunk the others still mean what this format says.
-                    names = (topic for topic, _, _ in channels(self.form))
+                    names = (topic for topic, _, _ in schema.channels(self.form))
                     self._channels = dict(enumerate(names, start=1))
         except FAULTS:
             self.builder.drop()
@@ -226,12 +220,12 @@ def find_log(path: str | Path) -> Path:
         return path
     for draft in drafts_of(path):
         raise LogError(f"There is no {path}, but its unfinished {draft.name}; {_way_out(draft)}")
-    raise LogError(f"There is no log {path}; expected the name of a {SUFFIX} file.")
+    raise LogError(f"There is no log {path}; expected the name of a {schema.SUFFIX} file.")
 
 
 def form_of(header: Header) -> str:
     """Return the form that the header record of a file names."""
-    for form, profile in PROFILES.items():
+    for form, profile in schema.PROFILES.items():
         if header.profile == profile:
             return form
     raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
@@ -246,7 +240,7 @@ def without_steps(path: Path) -> str:
 
 def _whole(path: str | Path) -> Path:
     path = find_log(path)
-    if path.name.endswith(ACTIVE):
+    if path.name.endswith(schema.ACTIVE):
         raise LogCorruptError(f"{path} was not finished by its writer; {_way_out(path)}")
     return path
 
@@ -254,19 +248,19 @@ def _whole(path: str | Path) -> Path:
 def _way_out(path: Path) -> str:
     with path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            return f"expected a {SUFFIX} file that meal_bayes wrote"
+            return f"expected a {schema.SUFFIX} file that meal_bayes wrote"
     return f"save its whole trials with: meal-bayes log recover {path}"
 
 
 def _header(file: BinaryIO) -> tuple[str, dict[str, object]]:
     """Read the form of a log, and what the run was."""
-    form = FULL
+    form = schema.FULL
     for record in read_records(file):
         if isinstance(record, Header):
             form = form_of(record)
         elif isinstance(record, Chunk):
             topic, data = next(chunk_messages(record, {}), ("", b""))
-            if topic == RUN:
+            if topic == schema.RUN:
                 return form, decode_header(data)
             break
     raise LogCorruptError("the header of the run is missing")

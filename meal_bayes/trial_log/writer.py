@@ -9,19 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.errors import LogError
+from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.compact import encode_outcomes
 from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
 from meal_bayes.trial_log.log_file import LogFile
 from meal_bayes.trial_log.names import timing_of
-from meal_bayes.trial_log.schema import (
-    COMPACT,
-    FULL,
-    MESSAGE_LIMIT,
-    MOMDPS,
-    OUTCOMES,
-    forget_oldest,
-    log_time,
-)
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 
 ROWS = 250  # trials in a message of the compact form
@@ -41,7 +33,7 @@ class TrialWriter(LogFile):
     next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
     """
 
-    form = FULL
+    form = schema.FULL
 
     def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
         super().__init__(path, header)
@@ -103,7 +95,7 @@ class TrialWriter(LogFile):
         self._momdp_size = len(momdp)
         known = self._known.get(self._content)
         self._encoder = TrialEncoder(number, known.number if known else self._momdps)
-        return [] if known else [Packed(MOMDPS, log_time(number, 0), momdp)]
+        return [] if known else [Packed(schema.MOMDPS, schema.log_time(number, 0), momdp)]
 
     def _close(self, trial: Trial) -> None:
         """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
@@ -112,7 +104,7 @@ class TrialWriter(LogFile):
         if self._content not in self._known:
             self._known[self._content] = _Placed(self._momdps, self._momdp_size)
             self._momdps += 1
-            forget_oldest(self._known)
+            schema.forget_oldest(self._known)
 
 
 class OutcomeWriter(LogFile):
@@ -122,7 +114,7 @@ class OutcomeWriter(LogFile):
     killed is less than that.
     """
 
-    form = COMPACT
+    form = schema.COMPACT
 
     def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
         super().__init__(path, header)
@@ -152,9 +144,9 @@ class OutcomeWriter(LogFile):
             part = outcomes.rows(slice(begin, begin + ROWS))
             first = self.written.trials
             data = encode_outcomes(part, first)
-            if len(data) > MESSAGE_LIMIT:
+            if len(data) > schema.MESSAGE_LIMIT:
                 raise LogError(f"{len(part)} outcomes take {len(data)} bytes: too many attributes.")
-            packed = [Packed(OUTCOMES, log_time(first, 0), data)]
+            packed = [Packed(schema.OUTCOMES, schema.log_time(first, 0), data)]
             self.put(packed, seconds=seconds[begin : begin + ROWS])
             self.written = self.written.after(part)
 

@@ -8,7 +8,7 @@ import pytest
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.trial_log import TrialWriter, check_log, encode, read_trials, salvage
+from meal_bayes.trial_log import TrialWriter, check_log, read_trials, salvage, schema
 from meal_bayes.trial_log.container import FAULTS
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.encode import TrialEncoder, encode_momdp, numbered
@@ -144,7 +144,7 @@ def test_messages_out_of_order_are_refused(trial, places):
 def test_limits_hold_on_the_writing_side(trial, monkeypatch, tmp_path):
     with TrialWriter(tmp_path / "a.mcap", {}) as log:
         for limit in ("MESSAGE_LIMIT", "TRIAL_LIMIT"):
-            monkeypatch.setattr(encode, limit, 300)
+            monkeypatch.setattr(schema, limit, 300)
             with pytest.raises(LogError, match="at most 300"):
                 log.write(trial)
             monkeypatch.undo()

@@ -14,13 +14,7 @@ import pytest
 from matplotlib import image as png
 
 from meal_bayes.trial_log import read_header, read_trials
-from meal_bayes.viewer import (
-    Viewer,
-    ViewerError,
-    send_recording,
-    window,
-    write_recording,
-)
+from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 TRIAL = {
