@@ -105,7 +105,7 @@ class Dataset:
                     f"Features of {behavior.name!r} are NaN or infinity for every object; give "
                     "recordings of it, or leave the behavior out of the domain."
                 )
-        if len({values.shape[1] for values in frozen.values()}) != 1:
+        if len({values.shape[1] for values in frozen.values()}) > 1:
             raise DataError(
                 "All contexts must have the same number of recordings an object; fill up with rows "
                 "of NaN, or use Dataset.from_frames, which does."
@@ -188,7 +188,7 @@ class Dataset:
     @property
     def recordings(self) -> int:
         """R, the most recordings that an object has of a behavior."""
-        return int(next(iter(self.features.values())).shape[1])
+        return max((values.shape[1] for values in self.features.values()), default=0)
 
     def missing(self) -> list[str]:
         """Return the objects and behaviors with fewer than R recordings, as texts."""

@@ -141,6 +141,10 @@ class Domain:
             raise DomainError(
                 f"Behavior {name!r} is legal in no state; add an effect or remove it."
             )
+        if not any(each.senses for each in self.behaviors):
+            raise DomainError(
+                "No behavior tells anything; give one its `modalities`, or `answer_accuracy`."
+            )
         for name in sorted(set(self.predefined) - set(self.behavior_names)):
             raise DomainError(f"The predefined sequence names {name!r}, which is no behavior.")
 

@@ -297,7 +297,8 @@ class Learner:
                 object_index(self.table.objects, name)
                 self.fits.clear()
             elif isinstance(trial, Trial) and key not in self.experience.trials:
-                if trial.momdp.levels != self.agent.levels:
+                perceived = any(step.observation is not None for step in trial.steps)
+                if perceived and trial.momdp.levels != self.agent.levels:
                     raise SettingsError("The trial has other levels; give one of this learner's.")
                 record_trial(self.experience, trial)
             self.fits.update(self.experience.label(key, name, labels))

@@ -111,15 +111,21 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     none is without a lower bound. What is left of a kept plan after each of its steps is kept as
     well: who follows a plan and looks again can only gain, and never puts off its end.
     """
-    diagram = diagram_of(problem.dynamics)
-    n = len(momdp.query)
+    diagram, n = diagram_of(problem.dynamics), len(momdp.query)
+    size, behaviors = problem.dynamics.step.shape
+    if not problem.dynamics.step["legal"].any():  # nothing can be done, as where everything fails
+        return Plans(
+            np.zeros(size + 1, np.int64), records((0,), PLAN), np.zeros((0, behaviors), np.int64),
+            np.zeros((0, behaviors)), np.zeros((0, n), np.int64),
+            np.ones((1, THRESHOLDS, problem.percepts.rows.shape[2])),
+        )  # fmt: skip
     spread = np.random.Generator(np.random.PCG64(n)).uniform(
         -4.0, 4.0, (_JUDGED * min(n, _MANY), n)
     )
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
     bhattacharyya = _log_bhattacharyya(problem)
     parts = [_grown(problem, diagram, beliefs[:_GROWN], bhattacharyya), diagram.simple]
-    if problem.shaped:
+    if problem.shaped and (diagram.ways.hop >= 0).any():
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
     candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))

@@ -268,13 +268,16 @@ class POMCPPolicy:
 
 
 def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
-    """Return the decision for the only legal behavior if a report is worse for certain, else None.
+    """Return the decision where nothing is left to choose, else None.
 
-    It is, if the report is worth less than going for a first percept of some behavior and then
+    Where nothing can be done it is the answer. Where one behavior can, it is that if a report is
+    worse for certain: if it is worth less than going for a first percept of some behavior and then
     reporting, where each attribute is judged by the one percept on the way that tells most of it.
     """
     dynamics = dynamics_of(momdp)
     legal = np.flatnonzero(dynamics.step["legal"][belief.x])
+    if not len(legal):
+        return Decision.exact(*choose(momdp, belief, np.full(momdp.n_behaviors, -np.inf)))
     if len(legal) != 1 or momdp.bonus.any():
         return None
     ways = diagram_of(dynamics).ways
