@@ -1,13 +1,13 @@
 """Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, load_agent
+from meal_bayes.agents import load_agent
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect, plots, resampled
 from meal_bayes.experiments import OnlineConfig, run_online
@@ -85,7 +85,7 @@ def run_curves(
     config = OnlineConfig(
         f"{dataset}_published" if code else dataset,
         attributes=n,
-        agents=(planned_alike(published.online_agent(agent) if code else load_agent(agent)),),
+        agents=(published.online_agent(agent) if code else load_agent(agent),),
         batches=batches,
         trials=trials,
         repeats=repeats,
@@ -114,11 +114,6 @@ def run_curves(
     known, met, tested = (part if isinstance(part, int) else len(part) for part in split)
     ratio = tested / (known + met)
     return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs, ratio)
-
-
-def planned_alike(agent: Agent) -> Agent:
-    """Give Iterative MORC the planner of MORC-ITRS, so that only the bonus tells them apart."""
-    return replace(agent, solver=load_agent(BEST).solver) if agent.name == BASE else agent
 
 
 def at_hours(hours: Array, values: Array, when: float) -> Array:

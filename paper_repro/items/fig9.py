@@ -31,8 +31,8 @@ compares the queried values only). The first ones are relevant, and accuracy is 
 `theirs` asking costs 100 s and is right with .65, by two models: of each attribute, and of the
 whole answer, as in the published code, where irrelevant attributes make a person more reliable in
 each. On recordings a person is right with .7 in each. A MOMDP of the relevant attributes alone
-(Alg. 1, l. 2) is a level line by construction. Up to three attributes the planner is value
-iteration on a grid, beyond that it is tree search; item `pomdpsol` has the paper's own solver."""
+(Alg. 1, l. 2) is a level line by construction. The planner is our tree search; item `pomdpsol` has
+the paper's own solver."""
 SHOWS = """The paper draws reward, cost and success over 0 to 5 irrelevant attributes: reward falls
 from above 150 to below 25, cost first rises and then falls as the planner gives up."""
 

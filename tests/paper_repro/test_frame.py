@@ -145,7 +145,7 @@ def test_published_matrices_give_the_papers_predefined_plus(tmp_path):
 
 
 def test_the_papers_agents_share_one_planner():
-    base, best = (online.planned_alike(load_agent(name)) for name in (online.BASE, online.BEST))
+    base, best = (load_agent(name) for name in (online.BASE, online.BEST))
     assert base.solver is best.solver
     assert replace(base, name="", exploration=None) == replace(best, name="", exploration=None)
 
