@@ -195,34 +195,29 @@ class Domain:
                 return row, f"{said} of {group!r} ({', '.join(members)}); exactly one is true"
         return None
 
-    def with_implied(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Add to labels by attribute what they imply of groups.
-
-        A value that is true makes the others of its group false, the only one that is left is true,
-        and ``{"color": "red"}`` says the same as ``{"red": True}``.
+    def with_values(self, labels: Mapping[str, Any]) -> dict[str, Any]:
+        """Return labels by attribute; ``{"color": "red"}`` is true of red, false of the others.
 
         Raises
         ------
         QueryError
             A group of which two values are true, or none; a value that it does not have.
         """
-        labels = dict(values)
+        by_name = dict(labels)
         for group, members in self.groups.items():
-            if group not in self.attributes and group in labels:
-                value = labels.pop(group)
+            if group not in self.attributes and group in by_name:
+                value = by_name.pop(group)
                 if value not in members:
                     raise QueryError(unknown(f"value of {group!r}", str(value), members))
-                labels[value] = True
-            known = {name: labels[name] for name in members if labels.get(name) in (0, 1)}
-            true = [name for name, value in known.items() if value]
+                by_name = {name: name == value for name in members} | by_name
+            known = [name for name in members if by_name.get(name) in (0, 1)]
+            true = [name for name in known if by_name[name]]
             if len(true) > 1 or (not true and len(known) == len(members)):
                 raise QueryError(
                     f"{' and '.join(true) or 'None'} of {group!r} ({', '.join(members)}) said to "
                     "be true; exactly one is."
                 )
-            if true or len(known) == len(members) - 1:
-                labels |= {name: not true for name in members if name not in known}
-        return labels
+        return by_name
 
     @property
     def behavior_names(self) -> tuple[str, ...]:

@@ -164,6 +164,8 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     >>> read_query("What color is it?", load_domain("roc36")).report_names
     ('brown', 'green', 'blue')
     """
+    if not isinstance(question, str | Sequence) or not all(isinstance(q, str) for q in question):
+        raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
     plural = {fold(name) + "s": name for name in domain.groups}
     known = plural | {fold(name): name for name in domain.groups} | domain.words
     listed = question.split(",") if isinstance(question, str) else question

@@ -78,10 +78,10 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
     labels = np.full(len(domain.attributes), -1, np.int8)
     if not isinstance(values, Mapping):
         raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
-    for name, value in domain.with_implied(values).items():
+    for name, value in domain.with_values(values).items():
         p = domain.attribute_index(name)
         try:
             labels[p] = label_values(value)
-        except DataError as fault:
+        except (DataError, ValueError) as fault:  # or a list
             raise SettingsError(f"{name}: {fault}") from None
     return labels

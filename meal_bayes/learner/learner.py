@@ -25,6 +25,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 from meal_bayes.trials import Session, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
+from meal_bayes.untrusted import LARGEST
 
 
 class Learner:
@@ -89,6 +90,8 @@ class Learner:
     ) -> None:
         if seed < 0:
             raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
+        if reward is not None and not 0 < reward <= LARGEST:
+            raise SettingsError(f"reward is {reward}; give a number above 0, at most {LARGEST:g}.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self._agent = as_agent(agent)
         settings = LearnerSettings(
@@ -214,6 +217,10 @@ class Learner:
         """
         if isinstance(robot, str):
             object_name, robot = robot, None
+        if isinstance(robot, type) or not (robot is None or hasattr(robot, "execute")):
+            raise SettingsError(
+                f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
+            )
         if (robot is None) == (self.table is None):
             raise SettingsError(sessions.NO_TABLE if robot is None else sessions.NO_CLASSIFIERS)
         session = sessions.open_session(
@@ -291,6 +298,8 @@ class Learner:
         if not (labels >= 0).any():
             return
         name = trial.task.object_name if isinstance(trial, Trial) else trial
+        if not isinstance(name, str):
+            raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
         key = trial.task.key if isinstance(trial, Trial) else ("told", name)
         with self.lock:
             if self.table is not None:

@@ -84,6 +84,9 @@ def task_of(
     if isinstance(question, Task):
         return question, question.key
     query, table = query_of(question, learner.domain), learner.table
+    for part, value in (("key", key), ("object_name", object_name)):
+        if not isinstance(value, str | int | None if part == "key" else str | None):
+            raise SettingsError(f"{part} is {value!r:.60}; give a text.")
     if table is not None:
         if object_name is None:
             raise SettingsError(NO_CLASSIFIERS)
@@ -168,7 +171,7 @@ def commanded(
     domain, o = fit.knowledge.domain, task.object_index
     columns = domain.columns(task.query.attributes)
     if isinstance(options.get("truth"), Mapping):
-        options["truth"] = domain.with_implied(options["truth"])
+        options["truth"] = domain.with_values(options["truth"])
     if isinstance(fit, HeldOut):
         perceiver: Perceiver = fit.perceiver
         if options.get("truth") is None:

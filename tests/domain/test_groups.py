@@ -54,10 +54,9 @@ def test_data_with_other_than_one_value_of_a_group_are_refused(row):
         Dataset(LAB, ("cup", "jar"), features, [[1, 0, 1, 0], row])
 
 
-@pytest.mark.parametrize("values", [{"fill": "half"}, {"half": True}, {"empty": 0, "full": False}])
-def test_labels_imply_the_rest_of_a_group(values):
-    assert LAB.with_implied(values) == {"empty": 0, "half": 1, "full": 0}
-    assert LAB.with_implied({"metal": True, "full": False}) == {"metal": True, "full": False}
+def test_the_value_of_a_group_labels_all_its_attributes():
+    assert LAB.with_values({"fill": "half"}) == {"empty": False, "half": True, "full": False}
+    assert LAB.with_values({"metal": True, "full": False}) == {"metal": True, "full": False}
 
 
 @pytest.mark.parametrize(
@@ -67,7 +66,7 @@ def test_labels_imply_the_rest_of_a_group(values):
 )  # fmt: skip
 def test_labels_that_contradict_a_group_are_refused(values):
     with pytest.raises(QueryError, match=r"exactly one is|Unknown value of 'fill'"):
-        LAB.with_implied(values)
+        LAB.with_values(values)
 
 
 def test_shipped_data_have_one_value_of_each_group():
