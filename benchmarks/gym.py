@@ -29,6 +29,20 @@ def episode(env: MealEnv, options: dict[str, Any] | None = None) -> float:
     return total
 
 
+def steps_a_second(env: MealEnv, episodes: int) -> float:
+    """Play episodes of random legal actions, without plans; return steps a second of CPU."""
+    rng, steps, start = np.random.default_rng(0), 0, time.process_time()
+    for _ in range(episodes):
+        env.reset()
+        done = False
+        while not done:
+            _, _, terminated, truncated, _ = env.step(
+                rng.choice(np.flatnonzero(env.action_masks()))
+            )
+            steps, done = steps + 1, terminated or truncated
+    return steps / (time.process_time() - start)
+
+
 def measure(dataset: str, agent: str, trials: int, attributes: int) -> dict[str, Any]:
     """Score an agent in one environment and offline."""
     config = OfflineConfig(dataset, attributes=attributes, trials=trials, agents=(agent,))
@@ -49,6 +63,7 @@ def measure(dataset: str, agent: str, trials: int, attributes: int) -> dict[str,
         "fresh_reward": float(np.mean(fresh)),
         "fresh_se": float(np.std(fresh, ddof=1) / np.sqrt(trials)),
         "seconds_an_episode": seconds / trials,
+        "random_steps_a_second": steps_a_second(env, 1000),
     }
 
 

@@ -1,10 +1,6 @@
 """Online runs: their protocol, and that a run which was stopped goes on to the same end."""
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,27 +20,6 @@ from meal_bayes.trial_log import read_header, read_trials
 from meal_bayes.trials import TrialOutcomes
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
-ROOT = Path(__file__).resolve().parents[2]
-
-KILLED = """
-import os, signal, sys
-from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.environment import Environment
-
-train, done = Environment.train, 0
-
-def train_until(self, learner, task):
-    global done
-    done += 1
-    if done == int(sys.argv[4]):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return train(self, learner, task)
-
-Environment.train = train_until
-config = OnlineConfig(sys.argv[1], root=sys.argv[2], batches=2, trials=5, repeats=2, seed=3,
-                      agents=("iterative_random_legal", "bayes_memory"), log="full")
-run_online(config, logs=sys.argv[3])
-"""
 
 
 def contents(folder):
@@ -126,12 +101,6 @@ class TestAFinishedRun:
             assert result.hours == pytest.approx(spent / 3600)
         assert results[0].hours == 0
 
-    def test_agents_begin_alike_and_end_apart(self, whole):
-        assert (
-            whole["bayes_memory/repeat-000/00-test.mcap"]
-            != (whole["bayes_memory/repeat-000/02-test.mcap"])
-        )
-
     def test_headers_tell_the_settings(self, finished, config):
         for path in finished.folder.rglob("*.mcap"):
             header = read_header(path)
@@ -198,20 +167,6 @@ def test_a_run_that_stops_goes_on_to_the_same_end(config, whole, tmp_path, monke
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
     assert not list(run.folder.rglob("*.active"))
-
-
-@pytest.mark.long
-def test_a_run_that_is_killed_goes_on_to_the_same_end(config, whole, tmp_path):
-    words = [config.dataset, config.root, str(tmp_path), "13"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", KILLED, *words], env=environment, check=False)
-    assert done.returncode == -signal.SIGKILL
-    before = list(tmp_path.rglob("*.mcap"))
-    assert 0 < len(before) < len(whole) / 2
-    steps = []
-    run = run_online(config, logs=tmp_path, on_progress=lambda *step: steps.append(step))
-    assert 0 < steps[0][0] < 12 == steps[-1][0]
-    assert contents(run.folder) == whole
 
 
 @pytest.mark.long
