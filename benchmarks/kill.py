@@ -21,8 +21,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 
@@ -31,29 +31,6 @@ LONGEST = 900.0  # s of one undisturbed command
 MARK = "MEAL_BAYES_KILL_ROUND"  # in the environment of all that a round starts
 
 Outcome = tuple[str, dict[str, str]]  # the table of a run, and the digests of its logs by name
-Found = tuple[int, int, list[Outcome]]  # of a round: kills, processes left after them, outcomes
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What is run, and how it is disturbed.
-
-    Attributes
-    ----------
-    words : the command without its folder of logs.
-    expected : what a run printed and wrote that nobody disturbed.
-    seconds : that it took.
-    moments : random numbers.
-    kills : times in a row that a command is killed.
-    at_once : commands on one folder.
-    """
-
-    words: list[str]
-    expected: Outcome
-    seconds: float
-    moments: random.Random
-    kills: int = 1
-    at_once: int = 2
 
 
 def main() -> None:
@@ -68,12 +45,34 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    words = command(options)
-    expected, seconds = undisturbed([*words, "--jobs", "2"])
-    plan = Plan(
-        words, expected, seconds, random.Random(options.seed), options.kills, options.at_once
-    )
-    found = measure(plan, options.rounds)
+    words = [*command(options), "--jobs", "2"]
+    with tempfile.TemporaryDirectory() as name:  # which compiles the kernels
+        finish(start(words, Path(name), "first"))
+    with tempfile.TemporaryDirectory() as name:
+        begin = time.monotonic()
+        printed = finish(start(words, Path(name), "undisturbed"))
+        seconds, expected = time.monotonic() - begin, outcome(Path(name), printed)
+    counts, moments = Counter[str](), random.Random(options.seed)
+    for number in range(options.rounds):
+        with tempfile.TemporaryDirectory() as name:
+            folder, mark = Path(name), str(number)
+            # so that most kills find something to kill
+            longest = 3.0 * seconds / (options.kills + 1)
+            for _ in range(options.kills):
+                group = [start(words, folder, mark) for _ in range(options.at_once)]
+                counts["killed"] += kill(group, sorted(moments.uniform(0, longest) for _ in group))
+                counts["processes_left"] += remaining(mark)
+            group = [start(words, folder, mark) for _ in range(options.at_once)]
+            outcomes = [outcome(folder, finish(process)) for process in group]
+            counts["processes_left"] += remaining(mark)
+            counts["different"] += any(found != expected for found in outcomes)
+            counts["different"] += any(folder.rglob("*.active"))  # a draft that nobody needs
+        print(f"round {number + 1} of {options.rounds}: {dict(counts)}", file=sys.stderr)
+    found = {
+        "rounds": options.rounds,
+        **{name: counts[name] for name in ("killed", "different", "processes_left")},
+        "undisturbed_s": round(seconds, 1),
+    }
     if options.json:
         print(json.dumps(found))
         return
@@ -92,56 +91,18 @@ def command(options: argparse.Namespace) -> list[str]:
     return [*words, "--root", options.root] if options.root else words
 
 
-def undisturbed(words: list[str]) -> tuple[Outcome, float]:
-    """Run a command that nobody disturbs; return its outcome and its seconds, kernels compiled."""
-    with tempfile.TemporaryDirectory() as name:
-        finish(start(words, Path(name), "first"))
-    with tempfile.TemporaryDirectory() as name:
-        begin = time.monotonic()
-        found = finish(start(words, Path(name), "undisturbed"))
-        return outcome(Path(name), found), time.monotonic() - begin
-
-
-def measure(plan: Plan, rounds: int) -> dict[str, object]:
-    """Compare rounds with the undisturbed run."""
-    different, left, killed = 0, 0, 0
-    for number in range(rounds):
-        with tempfile.TemporaryDirectory() as name:
-            mark, folder = str(number), Path(name)
-            hit, orphans, outcomes = round_here(plan, folder, mark)
-            killed += hit
-            left += orphans + remaining(mark)
-            different += any(found != plan.expected for found in outcomes)
-            different += any(folder.rglob("*.active"))  # a draft that nobody needs
-        print(f"round {number + 1} of {rounds}: {killed} killed, {different} different, "
-              f"{left} left", file=sys.stderr)  # fmt: skip
-    return {
-        "rounds": rounds,
-        "killed": killed,
-        "different": different,
-        "processes_left": left,
-        "undisturbed_s": round(plan.seconds, 1),
-    }
-
-
-def round_here(plan: Plan, folder: Path, mark: str) -> Found:
-    """Kill the commands as often as planned, then run them to their end."""
-    words, signals = [*plan.words, "--jobs", "2"], cycle((signal.SIGKILL, signal.SIGTERM))
-    longest = 3.0 * plan.seconds / (plan.kills + 1)  # so that most kills find something to kill
-    killed, left = 0, 0
-    for _ in range(plan.kills):
-        group = [start(words, folder, mark) for _ in range(plan.at_once)]
-        ends = sorted(plan.moments.uniform(0.0, longest) for _ in group)
-        begin = time.monotonic()
-        for one, end, kind in zip(group, ends, signals, strict=False):
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                one.wait(max(0.0, begin + end - time.monotonic()))
-            killed += one.poll() is None
-            one.send_signal(kind)
-            one.wait()
-        left += remaining(mark)
-    group = [start(words, folder, mark) for _ in range(plan.at_once)]
-    return killed, left, [outcome(folder, finish(one)) for one in group]
+def kill(group: list["subprocess.Popen[str]"], ends: list[float]) -> int:
+    """Kill commands so many seconds from now; return how many were still running."""
+    begin, killed = time.monotonic(), 0
+    for process, end, kind in zip(
+        group, ends, cycle((signal.SIGKILL, signal.SIGTERM)), strict=False
+    ):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, begin + end - time.monotonic()))
+        killed += process.poll() is None
+        process.send_signal(kind)
+        process.wait()
+    return killed
 
 
 def start(words: list[str], folder: Path, mark: str) -> "subprocess.Popen[str]":
