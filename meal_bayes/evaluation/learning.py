@@ -95,10 +95,11 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
         positive, truth = outcomes.beliefs()
         accuracy = mean(outcomes, "success")
         rows.append(LearningRow(
-            agent, repeat, batch, hours, accuracy.estimate, float(outcomes.reward.mean()),
-            calibration_error(positive, truth), accuracy.se, float(outcomes.cost.mean()),
-            float(negative_log_likelihood(positive, truth).mean()),
-            float(outcomes.certainty.mean()),
+            agent, repeat, batch, hours, accuracy=accuracy.estimate, accuracy_se=accuracy.se,
+            reward=float(outcomes.reward.mean()), test_cost_s=float(outcomes.cost.mean()),
+            ece=calibration_error(positive, truth),
+            nll=float(negative_log_likelihood(positive, truth).mean()),
+            claimed_accuracy=float(outcomes.certainty.mean()),
         ))  # fmt: skip
     return rows
 
