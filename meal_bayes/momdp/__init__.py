@@ -16,8 +16,7 @@ from meal_bayes.momdp.belief import (
     update_belief,
 )
 from meal_bayes.momdp.build import Objective, build_momdp
-from meal_bayes.momdp.exchange import percept_probabilities
-from meal_bayes.momdp.flat import FlatPOMDP, flatten
+from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.pomdp_file import write_pomdp
 from meal_bayes.momdp.pomdpx_file import write_pomdpx

@@ -1,16 +1,20 @@
-"""The tables of a MOMDP that dense arrays and the files of other solvers are made of."""
+"""A MOMDP for other solvers: as dense arrays, and as the tables that files are made of."""
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
+from meal_bayes.momdp.belief import initial_belief
 from meal_bayes.momdp.model import MOMDP
 
-LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solvers get through
+_LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solvers get through
+_DENSE = 20_000_000  # entries of O in dense arrays, 160 MB
 
 _SAME = 1e-9  # probabilities that differ by less are rounded alike
 _RESERVED = {
@@ -64,7 +68,7 @@ def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
     return joint
 
 
-def rewards(momdp: MOMDP) -> NDArray[np.float64]:
+def _rewards(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the reward (X,Y,A) of every action, none in `term`: Eq. 4, and Eq. 11 if shaped."""
     truth = momdp.query.values.astype(int)  # (Y,N)
     reward = np.zeros((momdp.terminal + 1, len(truth), momdp.n_actions))
@@ -77,21 +81,13 @@ def rewards(momdp: MOMDP) -> NDArray[np.float64]:
     return reward
 
 
-def legal_transition(momdp: MOMDP) -> NDArray[np.float64]:
+def _legal_transition(momdp: MOMDP) -> NDArray[np.float64]:
     """Return Pr(x' | x, behavior), (E,X,X), where all that is not legal ends the trial."""
     end = np.eye(len(momdp.x_names))[momdp.terminal]
     return np.where(momdp.legal.T[:, :, None], momdp.transition, end)
 
 
-def prior_of(momdp: MOMDP) -> NDArray[np.float64]:
-    """Compute Pr(y) before the trial (Y,)."""
-    chance = np.where(momdp.query.values, momdp.prior, 1 - momdp.prior)
-    for group in map(list, momdp.query.groups):
-        chance[:, group] = np.where(momdp.query.values[:, group], momdp.prior[group], 1.0)
-    return np.asarray(chance.prod(axis=1))
-
-
-def check_flat(momdp: MOMDP, size: float, largest: float) -> None:
+def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
     """Check that one hidden y a truth is all that a MOMDP's state needs, and that it is small.
 
     Raises
@@ -112,6 +108,90 @@ def check_flat(momdp: MOMDP, size: float, largest: float) -> None:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class FlatPOMDP:
+    """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
+
+    What generic solvers cannot hold is left out: percepts never run out (`limit`). They know no
+    legality either: illegal behaviors end the trial at a price below every report.
+
+    Attributes
+    ----------
+    state_names : tuple[str, ...]
+        (S,).
+    action_names : tuple[str, ...]
+        (A,).
+    observation_names : tuple[str, ...]
+        (Z,) percept levels by attribute, such as "1-0".
+    transition : NDArray[np.float64]
+        (A,S,S) Pr(s' | s, a).
+    observation : NDArray[np.float64]
+        (A,S,S,Z) Pr(z | a, s, s'); it depends on s where a behavior that keeps x fails.
+    reward : NDArray[np.float64]
+        (S,A).
+    start : NDArray[np.float64]
+        (S,) belief before the trial.
+    discount : float
+        Factor a step.
+    """
+
+    state_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    observation_names: tuple[str, ...]
+    transition: NDArray[np.float64]
+    observation: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    start: NDArray[np.float64]
+    discount: float
+
+    def __post_init__(self) -> None:
+        for name in ("transition", "observation", "reward", "start"):
+            set_frozen(self, **{name: freeze(getattr(self, name))})
+
+
+def flatten(momdp: MOMDP) -> FlatPOMDP:
+    """Convert a MOMDP to dense arrays.
+
+    Raises
+    ------
+    SettingsError
+        Finite precision, whose state would have to carry the percept counts; several latent
+        classes a truth; or too many attributes for dense arrays.
+    """
+    n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query) + 1
+    n_a, end = momdp.n_actions, momdp.terminal
+    living = end * n_y  # states but `term`
+    _check_size(momdp, n_a * momdp.n_states**2 * n_z, _DENSE)
+    transition = np.zeros((n_a, momdp.n_states, momdp.n_states))
+    transition[:, :, -1] = 1.0  # reports, and `term` itself
+    observation = np.zeros((n_a, momdp.n_states, momdp.n_states, n_z))
+    observation[..., -1] = 1.0
+    for e, moves in enumerate(_legal_transition(momdp)[:, :end]):
+        # y stays: Pr(x', y' | x, y) = Pr(x' | x) [y' = y]
+        transition[e, :living, :living] = np.kron(moves[:, :end], np.eye(n_y))
+        transition[e, :living, -1] = np.repeat(moves[:, end], n_y)
+        comes = momdp.observation_probability[e, :end, :end]
+        block = observation[e, :living, :living].reshape(end, n_y, end, n_y, n_z).copy()
+        for y, row in enumerate(percept_probabilities(momdp, e)):
+            block[:, y, :, y, :-1] = comes[..., None] * row
+            block[:, y, :, y, -1] = 1.0 - comes
+        observation[e, :living, :living] = block.reshape(living, living, n_z)
+    start = np.zeros((end + 1, n_y))
+    start[momdp.start] = initial_belief(momdp).joint
+    levels = np.ndindex((momdp.levels,) * len(momdp.query))
+    values = momdp.query.report_names
+    return FlatPOMDP(
+        (*(f"{x}, {v}" for x in momdp.x_names[:-1] for v in values), momdp.x_names[-1]),
+        tuple(momdp.action_name(a) for a in range(n_a)),
+        (*("-".join(map(str, index)) for index in levels), "none"),
+        transition,
+        observation,
+        _rewards(momdp).reshape(-1, n_a)[: momdp.n_states],
+        start.ravel()[: momdp.n_states],
+        momdp.discount,
+    )
+
+
 def file_tables(momdp: MOMDP) -> FileTables:
     """Convert a MOMDP to the tables of a file.
 
@@ -123,13 +203,13 @@ def file_tables(momdp: MOMDP) -> FileTables:
     Raises
     ------
     SettingsError
-        As for `check_flat`; or a diagram where Pr(percept | behavior, x') depends on x.
+        As for `flatten`; or a diagram where Pr(percept | behavior, x') depends on x.
     """
     n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query)
     perceived = int(momdp.observation_probability.any(axis=1).sum())  # behaviors at an x'
     size = n_y * (perceived * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
-    check_flat(momdp, size, LARGEST)
-    transition = legal_transition(momdp)
+    _check_size(momdp, size, _LARGEST)
+    transition = _legal_transition(momdp)
     y_names = tuple("".join("01"[value] for value in row) for row in momdp.query.values.astype(int))
     separator = "" if momdp.levels <= 10 else "_"  # digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
@@ -144,8 +224,8 @@ def file_tables(momdp: MOMDP) -> FileTables:
         transition=transition,
         comes=_percept_rates(momdp, reached),
         moves=np.asarray((reached & ~np.eye(len(momdp.x_names), dtype=bool)).any(axis=1)),
-        reward=rewards(momdp),
-        prior=prior_of(momdp),
+        reward=_rewards(momdp),
+        prior=initial_belief(momdp).joint,
     )
 
 

@@ -151,7 +151,11 @@ def test_illegal_behaviors_are_worth_less_than_any_report(tmp_path):
             "'look' in 'x0' leads to 'x1' or 'x2' with the same observation",
         ),
         (
-            diagram_of(Effect("x0", "go", "x1", 0.5), Effect("x0", "go", "x2", 0.3)),
+            diagram_of(
+                Effect("x0", "go", "x1", 0.5),
+                Effect("x0", "go", "x2", 0.3),
+                Effect("x1", "look", "x1"),
+            ),
             "'go' in 'x0' leads to 'x1' or 'x2' with the same observation",
         ),
     ],
@@ -175,7 +179,7 @@ def test_odd_names_become_identifiers(tmp_path):
     domain = Domain(
         "own",
         ("red\n states: x",),
-        tuple(Behavior(name, 1.0) for name in names),
+        tuple(Behavior(name, 1.0, ("sight",)) for name in names),
         TransitionDiagram(
             ("x\n0: #", "term"), "x\n0: #", tuple(Effect("*", name, "*") for name in names)
         ),
