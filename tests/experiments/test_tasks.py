@@ -151,10 +151,10 @@ class TestMistakes:
 
     def test_groups_that_always_describe_the_object(self, roc36):
         """Without a query that does not fit, all fit; without any label there is an error."""
-        groups = {name: (name,) for name in ("heavy", "blue")}
+        groups = {"weight": ("heavy", "light"), "color": ("blue", "green")}
         domain = dataclasses.replace(roc36.domain, groups=groups, asked_minimum=-1)
         labels = np.array(roc36.labels)
-        both = [domain.attribute_index(name) for name in groups]
+        both = list(domain.columns(sum(groups.values(), ())))
         labels[:, both] = np.where(labels[:, both] == 1, 1, -1)
         fitting = dataclasses.replace(roc36, domain=domain, labels=labels)
         assert all(describes(fitting, task) for task in offline_tasks(fitting, 2, 20, 0))
