@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from planner_bound import upper_bound
-from scipy.special import expit
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import ITRS, Objective, initial_belief, report_value, shape_reward
+from meal_bayes.momdp import ITRS, Objective, initial_belief, shape_reward
 from meal_bayes.planners import History
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import simulate
@@ -42,17 +41,6 @@ class TestThePolicy:
         assert floor < done.value <= policy.upper_bound + 5 * done.value_se
         assert done.simulations == 0
 
-    def test_a_decision_shows_its_values(self, small):
-        momdp = small.noisy_roc36(2)
-        momdp, belief = replace(momdp, abstain=False), initial_belief(momdp)
-        decision = solve(momdp).decide(History(belief), RNG)
-        legal = momdp.legal[momdp.start]
-        assert np.isnan(decision.values[:-1][~legal]).all()
-        assert decision.action == int(np.nanargmax(decision.values))
-        assert decision.values[-1] == report_value(momdp, belief)
-        assert (decision.value_se[~np.isnan(decision.values)] == 0).all()
-        assert decision.visits.sum() == 0
-
     def test_it_ends_a_hopeless_trial(self, small):
         """It abstains where it may, else it guesses."""
         rates = {name: {"look": (0.51, 0.49)} for name in ("red", "heavy")}
@@ -62,13 +50,6 @@ class TestThePolicy:
         momdp = replace(momdp, abstain=False, incorrect=0.0)
         assert solve(momdp).decide(start, RNG).action >= momdp.n_behaviors
 
-    @pytest.mark.parametrize("odds", [[np.inf, -np.inf], [900.0, -900.0]])
-    def test_certain_beliefs_report(self, small, toy, odds):
-        policy = solve(toy)
-        decision = policy.decide(History(small.believing(toy, odds)), RNG)
-        assert decision.action == toy.n_behaviors + 0b10
-        assert policy.value_at(0, expit(odds)) == pytest.approx(toy.correct, abs=1e-3)
-
     def test_sure_priors_and_deciding_percepts(self, small):
         momdp = small.momdp("toy", {"red": {"look": (1.0, 0.0)}, "heavy": {}}, prior=[0.5, 1.0])
         policy = solve(momdp)
@@ -76,13 +57,6 @@ class TestThePolicy:
         once = -momdp.cost[0] + momdp.discount * momdp.correct  # look does not fail
         assert policy.upper_bound == pytest.approx(once, abs=0.01)
         assert policy.decide(History(initial_belief(momdp)), RNG).action == 0
-
-    def test_equal_problems_equal_policies(self, small):
-        momdp = small.noisy_roc36(2)
-        one, other = solve(momdp), solve(momdp)
-        assert (one.bound.value == other.bound.value).all()
-        start = History(initial_belief(momdp))
-        assert (one.decide(start, RNG).values == other.decide(start, RNG).values)[-1]
 
     def test_shaping_attracts(self, small):
         """ITRS: what pays to explore is explored first."""

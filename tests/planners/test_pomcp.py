@@ -15,9 +15,6 @@ from meal_bayes.momdp import (
     update_belief,
 )
 from meal_bayes.planners import POMCP, History
-from meal_bayes.planners.open_loop.errors import OUTCOMES
-from meal_bayes.planners.open_loop.library import _tabulated, diagram_of
-from meal_bayes.planners.pomcp import POMCPPolicy
 from meal_bayes.planners.rollout import simulate
 
 PROBLEMS = {
@@ -189,22 +186,6 @@ class TestWithoutThese:
         assert values[2] - values[0] > 10
         tables = small.search(momdp, 30, always=True)
         assert small.best_value(tables) == pytest.approx(bound, abs=1.0)
-
-    def test_the_leaf_looks_ahead(self, small):
-        """With one behavior and then the report as the leaf, giving up looks best."""
-        momdp = small.noisy_roc36(3)
-        policy = POMCP(300, points=0).solve(momdp, np.random.default_rng(0))
-        simple = diagram_of(policy.problem.dynamics).simple
-        single = simple.select(np.flatnonzero(simple.path[:, 1] < 0))
-        plans = _tabulated(policy.problem, single, OUTCOMES)
-        blind = POMCPPolicy(momdp, policy.settings)
-        blind.plans = plans
-        start, look = History(initial_belief(momdp)), momdp.behavior_names.index("look")
-        seeing, unseeing = (p.decide(start, np.random.default_rng(1)) for p in (policy, blind))
-        assert seeing.action == look
-        assert small.best_value(seeing) > 150
-        assert unseeing.action == momdp.abstention
-        assert small.best_value(unseeing) == pytest.approx(0.0)
 
     @pytest.mark.statistical
     @pytest.mark.parametrize(
