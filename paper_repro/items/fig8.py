@@ -16,6 +16,7 @@ from paper_repro.statements import (
     below,
     best,
     change_of_means,
+    constructed,
     every,
 )
 
@@ -23,6 +24,7 @@ BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
 AGENTS = (*BASELINES, AGAINST)
 MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
 TRIALS = 400  # the paper's are 200
+LEVEL = "the other baselines' cost is level"  # within paper_values' margin
 NOTE = """No numbers are printed. Best is ahead of every other strategy of the paper. Under `theirs`
 asking costs 100 s and is right with .65 in each attribute, and Random Legal explores for 100 s at
 every number of attributes, as the name of the plotted file says; it may ask a person at the start,
@@ -49,6 +51,8 @@ def run(setting: Setting) -> Result:
             for n in numbers
         }  # fmt: skip
         evidence[protocol] = judge(runs[protocol])
+        if not theirs:
+            evidence[protocol][LEVEL] = constructed("Random Legal's budgets are a setting")
     if OURS in setting.protocols:
         evidence[OURS] = {}
         for n in numbers:
@@ -101,7 +105,7 @@ def judge_costs(runs: Mapping[int, Runs]) -> dict[str, Evidence | None]:
     return {
         "Random's cost falls with the number of attributes": rise(below, "random"),
         "MORC's cost rises with the number of attributes": rise(above, AGAINST),
-        f"the other baselines' cost rises by less than {margin:g} s": every([
+        LEVEL: every([
             rise(below, name, margin) for name in BASELINES[1:]
         ]),
         f"contexts mislead: Predefined Plus executes more than Predefined and is right less often, "
