@@ -147,7 +147,7 @@ def mean_of(values: Array, ratio: float = 0.5) -> Effect:
 
 
 def series(curves: Curves, values: Array, name: str) -> plots.Series:
-    """Draw mean values over mean hours, with the band of one standard error over repeats."""
-    mean, root = values.mean(axis=0), max(len(curves), 2) ** 0.5
-    error = values.std(axis=0, ddof=min(1, len(curves) - 1)) / root
+    """Draw mean values over mean hours, with the band of one standard error, which is corrected."""
+    mean = values.mean(axis=0)
+    error = np.array([mean_of(column, curves.ratio).se for column in values.T])
     return plots.Series(name, curves.hours.mean(axis=0), mean, mean - error, mean + error)

@@ -81,10 +81,13 @@ def result_page(found: Mapping[str, Any]) -> str:
     """Show one result: its sentence, statements, tables, and figures."""
     lines = [f"# {found['item']}: {found['title']}", "", found["sentence"], ""]
     lines += [f"**{found['verdict']}**. `{found['command']}`", ""]
-    if found["statements"]:
+    judged = [one for one in found["statements"] if one["outcome"] is not None]
+    if left := len(found["statements"]) - len(judged):
+        lines += [f"{left} statements are not run.", ""]
+    if judged:
         header = ["statement", "column", "outcome", "estimate", "interval", "rule", "needed"]
         lines += [_row(header), _row(["---"] * len(header))]
-        lines += [*map(_statement, found["statements"]), "", "Central statements are bold.", ""]
+        lines += [*map(_statement, judged), "", "Central statements are bold.", ""]
     for table in found["tables"]:
         lines += [f"**{table['title']}**", "", _row(table["columns"])]
         lines.append(_row(["---", *["--:"] * (len(table["columns"]) - 1)]))
@@ -97,8 +100,6 @@ def result_page(found: Mapping[str, Any]) -> str:
 def _statement(one: Mapping[str, Any]) -> str:
     """Show a statement as a row."""
     text = f"**{one['text']}**" if one["central"] else one["text"]
-    if one["outcome"] is None:
-        return _row([text, one["protocol"], "not run", *[_DASH] * 4])
     interval = one["interval"] and f"[{_text(one['interval'][0])}, {_text(one['interval'][1])}]"
     cells = [one["outcome"], _text(one["estimate"]), interval or _DASH, one["rule"]]
     return _row([text, one["protocol"], *cells, one["needed"] or _DASH])

@@ -174,7 +174,7 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
                  method="prediction interval of one split")  # fmt: skip
     _, _, low, high = one.interval(1 - _LEVEL)
     outcome = UNDECIDED if math.isnan(low) else STANDS if low <= printed <= high else FALLS
-    return Evidence(outcome=outcome, rule=f"{printed:g} is one of our splits' {of}", shown=one)
+    return Evidence(outcome=outcome, rule=f"{printed:.3g} is one of our splits' {of}", shown=one)
 
 
 def change_of_means(
