@@ -1,6 +1,6 @@
 """Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,9 +141,9 @@ def paired(first: Array, second: Array, ratio: float) -> Effect:
     return resampled(first[:number] - second[:number], ratio)
 
 
-def mean_of(values: Array, ratio: float = 0.5) -> Effect:
-    """Estimate a mean over the repeats (S,) that have one."""
-    return resampled(values[~np.isnan(values)], ratio)
+def mean_of(values: Array, ratio: float = 0.5, *, fraction: bool = False) -> Effect:
+    """Estimate a mean over the repeats (S,) that have one; of a fraction inside [0, 1]."""
+    return replace(resampled(values[~np.isnan(values)], ratio), fraction=fraction)
 
 
 def series(curves: Curves, values: Array, name: str) -> plots.Series:

@@ -37,7 +37,10 @@ def run(setting: Setting) -> Result:
         ratio = curves[BEST].ratio
         evidence[protocol] = judge(scores, ratio)
         order = np.argsort(-np.nanmean(scores[BEST], axis=0), kind="stable")
-        cells = {name: [mean_of(scores[name][:, p], ratio) for p in order] for name in PAPERS}
+        cells = {
+            name: [mean_of(scores[name][:, p], ratio, fraction=True) for p in order]
+            for name in PAPERS
+        }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
         groups = {a: [one.interval() for one in cells[a]] for a in PAPERS}
         ax = plots.bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
@@ -74,7 +77,8 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
     for name in paper["hard"]:
         p = NAMES.index(name)
         evidence[f"{name} is no more than {paper['hard_below']:g} for all three"] = every([
-            below(mean_of(values[:, p], ratio), paper["hard_below"], of=f"{agent}'s accuracy")
+            below(mean_of(values[:, p], ratio, fraction=True), paper["hard_below"],
+                  of=f"{agent}'s accuracy")
             for agent, values in own.items()
         ])  # fmt: skip
     for name in paper["easy"]:
