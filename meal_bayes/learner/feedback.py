@@ -85,3 +85,15 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
         except (DataError, ValueError) as fault:  # or a list
             raise SettingsError(f"{name}: {fault}") from None
     return labels
+
+
+def replacing(
+    labels: NDArray[np.int8], known: NDArray[np.int8], domain: Domain
+) -> NDArray[np.int8]:
+    """Add to labels (P,) that no other value of a group is true, where `known` (P,) says so."""
+    after = labels.copy()
+    for group in domain.groups.values():
+        columns = np.array(domain.columns(group))
+        if (labels[columns] == 1).any():
+            after[columns[(labels[columns] < 0) & (known[columns] == 1)]] = 0
+    return after

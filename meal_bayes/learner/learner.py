@@ -15,7 +15,7 @@ from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import sessions
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.feedback import checked_labels
+from meal_bayes.learner.feedback import checked_labels, replacing
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import record_trial
@@ -190,17 +190,15 @@ class Learner:
     ) -> Trial:
         """Answer a question about the object in front of a robot.
 
-        Every step is on disk before the next behavior is executed. Whatever ends the trial early
-        (the robot's driver, an interruption) is raised once the trial is logged as far as it went.
+        Every step is on disk before the next behavior. What ends the trial early (the driver, an
+        interruption) is raised once the trial is logged as far as it went.
 
         Parameters
         ----------
         question : a sentence ("Is it heavy?"), a comma list, attribute names, a query, or a task.
-        robot : see `Robot`; or the name of an object of the percept table, which is replayed; None:
-            the object of a task of the table.
+        robot : see `Robot`; or an object of the percept table, which is replayed; None: a task's.
         truth : {attribute: True or False} of what is known; compared with the report afterwards.
-        object_name : the object's name, if it is known; an agent with `memory` then recognizes it.
-            Without a name it is an object of its own.
+        object_name : if it is known; an agent with `memory` recognizes it. By default a new object.
         learn : whether the trial becomes experience, and explores for the queries to come as the
             agent does; otherwise it is a test. By default with a robot alone: what a percept table
             shows is in it already.
@@ -217,12 +215,7 @@ class Learner:
         """
         if isinstance(robot, str):
             object_name, robot = robot, None
-        if isinstance(robot, type) or not (robot is None or hasattr(robot, "execute")):
-            raise SettingsError(
-                f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
-            )
-        if (robot is None) == (self.table is None):
-            raise SettingsError(sessions.NO_TABLE if robot is None else sessions.NO_CLASSIFIERS)
+        sessions.check_robot(self, robot)
         session = sessions.open_session(
             self, question, object_name, key, log, truth=truth, learn=learn,
             limit=getattr(robot, "limit", np.inf), **options,
@@ -242,8 +235,8 @@ class Learner:
     ) -> Session:
         """Begin a trial that somebody else drives; see `Session` for what to do with it.
 
-        Whoever drives the robot executes `behavior`, and gives its `Outcome` to `observe`, until
-        there is no behavior; then `report` is the answer.
+        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until there is no
+        behavior; then `report` is the answer.
 
         Parameters
         ----------
@@ -310,6 +303,7 @@ class Learner:
                 if perceived and trial.momdp.levels != self.agent.levels:
                     raise SettingsError("The trial has other levels; give one of this learner's.")
                 record_trial(self.experience, trial)
+            labels = replacing(labels, self.experience.labels_for([name])[0], self.domain)
             self.fits.update(self.experience.label(key, name, labels))
             self.fits.grow(len(self.experience.shown(key)), int((labels >= 0).sum()))
 

@@ -97,6 +97,16 @@ def task_of(
     return live_task(query, learner.domain, number if key is None else key, object_name)
 
 
+def check_robot(learner: "Learner", robot: object) -> None:
+    """Refuse what is no robot, and a robot where objects of a percept table are replayed."""
+    if isinstance(robot, type) or not (robot is None or hasattr(robot, "execute")):
+        raise SettingsError(
+            f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
+        )
+    if (robot is None) == (learner.table is None):
+        raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
+
+
 def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> RecordedRobot:
     """Return the robot that replays the object of a task, with random streams of the trial's own.
 

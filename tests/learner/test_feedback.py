@@ -73,3 +73,13 @@ class TestFeedback:
     def test_settings_are_checked(self, wrong, message):
         with pytest.raises(SettingsError, match=message):
             Feedback(**wrong)
+
+
+def test_another_value_of_a_group_replaces_the_earlier_one():
+    learner = Learner("roc36", agent="greedy", logs=None)
+    learner.tell("jar", {"content": "rice"})
+    learner.tell("jar", {"beans": True})
+    known = dict(
+        zip(learner.domain.attributes, learner.experience.labels_for(["jar"])[0], strict=True)
+    )
+    assert (known["rice"], known["beans"]) == (0, 1)

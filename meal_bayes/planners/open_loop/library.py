@@ -23,8 +23,7 @@ from meal_bayes.planners.open_loop.growth import Growth, Ways, find_ways, follow
 from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans, plan_scratch
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
-_JUDGED = 16  # times N, up to N = 5: beliefs at which plans compete to be kept
-_MANY = 5
+_JUDGED, _MANY = 16, 5  # times N, up to N = 5: beliefs at which plans compete to be kept
 _ROUNDS = 6  # of moving them apart
 _LENGTH = 96  # behaviors of a plan
 _KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
@@ -69,9 +68,7 @@ class Diagram:
     def simple(self) -> Candidates:
         """Every legal behavior; one or two percepts of one, then none, one or two of another."""
         legal = self.dynamics.step["legal"]
-        paths: set[tuple[int, tuple[int, ...]]] = set()
-        for x, a in np.argwhere(legal).tolist():
-            paths.add((x, (a,)))
+        paths = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
         for x in range(len(legal)):
             goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
             for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
@@ -112,16 +109,13 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     well: who follows a plan and looks again can only gain, and never puts off its end.
     """
     diagram, n = diagram_of(problem.dynamics), len(momdp.query)
-    size, behaviors = problem.dynamics.step.shape
     if not problem.dynamics.step["legal"].any():  # nothing can be done, as where everything fails
-        return Plans(
-            np.zeros(size + 1, np.int64), records((0,), PLAN), np.zeros((0, behaviors), np.int64),
-            np.zeros((0, behaviors)), np.zeros((0, n), np.int64),
-            np.ones((1, THRESHOLDS, problem.percepts.rows.shape[2])),
-        )  # fmt: skip
-    spread = np.random.Generator(np.random.PCG64(n)).uniform(
-        -4.0, 4.0, (_JUDGED * min(n, _MANY), n)
-    )
+        size, behaviors = problem.dynamics.step.shape
+        first, none = np.zeros(size + 1, np.int64), np.zeros((0, behaviors), np.int64)
+        table = np.ones((1, THRESHOLDS, problem.percepts.rows.shape[2]))
+        return Plans(first, records((0,), PLAN), none, none.astype(float), none[:, :n], table)
+    rng = np.random.Generator(np.random.PCG64(n))
+    spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
     bhattacharyya = _log_bhattacharyya(problem)
     parts = [_grown(problem, diagram, beliefs[:_GROWN], bhattacharyya), diagram.simple]
@@ -214,8 +208,8 @@ def _promising(
     """Select candidates by an estimate of their values at beliefs (B,N,C).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
-    [Kailath1967]. The best
-    few from each x at each belief stay, and the best two of each first behavior.
+    [Kailath1967]. The best few
+    from each x at each belief stay, and the best two of each first behavior.
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
