@@ -76,7 +76,8 @@ def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     """The page of the how-to: names of dimensions, truths and levels are the whole contract."""
     idata_of = pytest.importorskip("meal_bayes.posterior.hierarchical")
     page = (ROOT / "docs/how-to/posterior.md").read_text()
-    code = page.split("```py\n")[1].split("```")[0].replace("pm.sample()", SAMPLE)
+    (code,) = (block.split("```")[0] for block in page.split("```py\n") if "pm.Model" in block)
+    code = code.replace("pm.sample()", SAMPLE)
     counts, labels = np.zeros((8, 2, 2, 2, 2), np.int64), dataset.labels[:8]
     for o, i, b in np.ndindex(8, 2, 2):
         counts[o, i, b, labels[o, i], labels[o, i]] = 3
