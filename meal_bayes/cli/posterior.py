@@ -59,7 +59,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     """
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
-    from meal_bayes.posterior.dispersion import fit_dispersion
+    from meal_bayes.posterior.dispersion import prior_of
     from meal_bayes.posterior.draws import sensing
 
     if options["method"] == "grid" and options["model"] != "same":
@@ -70,7 +70,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     names = [table.domain.attributes[p] for p in columns]
-    prior = config["prior_scale"] * fit_dispersion(counts[:, :, sensing(counts)]).prior
+    prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])
     draws, statistics = _fit(counts, names, table.domain.behavior_names, prior, config)
     rows = _rows(draws)
     facts = _write(draws, statistics, counts, prior, table.objects, config, folder)

@@ -35,6 +35,7 @@ from meal_bayes.posterior.grid import (
 Array = NDArray[np.float64]
 
 PRIOR_WEIGHT = 2.0  # of a row before any percept: 1 a cell for yes/no
+_BINARY = 2  # levels: yes and no
 _GRADED = 32.0  # weight of the prior of m where percepts are graded
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; ln w ~ Normal(ln 2, 1) a priori
 
@@ -97,23 +98,39 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
 
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
     """Compute the posterior of each row on the grid; as `fit_dispersion`."""
+    rows, votes = _rows(counts)
+    levels = rows.totals.shape[-1]
+    alpha = _prior(rows, votes, prior).reshape(-1, levels)
+    profile = integrate(rows, alpha) if levels == _BINARY else approximate(rows, alpha)
+    return _posterior(rows, alpha, profile, votes)
+
+
+def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Array:
+    """Return the Dirichlet parameters of m, (...,P,E,2,K), as `fit_dispersion` takes them."""
+    return _prior(*_rows(counts), prior)
+
+
+def _rows(counts: ArrayLike) -> tuple[RowStatistics, NDArray[np.bool_]]:
+    """Summarize the rows of counts (...,O,P,E,2,K), and which pairs inform of others (...,P,E)."""
     per_object = np.moveaxis(np.asarray(counts), -5, -2)  # (...,P,E,2,O,K)
     if per_object.size == 0 or (per_object < 0).any() or (per_object % 1).any():
         raise SettingsError(
             "Object-level counts must be whole numbers >= 0 of at least one object."
         )
-    shape, levels = per_object.shape[:-2], per_object.shape[-1]  # (...,P,E,2)
     rows = RowStatistics.of(per_object.reshape(-1, *per_object.shape[-2:]))
-    votes = youden(rows.totals.sum(axis=1).reshape(*shape, levels)) > 0  # (...,P,E)
-    binary = levels == 2
+    totals = rows.totals.sum(axis=1).reshape(*per_object.shape[:-2], -1)
+    return rows, youden(totals) > 0
+
+
+def _prior(rows: RowStatistics, votes: NDArray[np.bool_], prior: ArrayLike | None) -> Array:
+    """Learn the prior of m from the rows, their dispersions found under a flat one, or take it."""
+    levels = rows.totals.shape[-1]
     if prior is None:
         flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
         s = _posterior(rows, flat, approximate(rows, flat), votes).dispersion
-        learn = _common_prior if binary else _graded_prior
-        prior = learn(rows.effective(s).reshape(*shape, levels), votes)
-    alpha = np.broadcast_to(np.asarray(prior, float), (*shape, levels)).reshape(-1, levels)
-    profile = integrate(rows, alpha) if binary else approximate(rows, alpha)
-    return _posterior(rows, alpha, profile, votes)
+        learn = _common_prior if levels == _BINARY else _graded_prior
+        prior = learn(rows.effective(s).reshape(*votes.shape, 2, levels), votes)
+    return np.broadcast_to(np.asarray(prior, float), (*votes.shape, 2, levels))
 
 
 def _posterior(

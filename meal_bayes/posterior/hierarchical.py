@@ -30,7 +30,7 @@ from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.dispersion import fit_dispersion
+from meal_bayes.posterior.dispersion import prior_of
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensed
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
 from meal_bayes.processes import EndingContext
@@ -169,7 +169,7 @@ def build_model(
 
 def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]:
     """Build the grid's hierarchy, s and m continuous; tau is one of the grid's, summed out."""
-    alpha = np.broadcast_to(fit_dispersion(counts, prior).prior, counts.shape[1:])
+    alpha = prior_of(counts, prior)
     votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others do not inform about mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
     # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:

@@ -24,7 +24,6 @@ PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diag
 TRIALS = 400  # the paper's
 DIAGRAMS = {"the code's diagram": "roc36_published", "Fig. 5's diagram": "roc36"}
 SETTINGS = tuple((m, d) for m in ("train5", "train12") for d in DIAGRAMS)
-MAIN = SETTINGS[0]  # what the published simulator loads
 COLUMNS = ("attributes", "agent", "percepts", "accuracy", "cost, s", "its sd")
 NOTE = """Under `theirs` percepts are drawn from the confusion counts that were published with
 ROC36's simulator, which loads train5; reinit costs nothing, as in Table 3. Random draws from all
