@@ -1,4 +1,4 @@
-"""What a person says after a trial, and what follows from it."""
+"""What a person says after a trial and what follows from it; what nobody should say."""
 
 from dataclasses import replace
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import Feedback, Learner
+from meal_bayes.robots import Outcome
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +84,30 @@ def test_another_value_of_a_group_replaces_the_earlier_one():
         zip(learner.domain.attributes, learner.experience.labels_for(["jar"])[0], strict=True)
     )
     assert (known["rice"], known["beans"]) == (0, 1)
+
+
+class Arm:
+    def start(self):
+        return "x0"
+
+    def execute(self, behavior):
+        return Outcome("x0")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda learner: learner.ask("red", Arm), "A robot is an object with start"),
+        (lambda learner: learner.ask("red", 3), "A robot is an object with start"),
+        (lambda learner: learner.begin("red", key=1.5), r"key is 1\.5; give a text"),
+        (lambda learner: learner.begin("red", object_name=3), "object_name is 3; give a text"),
+        (lambda learner: learner.begin(3), "A question is a sentence or names; found 3"),
+        (lambda learner: learner.begin([3]), "A question is a sentence or names"),
+        (lambda learner: learner.tell(3, {"red": True}), "object's name; found 3"),
+        (lambda learner: learner.tell("cup", {"red": [1, 0]}), "^red: "),
+        (lambda learner: Learner("toy", reward=1e100), "reward is 1e\\+100; give a number"),
+    ],
+)
+def test_values_of_other_types_are_one_line(call, message):
+    with pytest.raises((SettingsError, QueryError), match=message):
+        call(Learner("toy", logs=None))

@@ -331,30 +331,3 @@ def test_mistakes_are_told(dataset, make):
     for wrong in ({"seed": -1}, {"refit_every": 0}, {"agent": 7}):
         with pytest.raises(SettingsError):
             Learner(dataset.domain, **wrong)
-
-
-class Arm:
-    def start(self):
-        return "x0"
-
-    def execute(self, behavior):
-        return Outcome("x0")
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda learner: learner.ask("red", Arm), "A robot is an object with start"),
-        (lambda learner: learner.ask("red", 3), "A robot is an object with start"),
-        (lambda learner: learner.begin("red", key=1.5), r"key is 1\.5; give a text"),
-        (lambda learner: learner.begin("red", object_name=3), "object_name is 3; give a text"),
-        (lambda learner: learner.begin(3), "A question is a sentence or names; found 3"),
-        (lambda learner: learner.begin([3]), "A question is a sentence or names"),
-        (lambda learner: learner.tell(3, {"red": True}), "object's name; found 3"),
-        (lambda learner: learner.tell("cup", {"red": [1, 0]}), "^red: "),
-        (lambda learner: Learner("toy", reward=1e100), "reward is 1e\\+100; give a number"),
-    ],
-)
-def test_values_of_other_types_are_one_line(call, message):
-    with pytest.raises((SettingsError, QueryError), match=message):
-        call(Learner("toy", logs=None))
