@@ -8,7 +8,7 @@ from rich.text import Text
 
 from meal_bayes.cli.console import Signs, label_text, print_facts, signs_of
 from meal_bayes.display import best_options, level_names, percent
-from meal_bayes.trials.text import final_facts, outcome_text, percept_labels
+from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
 
 if TYPE_CHECKING:
     import numpy as np
@@ -95,6 +95,8 @@ class Narrator:
             if option < end and simulated:
                 line += f"  {decision.visits[option]:12d}"
             rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
+        if gap := gap_text(decision):
+            rows.append(Text(f"  {gap}", "dim"))
         self._print_rows("why", rows)
 
     def _print_belief(self, positive: "NDArray[np.float64]") -> None:

@@ -314,8 +314,11 @@ def _trial(worst: Worst) -> Section:
     text = f"truth: {facts['truth']}"
     if trial is None:
         return {"title": title, "verdict": verdict, "text": f"{text}; {file} holds no steps"}
-    caption = "Belief after each step; the circles at the end are the truth."
-    head = ["", "behavior", "s", "percept", "belief"]
+    caption = (
+        "Belief after each step; the circles at the end are the truth. A gap is the reward that \
+the best action may be worth more, at most, where a bound is known."
+    )
+    head = ["", "behavior", "s", "percept", "belief", "gap"]
     return {
         "title": title,
         "verdict": verdict,
@@ -335,4 +338,6 @@ def _steps(trial: Trial) -> Iterator[list[str]]:
         elif step.observation is not None:
             percept = ", ".join(percept_labels(momdp, action, step.observation))
         belief = ", ".join(map(percent, step.belief.positive.tolist()))
-        yield [str(number), momdp.action_label(action), f"{step.cost:g}", percept, belief]
+        gap = "" if step.decision.gap is None else f"{step.decision.gap:.1f}"
+        label = momdp.action_label(action)
+        yield [str(number), label, f"{step.cost:g}", percept, belief, gap]

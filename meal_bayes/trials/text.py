@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import bar_html, card, level_names, listed, percent, table_html
 from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Decision
 
 if TYPE_CHECKING:
     from meal_bayes.trials.outcomes import TrialOutcomes
@@ -87,6 +88,11 @@ def outcome_text(momdp: MOMDP, step: "Step", arrow: str = "->") -> str:
     return f"failed, {path}; nothing perceived"
 
 
+def gap_text(decision: Decision) -> str:
+    """Return how far a decision may be from the best one; empty where no bound is known."""
+    return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
+
+
 def final_facts(trial: "Trial") -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
@@ -146,6 +152,7 @@ def trial_frame(trial: "Trial") -> Any:
             "next_state": trial.momdp.x_names[step.next_x],
             "cost_s": step.cost,
             "reward": step.reward,
+            "gap": step.decision.gap,
         }
         for i, name in enumerate(trial.task.query.attributes):
             row[f"percept_{name}"] = None if step.observation is None else int(step.observation[i])

@@ -9,7 +9,7 @@ from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import Trial, percept_labels, verdict_text
-from meal_bayes.trials.text import final_facts, outcome_text
+from meal_bayes.trials.text import final_facts, gap_text, outcome_text
 from meal_bayes.viewer.trial_frames import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
@@ -76,8 +76,9 @@ def explain_decision(frame: TrialFrame) -> str:
         if option == chosen:
             cells = [f"**{cell}**" if cell else cell for cell in cells]
         rows.append(f"|{'|'.join(cells)}|")
-    searched = f"\n\n{decision.simulations} simulations" if decision.simulations else ""
-    return "\n".join(rows) + searched
+    searched = f"{decision.simulations} simulations" if decision.simulations else ""
+    notes = ", ".join(filter(None, (searched, gap_text(decision))))
+    return "\n".join(rows) + f"\n\n{notes}" * bool(notes)
 
 
 def log_line(frame: TrialFrame) -> str:

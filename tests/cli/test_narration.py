@@ -16,6 +16,8 @@ from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.trials import Step
 from meal_bayes.trials.text import outcome_text, percept_labels
+from meal_bayes.viewer.labels import explain_decision
+from meal_bayes.viewer.trial_frames import Clock
 
 
 def console(width=80, encoding="utf-8"):
@@ -128,3 +130,16 @@ def test_long_facts_wrap_beside_their_label():
     assert max(map(len, lines)) <= 40
     assert lines[1].startswith(" " * 13 + "word")
     assert lines[-1] == " " * 13 + "two"
+
+
+def test_how_far_a_decision_may_be_from_the_best_is_shown_where_it_is_known():
+    trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="greedy")
+    first = trial.steps[0]
+    bounded = replace(first, decision=replace(first.decision, gap=1.25))
+    for shown, number in ((trial, 0), (replace(trial, steps=(bounded, *trial.steps[1:])), 1)):
+        terminal = console()
+        print_trial(terminal, shown)
+        assert printed(terminal).count("at most 1.2 below the best") == number
+        texts = map(explain_decision, Clock().frames(0, shown))
+        assert sum("at most 1.2 below the best" in text for text in texts) == number
+        assert shown.to_frame()["gap"].notna().sum() == number
