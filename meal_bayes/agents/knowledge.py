@@ -1,15 +1,17 @@
 """What a robot knows of an object that it was not trained on."""
 
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.display import short_repr
+from meal_bayes.display import percent, short_repr, table_html
 from meal_bayes.domain import Domain
 from meal_bayes.perception import ConfusionCounts, table_counts
+from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import ConfusionPosterior, SharedTrait, learn_trait
 
 
@@ -34,6 +36,18 @@ class Knowledge:
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))
+
+    def _repr_html_(self) -> str:
+        """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""
+        told = youden(self.posterior.mean)  # (P,E)
+        behaviors = [behavior.name for behavior in self.domain.behaviors]
+        rows = []
+        for attribute, rate, row in zip(self.domain.attributes, self.base_rates, told, strict=True):
+            cells = [f"{j:.2f}" for j in row]
+            cells[row.argmax()] = f"<b>{cells[row.argmax()]}</b>"
+            rows.append((escape(attribute), percent(rate), *cells))
+        title = f"{self.domain.name}: TPR - FPR of each behavior"
+        return table_html(title, ("attribute", "Pr", *behaviors), rows)
 
 
 def knowledge_without(

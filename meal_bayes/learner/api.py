@@ -28,21 +28,32 @@ def ask(
 
     Parameters
     ----------
-    question : a sentence ("Is it heavy?"), a comma list, or a list of attribute names.
-    dataset : a shipped data set (roc36, ispy32, cy101), the path of an .npz of one's own made by
+    question : str | Sequence[str]
+        A sentence ("Is it heavy?"), a comma list, or a list of attribute names.
+    dataset : str | Path | PerceptTable
+        A shipped data set (roc36, ispy32, cy101), the path of an .npz of one's own made by
         `save_percepts`, or a percept table.
-    object : the object's name.
-    agent : a name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
-    seed : of failures, of the recordings' order, and of planning.
-    percepts : "recorded", or "model": drawn from the learned confusion matrices.
-    reward : r+ = -r-, the domain's by default.
-    on_step : called after every step.
-    log : path of the trial's log (.mcap); none by default.
+    object : str
+        The object's name.
+    agent : object
+        A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
+    seed : int
+        Of failures, of the recordings' order, and of planning.
+    percepts : str
+        "recorded", or "model": drawn from the learned confusion matrices.
+    reward : float | None
+        r+ = -r-, the domain's by default.
+    on_step : Callable[[Step], None] | None
+        Called after every step.
+    log : str | Path | None
+        Path of the trial's log (.mcap); none by default.
 
     Raises
     ------
-    SettingsError : an unknown data set, object or agent.
-    QueryError : a question that names no attribute, an unknown one, or one twice.
+    SettingsError
+        An unknown data set, object or agent.
+    QueryError
+        A question that names no attribute, an unknown one, or one twice.
     """
     table = dataset if isinstance(dataset, PerceptTable) else load_percepts(dataset)
     learner = Learner(

@@ -45,10 +45,10 @@ class Experience:
         Rows (r,D) of each (behavior, modality).
     known : Rows (O,P)
         Labels of objects, the latest of each; -1 unknown.
-    tally : (2,P) int array
-        Objects known to be false, and true.
-    attempts : (E,2) int array
-        Executions that failed, and that succeeded.
+    tally : NDArray[np.int64]
+        (2,P) objects known to be false, and true.
+    attempts : NDArray[np.int64]
+        (E,2) executions that failed, and that succeeded.
     """
 
     def __init__(self, domain: Domain) -> None:
@@ -120,8 +120,8 @@ class Experience:
             1 succeeded, 0 failed, -1 not known.
         instance : Instance, optional
             What was perceived; of a replayed recording its number tells whether it is new.
-        levels : (P,) array, optional
-            Its percept levels, of 0 to K - 1; -1 unknown.
+        levels : Labels | None
+            (P,) its percept levels, of 0 to K - 1; -1 unknown.
         k : int
             K.
         """
@@ -146,8 +146,8 @@ class Experience:
 
         Returns
         -------
-        rows : (k,) array
-            Instances that labels may now be other of.
+        rows : NDArray[np.intp]
+            (k,) instances that labels may now be other of.
         """
         number, o = self.trial(trial), self.object(object_name)
         columns = np.flatnonzero(labels >= 0)
@@ -234,8 +234,8 @@ class Experience:
         -------
         dataset : Dataset
             Ragged; of all objects that were met.
-        rows : (k,) array
-            Instances, in the order of the training set.
+        rows : tuple[Dataset, NDArray[np.intp], TrainingSet]
+            (k,) instances, in the order of the training set.
         gathered : TrainingSet
             All of them, labelled or not.
         """

@@ -28,7 +28,8 @@ class Feedback:
 
     Raises
     ------
-    SettingsError : unknown answers, an error rate outside [0, 1).
+    SettingsError
+        Unknown answers, an error rate outside [0, 1).
     """
 
     answers: str = "verdict"
@@ -72,8 +73,10 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
 
     Raises
     ------
-    QueryError : an attribute that the domain does not have; a group of which not one is true.
-    SettingsError : a value that is no label.
+    QueryError
+        An attribute that the domain does not have; a group of which not one is true.
+    SettingsError
+        A value that is no label.
     """
     labels = np.full(len(domain.attributes), -1, np.int8)
     if not isinstance(values, Mapping):

@@ -32,7 +32,7 @@ class Fits:
     ----------
     table : PerceptTable or None
         In place of the record's instances, where one is replayed.
-    growth : list of int
+    growth : list[int]
         Labeled instances at the last refit; since; and labels since.
     """
 

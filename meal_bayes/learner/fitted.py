@@ -56,8 +56,8 @@ class Fitted:
         Of the learner.
     perception, knowledge : Perception, Knowledge
         What was fitted; the knowledge is updated since.
-    seen : (O,E,P) bool array
-        Whether the classifiers have seen the object.
+    seen : NDArray[np.bool_]
+        (O,E,P) bool array Whether the classifiers have seen the object.
     refitted : Knowledge
         At the refit.
     levels : Rows (n,P)
@@ -274,7 +274,8 @@ class Fitted:
 
         Raises
         ------
-        ValueError : arrays that do not fit the record.
+        ValueError
+            Arrays that do not fit the record.
         """
         self._check(state)
         self._begin(state["refitted"])
@@ -316,8 +317,8 @@ def progress_of(
     ----------
     fit : Fitted or HeldOut
         Whose knowledge it is.
-    labelled, counted : (O,E,P) int arrays
-        Labelled instances, and those that are experience.
+    labelled, counted : NDArray[np.int64]
+        (O,E,P) int arrays Labelled instances, and those that are experience.
     """
     return Progress(
         knowledge=fit.knowledge,

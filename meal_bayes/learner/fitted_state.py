@@ -36,12 +36,15 @@ def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
 
     Parameters
     ----------
-    value : of classes that this module lists.
-    keep : stores an array, and returns its name.
+    value : object
+        Of classes that this module lists.
+    keep : Callable[[NDArray[Any]], str]
+        Stores an array, and returns its name.
 
     Raises
     ------
-    TypeError : an object of another class.
+    TypeError
+        An object of another class.
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -66,13 +69,17 @@ def unpack(found: Json, read: Callable[[str, str, int], NDArray[Any]], domain: D
 
     Parameters
     ----------
-    found : what it returned.
-    read : reads an array by its name, dtype and number of axes.
-    domain : of the learner.
+    found : Json
+        What it returned.
+    read : Callable[[str, str, int], NDArray[Any]]
+        Reads an array by its name, dtype and number of axes.
+    domain : Domain
+        Of the learner.
 
     Raises
     ------
-    KeyError, TypeError, ValueError, SettingsError : JSON that `pack` does not write.
+    KeyError, TypeError, ValueError, SettingsError
+        JSON that `pack` does not write.
     """
     if not isinstance(found, dict):
         return found

@@ -47,8 +47,8 @@ class HeldOut:
         Of the learner.
     object_index : int
         Which object is left out.
-    told : (P,) int array
-        Labels that people gave to it; -1 unknown.
+    told : NDArray[np.int8]
+        (P,) int array Labels that people gave to it; -1 unknown.
     answering, exploring : Recent
         Models and policies of queries about any object, without and with a bonus.
     """

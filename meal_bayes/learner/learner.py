@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,35 +16,34 @@ from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import sessions
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.feedback import checked_labels, replacing
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.percepts import record_trial
+from meal_bayes.learner.percepts import tell
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.learner.tasks import Question
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 from meal_bayes.trials import Session, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
-from meal_bayes.untrusted import LARGEST
 
 
 class Learner:
     """Answers questions about objects, and learns from what it does and is told.
 
-    It works with any robot, from nothing or from recordings; with a percept table it replays the
-    table's objects, each left out of what was learned.
+    It works with any robot, from nothing or from recordings; with a percept table it replays its
+    objects, each left out of what was learned.
 
     Parameters
     ----------
     domain : str, path or Domain
         A shipped domain, the path of a TOML file, or a domain.
-    agent : str, Agent, or planner
+    agent : str | Agent | Solver
         Who decides: see `meal_bayes.agents.as_agent`.
     seed : int
         Of planning, and of what is drawn in replays.
-    classifier : scikit-learn classifier, optional
-        Of one's own, in place of ours: see `meal_bayes.perception.with_classifier`.
+    classifier : object
+        A scikit-learn classifier of one's own, in place of ours: see
+        `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
         Of the confusion matrices, learned elsewhere (see `ConfusionPosterior.from_idata`) without
         the objects that are asked about, in place of the one that `fit` would learn.
@@ -88,10 +88,8 @@ class Learner:
         trust: float = TRUST,
         logs: str | Path | None = "logs",
     ) -> None:
-        if seed < 0:
+        if not isinstance(seed, int | np.integer) or seed < 0:
             raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
-        if reward is not None and not 0 < reward <= LARGEST:
-            raise SettingsError(f"reward is {reward}; give a number above 0, at most {LARGEST:g}.")
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self._agent = as_agent(agent)
         settings = LearnerSettings(
@@ -106,13 +104,16 @@ class Learner:
         self.logs = None if logs is None else Path(logs)
         self.experience = Experience(self.domain)
         self.fits = Fits(self.experience, settings, refit_every)
-        self.asked = 0  # questions, with robots
-        self.lock = threading.RLock()
+        self.asked, self.lock = 0, threading.RLock()  # questions with robots
 
     def __repr__(self) -> str:
-        """Return a line that says what it has learned from."""
         data = f"{self.experience!r}" if self.table is None else "a percept table"
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
+
+    def _repr_html_(self) -> str:
+        """Return what it has learned, or the percept table that it replays, as HTML."""
+        shown = self.knowledge() if self.table is None else self.table
+        return f"<p>{escape(repr(self))}</p>{shown._repr_html_()}"
 
     @property
     def agent(self) -> Agent:
@@ -136,7 +137,8 @@ class Learner:
 
         Raises
         ------
-        SettingsError : data of another domain.
+        SettingsError
+            Data of another domain.
         """
         check_data(data, self.domain)
         with self.lock:
@@ -150,7 +152,7 @@ class Learner:
         with self.lock:
             self.fits.clear()
             if self.table is None:
-                self.fitted(self.agent)
+                self.fits.of(self.agent)
                 self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
         return self
 
@@ -170,11 +172,7 @@ class Learner:
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
         """Return the decision problem of a question, as a test of it would have it."""
-        task, _ = sessions.task_of(self, question, object_name)
-        with self.lock:
-            fit = sessions.fit_of(self, task, learn=False)
-            labels = fit.labels_of(task) if self.agent.memory else None
-            return sessions.problem_of(self, fit, task.query, labels=labels)
+        return sessions.tested_problem(self, question, object_name)
 
     def ask(
         self,
@@ -191,27 +189,36 @@ class Learner:
         """Answer a question about the object in front of a robot.
 
         Every step is on disk before the next behavior. What ends the trial early (the driver, an
-        interruption) is raised once the trial is logged as far as it went.
+        interruption) is raised once it is logged so far.
 
         Parameters
         ----------
-        question : a sentence ("Is it heavy?"), a comma list, attribute names, a query, or a task.
-        robot : see `Robot`; or an object of the percept table, which is replayed; None: a task's.
-        truth : {attribute: True or False} of what is known; compared with the report afterwards.
-        object_name : if it is known; an agent with `memory` recognizes it. By default a new object.
-        learn : whether the trial becomes experience, and explores for the queries to come as the
-            agent does; otherwise it is a test. By default with a robot alone: what a percept table
-            shows is in it already.
-        log : path of the trial's log (.mcap); one in the folder of logs by default.
-        key : names the random streams of this question; by default the number of questions so
-            far, and in replays nothing, so that equal questions are equal.
-        options : `max_steps`, `max_cost` and `on_step`, see `Session`.
+        question : Question
+            A sentence ("Is it heavy?"), a comma list, or names of attributes.
+        robot : Robot or str, optional
+            See `Robot`; or the name of an object of the percept table, which is replayed.
+        truth : mapping or array, optional
+            {attribute: True or False} of what is known; compared with the report afterwards.
+        object_name : str, optional
+            An agent with `memory` recognizes it; by default it is a new object.
+        learn : bool, optional
+            Whether the trial becomes experience, and explores for the queries to come; otherwise it
+            is a test. By default with a robot alone: what a table shows is experience already.
+        log : str or Path, optional
+            Of the trial (.mcap); one in the folder of logs by default.
+        key : str or int, optional
+            Names the random streams; by default the number of questions so far, in replays nothing.
+        **options
+            `max_steps`, `max_cost` and `on_step`, see `Session`.
 
         Raises
         ------
-        QueryError : a question that cannot be understood.
-        SettingsError : no data were fitted of the kind that the robot needs.
-        RobotError : the robot came to a state that the domain does not know.
+        QueryError
+            A question that cannot be understood.
+        SettingsError
+            No data were fitted of the kind that the robot needs.
+        RobotError
+            The robot came to a state that the domain does not know.
         """
         if isinstance(robot, str):
             object_name, robot = robot, None
@@ -240,11 +247,13 @@ class Learner:
 
         Parameters
         ----------
-        question, object_name, truth, max_steps, max_cost :
+        question, object_name, truth : str, str, mapping
             As for `ask`.
+        max_steps, max_cost : int, float
+            See `Session`.
         state : str, optional
             Where the robot is; the domain's start by default.
-        options :
+        **options
             `learn`, `on_step`, `log` and `key`, as for `ask`.
         """
         session = sessions.open_session(
@@ -261,12 +270,13 @@ class Learner:
 
         Parameters
         ----------
-        log : str or path
+        log : str or Path
             Of the trial, or its draft.
 
         Raises
         ------
-        LogError : the log holds no trial that is under way, or not of this learner's.
+        LogError
+            The log holds no trial that is under way, or not of this learner's.
         """
         return sessions.resume_session(self, Path(log))
 
@@ -277,35 +287,21 @@ class Learner:
 
         Parameters
         ----------
-        trial : an answer, or the name of an object. Of an answer of another learner's the percepts
-            of the attributes asked are learned from.
-        values : by attribute, also of attributes that were not asked; None is ignored. A later
-            label of an attribute replaces an earlier one.
+        trial : Trial or str
+            An answer (of another learner's the percepts are learned from), or an object's name.
+        values : mapping
+            True, False or None by attribute, whether it was asked or not; a later label replaces
+            an earlier one.
 
         Raises
         ------
-        QueryError : an attribute that the domain does not have.
-        SettingsError : a value that is no label; a trial with other levels than the agent's.
+        QueryError
+            An attribute that the domain does not have.
+        SettingsError
+            A value that is no label; a trial with other levels than the agent's.
         """
-        labels = checked_labels(values, self.domain)
-        if not (labels >= 0).any():
-            return
-        name = trial.task.object_name if isinstance(trial, Trial) else trial
-        if not isinstance(name, str):
-            raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
-        key = trial.task.key if isinstance(trial, Trial) else ("told", name)
         with self.lock:
-            if self.table is not None:
-                object_index(self.table.objects, name)
-                self.fits.clear()
-            elif isinstance(trial, Trial) and key not in self.experience.trials:
-                perceived = any(step.observation is not None for step in trial.steps)
-                if perceived and trial.momdp.levels != self.agent.levels:
-                    raise SettingsError("The trial has other levels; give one of this learner's.")
-                record_trial(self.experience, trial)
-            labels = replacing(labels, self.experience.labels_for([name])[0], self.domain)
-            self.fits.update(self.experience.label(key, name, labels))
-            self.fits.grow(len(self.experience.shown(key)), int((labels >= 0).sum()))
+            tell(self, trial, values)
 
     def forget(self, trial: Trial) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them."""
@@ -337,13 +333,17 @@ class Learner:
 
         Parameters
         ----------
-        path : written by `save`.
-        agent, classifier : one's own are given again; shipped agents are found by name.
-        logs : of a new learner.
+        path : str or Path
+            Of a file that `save` wrote.
+        agent, classifier : object, optional
+            One's own are given again; shipped agents are found by name.
+        logs : str or Path, optional
+            Folder of the logs to come.
 
         Raises
         ------
-        DataError : a file that is not a learner, is torn, or of another version.
+        DataError
+            A file that is not a learner, is torn, or of another version.
         """
         from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
 

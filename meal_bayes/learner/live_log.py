@@ -65,7 +65,8 @@ def interrupted(log: Path) -> tuple[Trial, Key, LiveLog]:
 
     Raises
     ------
-    LogError : no trial of a learner's that is under way.
+    LogError
+        No trial of a learner's that is under way.
     """
     draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
     header, trials = read_header(draft), list(salvage(draft))

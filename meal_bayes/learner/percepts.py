@@ -1,16 +1,17 @@
 """Where percepts of a trial come from, and what of them is recorded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Instance
+from meal_bayes.datasets import Instance, object_index
 from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.feedback import checked_labels
+from meal_bayes.learner.feedback import checked_labels, replacing
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log import Logs
@@ -87,8 +88,8 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
 
     Returns
     -------
-    trials : list of Trial
-        That are experience now, in their order.
+    trials : list[Trial]
+        List of Trial That are experience now, in their order.
     """
     experience, recalled = learner.experience, list[Trial]()
     with learner.lock:
@@ -108,6 +109,29 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
                     experience.label(trial.task.key, trial.task.object_name, labels)
         learner.refit()
     return recalled
+
+
+def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | None]) -> None:
+    """Add labels of a trial's object, and update what was fitted; see `Learner.tell`."""
+    experience, fits = learner.experience, learner.fits
+    labels = checked_labels(values, learner.domain)
+    if not (labels >= 0).any():
+        return
+    name = trial.task.object_name if isinstance(trial, Trial) else trial
+    if not isinstance(name, str):
+        raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
+    key = trial.task.key if isinstance(trial, Trial) else ("told", name)
+    if learner.table is not None:
+        object_index(learner.table.objects, name)
+        fits.clear()
+    elif isinstance(trial, Trial) and key not in experience.trials:
+        perceived = any(step.observation is not None for step in trial.steps)
+        if perceived and trial.momdp.levels != learner.agent.levels:
+            raise SettingsError("The trial has other levels; give one of this learner's.")
+        record_trial(experience, trial)
+    labels = replacing(labels, experience.labels_for([name])[0], learner.domain)
+    fits.update(experience.label(key, name, labels))
+    fits.grow(len(experience.shown(key)), int((labels >= 0).sum()))
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:
@@ -132,8 +156,9 @@ def record_step(
         The record.
     task, momdp, step : Task, MOMDP, Step
         The step, and what its trial is about.
-    perceived : tuple of Instance and (P,) array, optional
-        What was sensed, and the percept levels of all attributes.
+    perceived : tuple[Instance, NDArray[np.int8]] | None
+        What was sensed, and the percept levels of all
+        attributes.
     """
     domain, e = experience.domain, step.decision.action
     instance, levels = perceived or (None, None)

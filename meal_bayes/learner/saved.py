@@ -45,7 +45,8 @@ def save_learner(learner: Learner, path: Path) -> None:
 
     Raises
     ------
-    OutputError : the file cannot be written; one that was there stays.
+    OutputError
+        The file cannot be written; one that was there stays.
     """
     settings, own = learner.fits.settings, learner.experience
     classifier = settings.classifier

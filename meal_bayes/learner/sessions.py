@@ -149,8 +149,8 @@ def session_of(
     learn : bool, optional
         Whether the trial explores and, with a robot, becomes experience (what a table shows is in
         it already); by default with a robot alone.
-    limit : (E,) array or number
-        Percepts of each behavior that a trial with a robot can have.
+    limit : ArrayLike
+        (E,) or a number: percepts of each behavior that a trial with a robot can have.
     options :
         Of `commanded`.
     """
@@ -221,8 +221,8 @@ def prepare(
         What is asked, of which object.
     streams : tuple
         Names the planner's random stream.
-    limit : (E,) array
-        Percepts of each behavior that the trial can have; of a table it is known.
+    limit : ArrayLike
+        (E,) percepts of each behavior that the trial can have; of a table it is known.
     explore : bool
         Plan for queries to come as well, and with the labels of an object that is recognized.
     """
@@ -258,6 +258,15 @@ def prepare(
     if key not in fit.exploring:  # searches of equal queries share a plan library
         fit.exploring[key] = cast(POMCPPolicy, solve(shaped(model())))
     return momdp, fit.exploring[key].sharing_plans(momdp)
+
+
+def tested_problem(learner: "Learner", question: Question, object_name: str | None) -> MOMDP:
+    """Build the MOMDP of a question, as a test of it would have it."""
+    task, _ = task_of(learner, question, object_name)
+    with learner.lock:
+        fit = fit_of(learner, task, learn=False)
+        labels = fit.labels_of(task) if fit.agent.memory else None
+        return problem_of(learner, fit, task.query, labels=labels)
 
 
 def problem_of(

@@ -10,6 +10,7 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.untrusted import LARGEST
 
 _PERCEPTS = ("recorded", "model")
 
@@ -20,8 +21,8 @@ class LearnerSettings:
 
     Attributes
     ----------
-    classifier : scikit-learn classifier or None
-        Of one's own, or ours.
+    classifier : object
+        A scikit-learn classifier of one's own, or None: ours.
     posterior : ConfusionPosterior or None
         Of one's own, in place of what given recordings imply; what trials show is added to it.
     by_object : bool
@@ -37,8 +38,8 @@ class LearnerSettings:
         Whether recordings that were given are experience (Eq. 10), beside those of trials.
     shaped_answers : bool
         Whether an ITRS shapes the rewards of trials that explore nothing, too.
-    drawn : (O,P) array or None
-        Labels of objects, by which percepts are drawn from the learned tables.
+    drawn : NDArray[np.int8] | None
+        (O,P) labels of objects, by which percepts are drawn from the learned tables.
     percepts : str
         Of a percept table: "recorded", or "model", drawn from the learned confusion matrices.
     """
@@ -57,6 +58,10 @@ class LearnerSettings:
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
+        if not 0 < self.reward <= LARGEST:
+            raise SettingsError(
+                f"reward is {self.reward}; give a number above 0, at most {LARGEST:g}."
+            )
 
 
 def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
@@ -64,8 +69,10 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
 
     Raises
     ------
-    SettingsError : one of another shape than the agent plans with.
-    DataError : draws that do not fit the domain.
+    SettingsError
+        One of another shape than the agent plans with.
+    DataError
+        Draws that do not fit the domain.
     """
     if posterior is None:
         return None
@@ -86,7 +93,8 @@ def check_data(data: object, domain: Domain) -> None:
 
     Raises
     ------
-    SettingsError : they are not.
+    SettingsError
+        They are not.
     """
     if not isinstance(data, Dataset | PerceptTable):
         raise SettingsError(

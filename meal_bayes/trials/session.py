@@ -101,6 +101,10 @@ class Session:
         recorder: Recorder | None = None,
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
+        if not isinstance(max_steps, int | np.integer) or max_steps < 0:
+            raise SettingsError(f"max_steps is {max_steps!r:.60}; give a whole number, 0 or more.")
+        if max_cost is not None and not (isinstance(max_cost, float | int) and max_cost >= 0):
+            raise SettingsError(f"max_cost is {max_cost!r:.60}; give seconds, 0 or more.")
         self.task, self.momdp, self.agent = task, momdp, agent
         self.belief: Belief = initial_belief(momdp)
         self.history = History(self.belief)

@@ -89,6 +89,10 @@ def test_limits_bring_the_best_report(learner, make):
         assert trial.cost < whole.cost
     assert len(learner.ask("red", make.arm(), max_cost=0.5).steps) == 1
     assert "was reached" not in repr(whole)
+    for wrong in ({"max_steps": "a"}, {"max_steps": 2.5}, {"max_steps": -1}, {"max_cost": "a"},
+                  {"max_cost": float("nan")}):  # fmt: skip
+        with pytest.raises(SettingsError, match="; give "):
+            learner.begin("red", **wrong)
 
 
 def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path):
