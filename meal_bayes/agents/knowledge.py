@@ -39,14 +39,15 @@ class Knowledge:
 
     def _repr_html_(self) -> str:
         """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""
-        told = youden(self.posterior.mean)  # (P,E)
+        counted = self.posterior.counts.any(axis=(2, 3))  # (P,E)
+        told = np.where(counted, youden(self.posterior.mean), -np.inf)
         behaviors = [behavior.name for behavior in self.domain.behaviors]
         rows = []
         for attribute, rate, row in zip(self.domain.attributes, self.base_rates, told, strict=True):
-            cells = [f"{j:.2f}" for j in row]
+            cells = ["" if np.isinf(j) else f"{j:.2f}" for j in row]
             cells[row.argmax()] = f"<b>{cells[row.argmax()]}</b>"
             rows.append((escape(attribute), percent(rate), *cells))
-        title = f"{self.domain.name}: TPR - FPR of each behavior"
+        title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
         return table_html(title, ("attribute", "Pr", *behaviors), rows)
 
 
