@@ -22,11 +22,11 @@ from meal_bayes.experiments.units import run_units
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
-    OutcomeWriter,
     TrialWriter,
     log_info,
     read_outcomes,
     read_trials,
+    write_trials,
 )
 from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
 
@@ -290,8 +290,7 @@ def _write(
     }  # fmt: skip
     if part == "test" and unit.config.log == "compact":
         trials, seconds = zip(*(_timed(run, task) for task in tasks), strict=True)
-        with OutcomeWriter(path, header) as log:
-            log.write_outcomes(TrialOutcomes.of(trials), seconds=seconds)
+        write_trials(path, [TrialOutcomes.of(trials)], header=header, seconds=seconds)
     else:
         with TrialWriter(path, header) as whole:
             for trial, took in (_timed(run, task) for task in tasks):

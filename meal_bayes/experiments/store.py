@@ -16,7 +16,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import LogError
 from meal_bayes.files import file_name
-from meal_bayes.trial_log import count_whole
+from meal_bayes.trial_log import log_info
 
 log = logging.getLogger("meal_bayes.experiments")
 
@@ -56,7 +56,7 @@ def is_whole(path: Path, *, trials: int | None = None) -> bool:
     if not path.is_file():
         return False
     try:
-        found = count_whole(path)
+        found = log_info(path).trials
     except LogError as fault:
         log.warning("%s; it is made again", str(fault).partition(";")[0])
         return False

@@ -11,7 +11,6 @@ from meal_bayes.trial_log.memory import ObjectLabels, forget, read_memory, write
 from meal_bayes.trial_log.names import log_files, remove_drafts
 from meal_bayes.trial_log.reader import (
     LogInfo,
-    count_whole,
     log_info,
     read_header,
     read_outcomes,
@@ -19,7 +18,7 @@ from meal_bayes.trial_log.reader import (
 )
 from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import OutcomeWriter, TrialWriter, read_seconds, write_trials
+from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
 __all__ = [
     "ACTIVE",
@@ -30,10 +29,8 @@ __all__ = [
     "LogReport",
     "Logs",
     "ObjectLabels",
-    "OutcomeWriter",
     "TrialWriter",
     "check_log",
-    "count_whole",
     "forget",
     "log_files",
     "log_info",

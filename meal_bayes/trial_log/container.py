@@ -8,17 +8,15 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from io import BytesIO
 from typing import BinaryIO
 
 import zstandard
 from google.protobuf.message import DecodeError
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import FOOTER_SIZE, SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message
+from mcap.reader import FOOTER_SIZE
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import DomainError, LogCorruptError, LogError, QueryError, SettingsError
@@ -44,16 +42,9 @@ _HEAD, _CRC = 9, 4  # bytes of a record before its content, and of a checksum
 
 
 def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
-    """Yield the records of a file in order, chunks as they are; raise at the first fault.
+    """Yield the records of a file from `begin` on, where it stands; raise at the first fault.
 
-    A file read to its end is whole.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        At `begin`.
-    begin : int
-        Position to read from: 0, or behind a record.
+    Chunks come as they are. A file that was read from 0 to its end is whole.
     """
     yield from StreamReader(
         _Bounded(file),  # type: ignore[arg-type]  # `read` is all that it calls
@@ -63,26 +54,6 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
         record_size_limit=RECORD_LIMIT,
     ).records
     _check_summary(file)
-
-
-def read_summary(file: BinaryIO) -> Summary:
-    """Read the summary of a whole file, found from its end."""
-    _check_summary(file)
-    file.seek(0)
-    summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
-    if summary is None:
-        raise LogCorruptError("the summary is missing")
-    return summary
-
-
-def read_attachment(file: BinaryIO, offset: int, length: int) -> bytes:
-    """Read an attachment's data by its place in the file; the record has a checksum of its own."""
-    file.seek(offset + _HEAD)
-    content = file.read(min(length, RECORD_LIMIT))[: length - _HEAD]
-    if zlib.crc32(content[:-_CRC]) != int.from_bytes(content[-_CRC:], "little"):
-        raise LogCorruptError("an attachment was changed")
-    data: bytes = Attachment.read(ReadDataStream(BytesIO(content))).data
-    return data
 
 
 def chunk_messages(chunk: Chunk, channels: dict[int, str]) -> Iterator[tuple[str, bytes]]:

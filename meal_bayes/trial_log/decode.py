@@ -1,11 +1,12 @@
 """Message bytes -> trials or outcomes; what does not fit together is refused."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.records import Attachment, Chunk, Header, McapRecord
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
@@ -14,11 +15,11 @@ from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.compact import decode_outcomes
-from meal_bayes.trial_log.encode import judgment
-from meal_bayes.trial_log.ending import End
+from meal_bayes.trial_log.container import FAULTS, chunk_messages
+from meal_bayes.trial_log.encode import End, judgment
 from meal_bayes.trial_log.shapes import misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
+from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
 
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
@@ -32,21 +33,46 @@ class _Known(NamedTuple):
 
 @dataclass
 class TrialBuilder:
-    """Assembles trials from the messages of a file, and counts what they hold."""
+    """Assembles trials from the records of a file, and counts what they hold."""
 
+    limit: float = np.inf  # bytes that all chunks may unpack to
+    form: str = schema.FULL
     header: dict[str, object] | None = None
     read: End = End()  # noqa: RUF009  immutable
+    _end: End | None = None  # as the writer counted
+    _channels: dict[int, str] = field(default_factory=dict)
     _next: int = 0  # number of the next trial
     _momdps: dict[int, _Known] = field(default_factory=dict)
     _open: list[bytes] = field(default_factory=list)  # start and steps of the trial under way
-    _size: int = 0  # their bytes
+
+    def records(self, record: McapRecord) -> Iterator[Trial | TrialOutcomes]:
+        """Read the next record; yield the trials, or the outcomes, that it completes."""
+        if isinstance(record, Header):
+            self.form = form_of(record)
+            # Without its first chunk the others still mean what this format says.
+            names = (topic for topic, _, _ in schema.channels(self.form))
+            self._channels = dict(enumerate(names, start=1))
+        elif isinstance(record, Attachment) and record.name == schema.END:
+            self._end = decode_end(record.data)
+        elif isinstance(record, Chunk):
+            try:
+                self.limit -= record.uncompressed_size
+                if self.limit < 0:
+                    raise LogCorruptError("it unpacks to far more than a log of its size holds")
+                for topic, data in chunk_messages(record, self._channels):
+                    entry = self.add(topic, data)
+                    if entry is not None:
+                        yield entry
+            except FAULTS:
+                self._open = []
+                raise
 
     def add(self, topic: str, data: bytes) -> Trial | TrialOutcomes | None:
         """Add the next message; return the trial, or the outcomes, that it completes."""
         if topic == schema.RUN:
             self.header = decode_header(data)
         elif topic == schema.MOMDPS:
-            message = _parse(schema.MomdpMessage, data)
+            message = schema.MomdpMessage.FromString(data)
             self._momdps[message.id] = _Known(*_momdp(message), len(data))
             schema.forget_oldest(self._momdps)
         elif topic in (schema.TRIAL, schema.STEP):
@@ -55,67 +81,118 @@ class TrialBuilder:
                     "a trial has no outcome" if self._open else "a step has no trial"
                 )
             self._open.append(data)
-            self._size += len(data)
-            if self._size > schema.TRIAL_LIMIT:
+            if sum(map(len, self._open)) > schema.TRIAL_LIMIT:
                 raise LogCorruptError(f"a trial is longer than {schema.TRIAL_LIMIT} bytes")
         elif topic in (schema.OUTCOME, schema.OUTCOMES):
-            first, found = self._finish(data) if topic == schema.OUTCOME else decode_outcomes(data)
+            entry: Trial | TrialOutcomes
+            first, entry = self._finish(data) if topic == schema.OUTCOME else decode_outcomes(data)
             if first < self._next:
                 raise LogCorruptError(f"trial {first} is there twice, or not in order")
-            self.read = self.read.after(found)
-            self._next = first + (1 if topic == schema.OUTCOME else len(found))  # type: ignore[arg-type]
-            return found
+            self.read = self.read.after(entry)
+            self._next = first + (1 if isinstance(entry, Trial) else len(entry))
+            return entry
         return None
 
-    def check_end(self, end: End | None) -> None:
+    def check_end(self) -> None:
         """Compare with what the writer counted when it had written the last trial."""
+        if self.header is None:
+            raise LogCorruptError("the header of the run is missing")
         if self._open:
             steps = len(self._open) - 1
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
-        if end is None:
+        if self._end is None:
             raise LogCorruptError("the closing record of the writer is missing")
-        if self.read != end:
+        if self.read != self._end:
             raise LogCorruptError(
-                f"the trials are not those that were written ({self.read}, {end})"
+                f"the trials are not those that were written ({self.read}, {self._end})"
             )
 
     def unfinished(self) -> Trial | None:
         """Return the trial under way as far as it went, with `ended`; None where there is none."""
         if not self._open:
             return None
-        start, *steps = self._open
-        begin = _parse(schema.TrialMessage, start)
-        known = self._known_of(begin)
-        outcome = schema.OutcomeMessage(trial=begin.trial, steps=len(steps), ended=UNFINISHED)
-        return _trial(begin, [_parse(schema.StepMessage, step) for step in steps], outcome, known)
-
-    def _known_of(self, begin: Any) -> _Known:
-        known = self._momdps.get(begin.momdp)
-        if known is None:
-            raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        return known
-
-    def drop(self) -> None:
-        """Forget the trial under way."""
-        self._open, self._size = [], 0
+        return self._trial(schema.OutcomeMessage(ended=UNFINISHED))
 
     def _finish(self, data: bytes) -> tuple[int, Trial]:
         if not self._open:
             raise LogCorruptError("an outcome has no trial")
-        start, *steps = self._open
-        self.drop()
-        begin, outcome = _parse(schema.TrialMessage, start), _parse(schema.OutcomeMessage, data)
-        known = self._known_of(begin)
-        if (len(steps), begin.trial) != (outcome.steps, outcome.trial):
-            raise LogCorruptError(f"trial {begin.trial} has {len(steps)} steps, not all of them")
-        messages = (_parse(schema.StepMessage, step) for step in steps)
-        trial = _trial(begin, messages, outcome, known)
-        found = (judgment(trial), trial.cost, trial.reward)
-        if not np.array_equal(
-            found, (outcome.success, outcome.cost, outcome.reward), equal_nan=True
-        ):
-            raise LogCorruptError(f"the outcome of trial {begin.trial} is not that of its steps")
-        return begin.trial, trial
+        outcome = schema.OutcomeMessage.FromString(data)
+        number, steps = schema.TrialMessage.FromString(self._open[0]).trial, len(self._open) - 1
+        if (steps, number) != (outcome.steps, outcome.trial):
+            raise LogCorruptError(f"trial {number} has {steps} steps, not all of them")
+        trial = self._trial(outcome)
+        self._open = []
+        written = (outcome.success, outcome.cost, outcome.reward)
+        computed = (judgment(trial), trial.cost, trial.reward)
+        if not np.array_equal(computed, written, equal_nan=True):
+            raise LogCorruptError(f"the outcome of trial {number} is not that of its steps")
+        return number, trial
+
+    def _trial(self, outcome: Any) -> Trial:
+        """Read the trial under way."""
+        begin = schema.TrialMessage.FromString(self._open[0])
+        if begin.momdp not in self._momdps:
+            raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
+        momdp, row_counts, _ = self._momdps[begin.momdp]
+        counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
+        if counts.size * len(self._open) > schema.COUNT_LIMIT:
+            raise LogCorruptError(
+                f"trial {begin.trial} counts more than {schema.COUNT_LIMIT} percepts"
+            )
+        key = read_json(begin.key)
+        if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
+            raise LogCorruptError(
+                f"a trial's key is {begin.key[:40]!r}, expected names and numbers"
+            )
+        first = belief = _belief(begin, counts, momdp)
+        steps, edges = list[Step](), 0
+        for index, message in enumerate(map(schema.StepMessage.FromString, self._open[1:])):
+            if (message.trial, message.step) != (begin.trial, index):
+                raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
+            edges += len(message.tree_level)
+            if edges > schema.EDGE_LIMIT:
+                raise LogCorruptError(
+                    f"trial {begin.trial} has more than {schema.EDGE_LIMIT} tree edges"
+                )
+            steps.append(_step(message, momdp, belief))
+            belief = steps[-1].belief
+        trial = Trial(
+            task=Task(
+                name=begin.name,
+                query=replace(momdp.query, attributes=tuple(begin.attributes)),
+                object_index=begin.object_index,
+                object_name=begin.object_name,
+                key=tuple(key),
+            ),
+            agent=begin.agent,
+            momdp=momdp,
+            first_belief=first,
+            steps=tuple(steps),
+            truth=np.array(list(begin.truth), dtype=np.int8),
+            report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
+            ended=outcome.ended,
+            counts=row_counts,
+        )
+        for problem in misfits(trial):
+            raise LogCorruptError(f"trial {begin.trial}: {problem}")
+        return trial
+
+
+def form_of(header: Header) -> str:
+    """Return the form that the header record of a file names."""
+    for form, profile in schema.PROFILES.items():
+        if header.profile == profile:
+            return form
+    raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
+
+
+def decode_end(data: bytes) -> End:
+    """Read the closing record."""
+    facts = read_json(data)
+    types = {"trials": int, "steps": int, "cost": float}
+    if not isinstance(facts, dict) or {name: type(v) for name, v in facts.items()} != types:
+        raise LogCorruptError("the closing record holds no counts")
+    return End(**facts)
 
 
 def decode_header(data: bytes) -> dict[str, object]:
@@ -126,7 +203,7 @@ def decode_header(data: bytes) -> dict[str, object]:
     LogVersionError
         The file was written in another format version.
     """
-    message = _parse(schema.RunMessage, data)
+    message = schema.RunMessage.FromString(data)
     header = read_json(message.header)
     if not isinstance(header, dict):
         raise LogCorruptError("the header is no table of names and values")
@@ -143,10 +220,26 @@ def decode_header(data: bytes) -> dict[str, object]:
     return header
 
 
-def _parse(kind: Any, data: bytes) -> Any:
-    message = kind()
-    message.ParseFromString(data)
-    return message
+def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
+    """Read outcomes, and the number of their first trial in the file."""
+    message = schema.OutcomesMessage.FromString(data)
+    size = {"n": message.trials, "q": message.queried, "e": len(message.behaviors)}
+    if min(message.first, *size.values()) < 0 or max(size["q"], size["e"]) > schema.NAME_LIMIT:
+        raise LogCorruptError(f"outcomes {message.first} of sizes {size}")
+    columns: dict[str, Any] = {
+        name: _array(
+            getattr(message, name),
+            [size[letter] for letter in shape],
+            np.float64 if name in REALS else np.int64,
+        )
+        for name, shape in (TEXTS | INTEGERS | REALS).items()
+    }
+    texts = np.array(message.texts, object)
+    for name in TEXTS:
+        if columns[name].size and not 0 <= columns[name].min() <= columns[name].max() < len(texts):
+            raise LogCorruptError(f"outcomes name a text that is not there ({name})")
+        columns[name] = texts[columns[name]]
+    return message.first, TrialOutcomes(tuple(message.behaviors), **columns)
 
 
 def _array(values: Iterable[Any], shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
@@ -161,7 +254,6 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
     classes = _array(message.latent_classes, (n, 2, -1))
-    c = classes.shape[2]
     of_group = list(message.group) or [0] * n
     if len(of_group) != n:
         raise LogCorruptError(f"a MOMDP has {len(of_group)} group numbers, expected {n}")
@@ -176,8 +268,8 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         transition=_array(message.transition, (e, x, x)),
         observation_probability=_array(message.observation_probability, (e, x, x)),
         legal=_array(message.legal, (x, e), np.bool_),
-        confusion=_array(message.confusion, (n, e, c, -1)),
-        precision=_array(message.precision, (n, e, c)),
+        confusion=_array(message.confusion, (n, e, classes.shape[2], -1)),
+        precision=_array(message.precision, (n, e, classes.shape[2])),
         prior=_array(message.prior, (n,)),
         cost=_array(message.cost, (e,)),
         correct=message.correct,
@@ -189,48 +281,6 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         abstain=message.abstain,
     )
     return momdp, counts
-
-
-def _trial(begin: Any, messages: Iterable[Any], outcome: Any, known: _Known) -> Trial:
-    momdp = known.momdp
-    nothing = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-    if nothing.size * (1 + outcome.steps) > schema.COUNT_LIMIT:
-        raise LogCorruptError(f"trial {begin.trial} counts more than {schema.COUNT_LIMIT} percepts")
-    key = read_json(begin.key)
-    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
-        raise LogCorruptError(f"a trial's key is {begin.key[:40]!r}, expected names and numbers")
-    belief = _belief(begin, nothing, momdp)
-    first, steps, edges = belief, list[Step](), 0
-    for index, message in enumerate(messages):
-        if (message.trial, message.step) != (begin.trial, index):
-            raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
-        edges += len(message.tree_level)
-        if edges > schema.EDGE_LIMIT:
-            raise LogCorruptError(
-                f"trial {begin.trial} has more than {schema.EDGE_LIMIT} tree edges"
-            )
-        steps.append(_step(message, momdp, belief))
-        belief = steps[-1].belief
-    trial = Trial(
-        task=Task(
-            name=begin.name,
-            query=replace(momdp.query, attributes=tuple(begin.attributes)),
-            object_index=begin.object_index,
-            object_name=begin.object_name,
-            key=tuple(key),
-        ),
-        agent=begin.agent,
-        momdp=momdp,
-        first_belief=first,
-        steps=tuple(steps),
-        truth=np.array(list(begin.truth), dtype=np.int8),
-        report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
-        ended=outcome.ended,
-        counts=known.counts,
-    )
-    for problem in misfits(trial):
-        raise LogCorruptError(f"trial {begin.trial}: {problem}")
-    return trial
 
 
 def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:

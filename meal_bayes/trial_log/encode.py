@@ -1,5 +1,9 @@
-"""Trial -> message bytes: one start, the steps with a line of text each, one outcome."""
+"""Trial -> message bytes: one start, the steps with a line of text each, one outcome.
 
+In the compact form, columns of many trials are one message.
+"""
+
+import math
 from collections.abc import Iterator
 from itertools import chain
 from typing import Any, NamedTuple
@@ -7,14 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import Query
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
 from meal_bayes.planners import TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.shapes import report_misfits, start_misfits, step_misfits
-from meal_bayes.trials import Step, Trial, task_key
+from meal_bayes.trials import Step, Trial, TrialOutcomes, task_key
+from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
@@ -32,13 +36,28 @@ class Packed(NamedTuple):
     data: bytes
 
 
+class End(NamedTuple):
+    """The closing record: contents of a file, as its writer counted them."""
+
+    trials: int = 0
+    steps: int = 0
+    cost: float = 0.0  # s, of all trials
+
+    def after(self, added: Trial | TrialOutcomes) -> "End":
+        """Count what comes next."""
+        if isinstance(added, Trial):
+            return End(self.trials + 1, self.steps + len(added.steps), self.cost + added.cost)
+        steps, cost = int(added.steps.sum()), math.fsum(added.cost.tolist())
+        return End(self.trials + len(added), self.steps + steps, self.cost + cost)
+
+
 def encode_momdp(trial: Trial) -> bytes:
     """Pack a trial's MOMDP and the counts behind it, without its number in the file."""
-    momdp = trial.momdp
-    fields = {name: getattr(momdp, name).ravel().tolist() for name in _ARRAYS}
+    momdp, query = trial.momdp, trial.momdp.query
+    number_of = {i: number for number, group in enumerate(query.groups, start=1) for i in group}
     return _bytes(
         schema.MomdpMessage(
-            attributes=momdp.query.attributes,
+            attributes=query.attributes,
             x_names=momdp.x_names,
             behavior_names=momdp.behavior_names,
             start=momdp.start,
@@ -46,20 +65,11 @@ def encode_momdp(trial: Trial) -> bytes:
             incorrect=momdp.incorrect,
             discount=momdp.discount,
             abstain=momdp.abstain,
-            row_counts=() if trial.counts is None else trial.counts.ravel().tolist(),
-            group=_groups(momdp.query),
-            **fields,
+            row_counts=_values(trial.counts),
+            group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
+            **{name: _values(getattr(momdp, name)) for name in _ARRAYS},
         )
     )
-
-
-def _groups(query: Query) -> list[int]:
-    """Return the number of each attribute's group from 1, 0 of one without; nothing without any."""
-    numbers = [0] * len(query)
-    for number, group in enumerate(query.groups, start=1):
-        for place in group:
-            numbers[place] = number
-    return numbers if query.groups else []
 
 
 def numbered(number: int, momdp: bytes) -> bytes:
@@ -68,15 +78,33 @@ def numbered(number: int, momdp: bytes) -> bytes:
     return prefix + momdp
 
 
+def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
+    """Pack outcomes; `first` is the number of their first trial in the file."""
+    places: dict[str, int] = {}
+    columns: dict[str, Any] = {
+        name: [places.setdefault(text, len(places)) for text in getattr(outcomes, name).flat]
+        for name in TEXTS
+    }
+    columns |= {name: _values(getattr(outcomes, name)) for name in INTEGERS | REALS}
+    return _bytes(
+        schema.OutcomesMessage(
+            first=first,
+            trials=len(outcomes),
+            queried=outcomes.attribute.shape[1],
+            texts=list(places),
+            behaviors=outcomes.behaviors,
+            **columns,
+        )
+    )
+
+
 class TrialEncoder:
     """Packs one trial: its start, its steps one by one, its outcome.
 
     Parameters
     ----------
-    number : int
-        Of the trial in the file.
-    momdp : int
-        Number of its MOMDP in the file.
+    number, momdp : int
+        Of the trial, and of its MOMDP, in the file.
 
     Raises
     ------
@@ -173,18 +201,17 @@ class TrialEncoder:
         self, misfits: Iterator[str], belief: Belief | None = None, momdp: MOMDP | None = None
     ) -> None:
         """Raise the first misfit, or what is beyond the limits or no reader would compute."""
-        problems = list(misfits)
+        problem = next(misfits, "")
         if self._edges > schema.EDGE_LIMIT:
-            problems += [f"its search trees have more than {schema.EDGE_LIMIT} edges"]
-        if belief is not None and momdp is not None and not problems:
+            problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
+        if belief is not None and momdp is not None and not problem:
             if (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
-                problems += [f"its beliefs count more than {schema.COUNT_LIMIT} percepts"]
-            if not np.array_equal(
-                belief.log_odds, log_odds(momdp, belief.log_prob), equal_nan=True
-            ):
-                problems += ["a belief has other log-odds than its log-probabilities make"]
-        if problems:
-            raise LogError(f"Trial {self._number} cannot be logged: {problems[0]}.")
+                problem = f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
+            computed = log_odds(momdp, belief.log_prob)
+            if not np.array_equal(belief.log_odds, computed, equal_nan=True):
+                problem = "a belief has other log-odds than its log-probabilities make"
+        if problem:
+            raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
 
     def _packed(self, *messages: tuple[str, int, Any]) -> list[Packed]:
         """Pack messages, each given with its topic and the number of its step on the clock."""
@@ -207,12 +234,12 @@ class TrialEncoder:
         names, positive = momdp.query.attributes[:_SHOWN], step.belief.positive.tolist()
         belief = ", ".join(f"{name} {p:.3f}" for name, p in zip(names, positive, strict=False))
         more = ", ..." if len(positive) > _SHOWN else ""
-        text = (
+        warning = f"; {step.warning}" if step.warning else ""
+        return (
             f"trial {self._number} step {index}: {momdp.action_name(step.decision.action)}, "
             f"{momdp.x_names[step.x]} -> {momdp.x_names[step.next_x]}, {step.cost:g} s, "
-            f"percept {percept}, belief {belief}{more}, reward {step.reward:g}"
+            f"percept {percept}, belief {belief}{more}, reward {step.reward:g}{warning}"
         )
-        return text + (f"; {step.warning}" if step.warning else "")
 
 
 def _bytes(message: Any) -> bytes:
@@ -220,7 +247,7 @@ def _bytes(message: Any) -> bytes:
     if len(data) > schema.MESSAGE_LIMIT:
         raise LogError(
             f"A {type(message).__name__} message takes {len(data)} bytes; a log holds at most "
-            f"{schema.MESSAGE_LIMIT} in one message (log fewer edges of the search tree)."
+            f"{schema.MESSAGE_LIMIT} in one (ask fewer attributes, or log fewer tree edges)."
         )
     return data
 
@@ -232,9 +259,9 @@ def _values(array: NDArray[Any] | None) -> list[Any]:
 def _belief(belief: Belief, *, replayed: bool) -> dict[str, Any]:
     return {
         "belief_x": belief.x,
-        "log_prob": belief.log_prob.ravel().tolist(),
+        "log_prob": _values(belief.log_prob),
         "positive": belief.positive.tolist(),
-        "percept_counts": [] if replayed else belief.percept_counts.ravel().tolist(),
+        "percept_counts": [] if replayed else _values(belief.percept_counts),
     }
 
 

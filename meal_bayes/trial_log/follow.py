@@ -4,16 +4,14 @@ import contextlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
-from mcap.records import Chunk, DataEnd, Header
+from mcap.records import DataEnd
 
 from meal_bayes.errors import LogError, LogVersionError
-from meal_bayes.trial_log.container import FAULTS, TORN, chunk_messages, fault_text, read_records
+from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.logs import outcome_digests, run_digest
 from meal_bayes.trial_log.names import log_files, stem_of
-from meal_bayes.trial_log.reader import form_of
 from meal_bayes.trial_log.schema import FULL, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -42,7 +40,7 @@ class Follower:
     @property
     def finished(self) -> bool:
         """Whether every file that was found has ended."""
-        return bool(self._tails) and all(tail.done for tail in self._tails.values())
+        return bool(self._tails) and all(tail.file.closed for tail in self._tails.values())
 
     def poll(self) -> Iterator[Trial]:
         """Yield the whole trials that have come since the last call."""
@@ -50,11 +48,11 @@ class Follower:
             files = log_files(self.path)
         except LogError:  # not there yet, or not any more: what was opened is still read
             files = []
-        for file in files:
+        for path in files:
             with contextlib.suppress(FileNotFoundError):  # it got its name since
-                state = file.stat()
+                state = path.stat()
                 if (state.st_dev, state.st_ino) not in self._tails:
-                    self._tails[state.st_dev, state.st_ino] = _Tail(file)
+                    self._tails[state.st_dev, state.st_ino] = _Tail(path)
         for tail in self._tails.values():
             try:
                 for trial in tail.poll():
@@ -63,50 +61,39 @@ class Follower:
                     if self._seen.setdefault(identity, tail) is tail:
                         yield trial
             except LogVersionError as fault:
-                tail.close()
+                tail.file.close()
                 raise LogVersionError(f"{tail.name} was {fault}.") from fault
             except FAULTS as fault:
-                tail.close()
+                tail.file.close()
                 self.problems.append(f"{tail.name}: {fault_text(fault)}")
 
     def close(self) -> None:
         """Close all files."""
         for tail in self._tails.values():
-            tail.close()
+            tail.file.close()
 
 
 class _Tail:
-    """One file that grows."""
+    """One file that grows; it is closed when it has ended."""
 
     def __init__(self, path: Path) -> None:
         self.name = path.with_name(f"{stem_of(path)}{SUFFIX}")  # the one that is meant
-        self.builder = TrialBuilder()
-        self.done = False
-        self._file: BinaryIO = path.open("rb")
-        self._channels: dict[int, str] = {}
+        self.builder, self.file = TrialBuilder(), path.open("rb")
         self._at = 0  # behind the last whole record
-
-    def close(self) -> None:
-        self.done = True
-        self._file.close()
 
     def poll(self) -> Iterator[Trial]:
         """Yield the trials of the records that are whole by now."""
-        if self.done:
+        if self.file.closed:
             return
-        self._file.seek(self._at)
+        self.file.seek(self._at)
         try:
-            for record in read_records(self._file, begin=self._at):
-                self._at = self._file.tell()
-                if isinstance(record, Header) and form_of(record) != FULL:
-                    return self.close()  # without steps there is nothing to follow
-                if isinstance(record, Chunk):
-                    for topic, data in chunk_messages(record, self._channels):
-                        trial = self.builder.add(topic, data)
-                        if isinstance(trial, Trial):
-                            yield trial
-                elif isinstance(record, DataEnd):
-                    return self.close()
+            for record in read_records(self.file, begin=self._at):
+                self._at = self.file.tell()
+                for entry in self.builder.records(record):
+                    if isinstance(entry, Trial):
+                        yield entry
+                if isinstance(record, DataEnd) or self.builder.form != FULL:
+                    return self.file.close()  # without steps there is nothing to follow
         except TORN:
-            if not os.fstat(self._file.fileno()).st_nlink:  # a draft that was given up
-                self.close()
+            if not os.fstat(self.file.fileno()).st_nlink:  # a draft that was given up
+                self.file.close()

@@ -6,26 +6,17 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, ClassVar, Self, TextIO
+from typing import Any, BinaryIO, Self, TextIO
 
 import numpy as np
 from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import replace_whole
-from meal_bayes.trial_log.encode import Packed
-from meal_bayes.trial_log.ending import End
+from meal_bayes.trial_log import schema
+from meal_bayes.trial_log.encode import End, Packed
 from meal_bayes.trial_log.names import new_draft, timing_of
-from meal_bayes.trial_log.schema import (
-    END,
-    FORMAT_VERSION,
-    PROFILES,
-    RUN,
-    SUFFIX,
-    RunMessage,
-    channels,
-)
+from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.untrusted import read_json
 from meal_bayes.version import package_version
 
@@ -43,12 +34,14 @@ class LogFile:
         Ends in .mcap; missing folders are made, a file of that name is replaced.
     header : Mapping[str, object]
         What the run was, in JSON values: config, seed, git. `versions` is filled in.
+    form : str
+        "full" or "compact".
     """
 
-    form: ClassVar[str]
-
-    def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
-        self.path = Path(path)
+    def __init__(
+        self, path: str | Path, header: Mapping[str, object], form: str = schema.FULL
+    ) -> None:
+        self.path, self._form = Path(path), form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
         self.active_path = new_draft(self.path)  # its name while it is being written
@@ -62,11 +55,6 @@ class LogFile:
         self.begun = False  # a trial was begun and has no end yet
         self._torn = False  # a write was broken off: what follows could not be read
 
-    @property
-    def timing_path(self) -> Path:
-        """The table of seconds."""
-        return timing_of(self.path)
-
     def __enter__(self) -> Self:
         with self._faults_named():
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -74,22 +62,17 @@ class LogFile:
                 raise OSError(f"{self.path} is no file")
             self._file = self.active_path.open("xb")
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
-            self._mcap.start(profile=PROFILES[self.form])
+            self._mcap.start(profile=schema.PROFILES[self._form])
             self._channels = {
                 topic: self._mcap.register_channel(
                     topic, "protobuf", self._mcap.register_schema(name, "protobuf", data)
                 )
-                for topic, name, data in channels(self.form)
+                for topic, name, data in schema.channels(self._form)
             }
             self._describe()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._file is None:
             return
         whole = kind is None and not self._torn and not self.begun
@@ -98,20 +81,16 @@ class LogFile:
             stack.enter_context(self._file)
             stack.callback(lambda: self._timing is None or self._timing.close())
             if whole:
-                self.flush()
                 end = _json(self.written._asdict()).encode()
-                self._mcap.add_attachment(0, 0, END, "application/json", end)
+                self._mcap.add_attachment(0, 0, schema.END, "application/json", end)
                 self._mcap.finish()
         if whole:
             with self._faults_named():
                 if self._timing is None:
-                    self.timing_path.unlink(missing_ok=True)
+                    timing_of(self.path).unlink(missing_ok=True)
                 else:
-                    replace_whole(timing_of(self.active_path), self.timing_path)
+                    replace_whole(timing_of(self.active_path), timing_of(self.path))
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
-
-    def flush(self) -> None:
-        """Write what is waiting."""
 
     def put(
         self, packed: list[Packed], *, seconds: Sequence[float | None] = (), sync: bool = False
@@ -141,14 +120,6 @@ class LogFile:
             raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
 
     @contextlib.contextmanager
-    def trial_named(self, number: int) -> Iterator[None]:
-        """Turn the errors of a trial that no message can hold into ours, with its number."""
-        try:
-            yield
-        except (SettingsError, TypeError, ValueError, OverflowError) as fault:
-            raise LogError(f"Trial {number} cannot be logged: {fault}.") from fault
-
-    @contextlib.contextmanager
     def _faults_named(self) -> Iterator[None]:
         """Turn the system's errors into ours, which name the file."""
         try:
@@ -168,8 +139,8 @@ class LogFile:
         self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
         config = _json(self.header.get("config", self.header))
         self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
-        run = RunMessage(format_version=FORMAT_VERSION, header=self._text)
-        self._add(Packed(RUN, 0, run.SerializeToString()))
+        run = schema.RunMessage(format_version=FORMAT_VERSION, header=self._text)
+        self._add(Packed(schema.RUN, 0, run.SerializeToString()))
         self._mcap.flush()
 
     def _add(self, message: Packed) -> None:

@@ -49,8 +49,8 @@ class Logs:
     """
 
     def __init__(self, *paths: str | Path) -> None:
-        found = {file.resolve(): file for path in paths for file in log_files(path)}
-        self.files: Sequence[Path] = list(found.values())
+        files = {file.resolve(): file for path in paths for file in log_files(path)}
+        self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
 
     @property
@@ -93,19 +93,19 @@ class Logs:
         LogVersionError
             A file of another format version.
         """
-        found, compact = False, list[Path]()
+        full, compact = False, list[Path]()
         for group in self.groups():
-            found = found or bool(group.trials)
             yield from group.trials
-            if not group.trials and group.file not in compact:
+            if group.trials:
+                full = True
+            elif group.file not in compact:
                 compact.append(group.file)
-        if compact and not found:
+        if compact and not full:
             raise LogError(without_steps(compact[0]))
         if compact:
-            self.problems.append(
-                f"{len(compact)} compact logs, such as {compact[0]}, have no steps"
-            )
-        if not found:
+            such = f"{len(compact)} compact logs, such as {compact[0]}"
+            self.problems.append(f"{such}, have no steps")
+        elif not full:
             self.complain_of_nothing()
 
     def complain_of_nothing(self) -> None:
@@ -116,16 +116,16 @@ class Logs:
 
     def _check_data_sets(self) -> None:
         """Check that the files are of one data set, as objects are known by their numbers."""
-        found: dict[str, Path] = {}
+        first: dict[str, Path] = {}
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")
             name = config.get("dataset") if isinstance(config, dict) else None
             name = name or header.get("data")
             if isinstance(name, str):
-                found.setdefault(name, file)
-        if len(found) > 1:
-            named = ", ".join(f"{name} (such as {file})" for name, file in found.items())
-            raise LogError(f"These logs are of {len(found)} data sets: {named}; name one's logs.")
+                first.setdefault(name, file)
+        if len(first) > 1:
+            named = ", ".join(f"{name} (such as {file})" for name, file in first.items())
+            raise LogError(f"These logs are of {len(first)} data sets: {named}; name one's logs.")
 
     def _read(
         self, file: Path, header: dict[str, object], seen: dict[bytes, tuple[bytes, Path]]
@@ -135,7 +135,7 @@ class Logs:
         settled = "config" in header  # then equal tasks make equal trials
         times = Counter[bytes]()  # a file may hold equal trials, which are different ones
         for place, outcomes, trials in grouped(scan):
-            new = []
+            new = list[int]()
             for row, (task, content) in enumerate(outcome_digests(outcomes)):
                 identity = run + (task if settled else content)
                 times[identity] += 1
@@ -150,9 +150,9 @@ class Logs:
                 if held[1] is file:
                     new.append(row)
             if new:
-                own = outcomes.rows(new) if len(new) < len(outcomes) else outcomes
-                kept = tuple(trials[row] for row in new if trials)
-                yield Group(header, file, tuple(place + row for row in new), own, kept)
+                unseen = outcomes.rows(new) if len(new) < len(outcomes) else outcomes
+                places = tuple(place + row for row in new)
+                yield Group(header, file, places, unseen, tuple(trials[i] for i in new if trials))
         if file.name.endswith(ACTIVE):
             why = f" ({scan.problems[0]})" if scan.problems else ""
             self.problems.append(f"{file} was not finished by its writer{why}")

@@ -5,6 +5,7 @@ A log that is being written is a draft of a unique name, such as `run.w4711-a3f9
 called `run.mcap.active`.
 """
 
+import contextlib
 import os
 import re
 import secrets
@@ -13,7 +14,6 @@ from pathlib import Path
 from meal_bayes.errors import LogError
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
-TIMING = ".timing.csv"
 _RECOVERED = ".recovered"
 _DRAFT = r"\.w\d+-[0-9a-f]{6}"
 _ENDINGS = re.compile(rf"({_DRAFT})?({re.escape(_RECOVERED)})?$")
@@ -26,7 +26,7 @@ def new_draft(path: Path) -> Path:
 
 def timing_of(path: Path) -> Path:
     """Name the table of seconds beside a log or a draft."""
-    return path.with_name(_bare(path.name) + TIMING)
+    return path.with_name(f"{_bare(path)}.timing.csv")
 
 
 def recovered_name(path: Path) -> Path:
@@ -40,46 +40,26 @@ def stem_of(path: Path) -> str:
     >>> stem_of(Path("run.mcap")), stem_of(Path("run.w4711-a3f9c2.mcap.active"))
     ('run', 'run')
     """
-    return _ENDINGS.sub("", _bare(path.name), count=1)
-
-
-def is_log(path: Path) -> bool:
-    """Return whether a name is that of a log or a draft."""
-    return path.name.endswith((SUFFIX, SUFFIX + ACTIVE))
-
-
-def is_recovered(path: Path) -> bool:
-    """Return whether a name is that of a recovered file."""
-    return path.name.endswith(_RECOVERED + SUFFIX)
+    return _ENDINGS.sub("", _bare(path), count=1)
 
 
 def drafts_of(path: Path) -> list[Path]:
     """Find the drafts of a log, the newest first."""
     name = re.compile(rf"{re.escape(path.stem)}({_DRAFT})?{re.escape(SUFFIX + ACTIVE)}")
-    if not path.parent.is_dir():
-        return []
-    found = [file for file in path.parent.iterdir() if name.fullmatch(file.name)]
-    return sorted(found, key=_age)
+    drafts = dict[Path, float]()
+    for file in path.parent.iterdir() if path.parent.is_dir() else ():
+        if name.fullmatch(file.name):
+            with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
+                drafts[file] = -file.stat().st_mtime
+    return sorted(drafts, key=drafts.__getitem__)
 
 
 def remove_drafts(path: Path) -> None:
     """Remove the drafts of a log; no process may still be writing them."""
     for draft in drafts_of(path):
-        timing = timing_of(draft)
         draft.unlink(missing_ok=True)
-        if timing != timing_of(path):
-            timing.unlink(missing_ok=True)
-
-
-def _bare(name: str) -> str:
-    return name.removesuffix(ACTIVE).removesuffix(SUFFIX)
-
-
-def _age(path: Path) -> float:
-    try:
-        return -path.stat().st_mtime
-    except FileNotFoundError:  # it has got its name meanwhile
-        return 0.0
+        if timing_of(draft) != timing_of(path):
+            timing_of(draft).unlink(missing_ok=True)
 
 
 def log_files(path: str | Path) -> list[Path]:
@@ -94,17 +74,26 @@ def log_files(path: str | Path) -> list[Path]:
         There is no such file or folder, or it holds no log.
     """
     path = Path(path)
-    if path.is_dir():
-        found = sorted(file for file in path.rglob("*") if is_log(file) and file.is_file())
-        if not found:
-            raise LogError(f"{path} holds no log (*{SUFFIX}).")
-        sources = {file.with_name(stem_of(file)) for file in found if not is_recovered(file)}
-        return [
-            file
-            for file in found
-            if not (is_recovered(file) and file.with_name(stem_of(file)) in sources)
-        ]
-    for one in (path, *drafts_of(path)):
-        if one.is_file():
-            return [one]
-    raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
+    if not path.is_dir():
+        for file in (path, *drafts_of(path)):
+            if file.is_file():
+                return [file]
+        raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
+    logs = [
+        file
+        for file in sorted(path.rglob("*"))
+        if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file()
+    ]
+    if not logs:
+        raise LogError(f"{path} holds no log (*{SUFFIX}).")
+    recovered = {file for file in logs if file.name.endswith(_RECOVERED + SUFFIX)}
+    sources = {file.with_name(stem_of(file)) for file in logs if file not in recovered}
+    return [
+        file
+        for file in logs
+        if file not in recovered or file.with_name(stem_of(file)) not in sources
+    ]
+
+
+def _bare(path: Path) -> str:
+    return path.name.removesuffix(ACTIVE).removesuffix(SUFFIX)

@@ -8,21 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Attachment, Chunk, Header, McapRecord
+from mcap.records import Attachment, Channel, Chunk, Header, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.container import (
-    FAULTS,
-    chunk_messages,
-    fault_text,
-    read_attachment,
-    read_records,
-    read_summary,
-)
-from meal_bayes.trial_log.decode import TrialBuilder, decode_header
-from meal_bayes.trial_log.ending import End
+from meal_bayes.trial_log.container import FAULTS, chunk_messages, fault_text, read_records
+from meal_bayes.trial_log.decode import TrialBuilder, decode_end, decode_header, form_of
 from meal_bayes.trial_log.names import drafts_of, log_files
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -80,12 +72,12 @@ def read_outcomes(path: str | Path) -> TrialOutcomes:
 def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...]]]:
     """Yield trials in groups: place of the first, their outcomes, and the trials of a full log."""
     place, waiting = 0, list[Trial]()
-    for found in scan.entries():
-        if isinstance(found, TrialOutcomes):
-            yield place, found, ()
-            place += len(found)
+    for entry in scan.entries():
+        if isinstance(entry, TrialOutcomes):
+            yield place, entry, ()
+            place += len(entry)
             continue
-        waiting.append(found)
+        waiting.append(entry)
         if len(waiting) == GROUP:
             yield place, TrialOutcomes.of(waiting), tuple(waiting)
             place, waiting = place + GROUP, []
@@ -100,92 +92,52 @@ def read_header(path: str | Path) -> dict[str, object]:
 
 
 def log_info(path: str | Path) -> LogInfo:
-    """Read what a whole log holds from its first and last records alone; errors as above."""
-    path = find_log(path)
+    """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
+    path, end = find_log(path), None
+    topics, counts = dict[int, str](), dict[int, int]()
     with opened(path) as file:
         form, header = _header(file)
-        summary = read_summary(file)
-        ends = [index for index in summary.attachment_indexes if index.name == schema.END]
-        if not ends or summary.statistics is None:
+        file.seek(0)
+        for record in read_records(file):
+            if isinstance(record, Attachment) and record.name == schema.END:
+                end = decode_end(record.data)
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Statistics):
+                counts = record.channel_message_counts
+        if end is None:
             raise LogCorruptError("the closing record of the writer is missing")
-        end = End.of_json(read_attachment(file, ends[-1].offset, ends[-1].length))
-        counts = summary.statistics.channel_message_counts
-        momdps = sum(
-            n for number, n in counts.items() if summary.channels[number].topic == schema.MOMDPS
-        )
-        size = os.fstat(file.fileno()).st_size
+        momdps = sum(n for number, n in counts.items() if topics[number] == schema.MOMDPS)
+    size = path.stat().st_size
     return LogInfo(
         path, size, schema.FORMAT_VERSION, form, **end._asdict(), momdps=momdps, header=header
     )
-
-
-def count_whole(path: str | Path) -> int:
-    """Count the trials of a log after a check of every byte, none decoded; errors as above."""
-    path = find_log(path)
-    with opened(path) as file:
-        for _ in read_records(file):
-            pass
-    return log_info(path).trials
 
 
 class Scan:
     """One reading of a file; a tolerant one notes the faults and goes on behind them."""
 
     def __init__(self, path: Path, *, tolerant: bool = False) -> None:
-        self.path = path
+        self.path, self._tolerant = path, tolerant
         self.problems: list[str] = []
         self.builder = TrialBuilder()
-        self._tolerant = tolerant
-        self.form = schema.FULL
-        self._channels: dict[int, str] = {}
-        self._end: End | None = None
-        self._unpacked = 0  # bytes of all chunks
 
     def entries(self) -> Iterator[Trial | TrialOutcomes]:
         """Yield every whole trial, or of a compact log the outcomes of many trials each."""
         with opened(self.path) as file:
-            limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
-            records = read_records(file)
-            while True:
-                record = None
-                with self._noting():
-                    record = next(records, None)
-                if record is None:
-                    break
-                with self._noting():
-                    yield from self._read(record, limit)
+            self.builder.limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
             with self._noting():
-                if self.builder.header is None:
-                    raise LogCorruptError("the header of the run is missing")
-                self.builder.check_end(self._end)
+                for record in read_records(file):
+                    with self._noting():
+                        yield from self.builder.records(record)
+            with self._noting():
+                self.builder.check_end()
 
     def unfinished(self) -> Trial | None:
         """Return the trial that was under way when the file ends, once all has been read."""
         with self._noting():
             return self.builder.unfinished()
         return None
-
-    def _read(self, record: McapRecord, limit: int) -> Iterator[Trial | TrialOutcomes]:
-        try:
-            if isinstance(record, Chunk):
-                self._unpacked += record.uncompressed_size
-                if self._unpacked > limit:
-                    raise LogCorruptError("it unpacks to far more than a log of its size holds")
-                for topic, data in chunk_messages(record, self._channels):
-                    entry = self.builder.add(topic, data)
-                    if entry is not None:
-                        yield entry
-            elif isinstance(record, Attachment):
-                self._end = End.of_json(record.data) if record.name == schema.END else self._end
-            elif isinstance(record, Header):
-                self.form = form_of(record)
-                if self._tolerant:
-                    # Without its first chunk the others still mean what this format says.
-                    names = (topic for topic, _, _ in schema.channels(self.form))
-                    self._channels = dict(enumerate(names, start=1))
-        except FAULTS:
-            self.builder.drop()
-            raise
 
     @contextlib.contextmanager
     def _noting(self) -> Iterator[None]:
@@ -221,14 +173,6 @@ def find_log(path: str | Path) -> Path:
     for draft in drafts_of(path):
         raise LogError(f"There is no {path}, but its unfinished {draft.name}; {_way_out(draft)}")
     raise LogError(f"There is no log {path}; expected the name of a {schema.SUFFIX} file.")
-
-
-def form_of(header: Header) -> str:
-    """Return the form that the header record of a file names."""
-    for form, profile in schema.PROFILES.items():
-        if header.profile == profile:
-            return form
-    raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
 
 
 def without_steps(path: Path) -> str:

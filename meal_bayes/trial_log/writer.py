@@ -2,16 +2,21 @@
 
 import hashlib
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.errors import LogError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.compact import encode_outcomes
-from meal_bayes.trial_log.encode import Packed, TrialEncoder, encode_momdp, numbered
+from meal_bayes.trial_log.encode import (
+    Packed,
+    TrialEncoder,
+    encode_momdp,
+    encode_outcomes,
+    numbered,
+)
 from meal_bayes.trial_log.log_file import LogFile
 from meal_bayes.trial_log.names import timing_of
 from meal_bayes.trials import Step, Trial, TrialOutcomes
@@ -33,8 +38,6 @@ class TrialWriter(LogFile):
     next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
     """
 
-    form = schema.FULL
-
     def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
         super().__init__(path, header)
         self._momdps = 0
@@ -51,43 +54,45 @@ class TrialWriter(LogFile):
             The trial's arrays do not fit each other, and the file stays as it was; or the disk is
             full, and the trials before stay in the draft.
         """
-        with self.trial_named(self.written.trials):
-            packed = self._place(trial) + self._encoder.whole(trial)
+        packed = self._pack(lambda: self._place(trial) + self._encoder.whole(trial))
         self.put(packed, seconds=[seconds])
         self._close(trial)
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
-        with self.trial_named(self.written.trials):
-            packed = self._place(trial) + self._encoder.begin(trial)
+        packed = self._pack(lambda: self._place(trial) + self._encoder.begin(trial))
         self.begun = True
         self.put(packed, sync=True)
 
     def step(self, step: Step) -> None:
         """Write the next step of the trial that was begun to disk."""
-        with self.trial_named(self.written.trials):
-            packed = self._encoder.step(step)
-        self.put(packed, sync=True)
+        self.put(self._pack(lambda: self._encoder.step(step)), sync=True)
 
     def end(self, trial: Trial) -> None:
         """Write the outcome of the trial that was begun to disk."""
-        with self.trial_named(self.written.trials):
-            packed = self._encoder.end(trial)
-        self.put(packed, sync=True)
+        self.put(self._pack(lambda: self._encoder.end(trial)), sync=True)
         self.begun = False
         self._close(trial)
+
+    def _pack(self, messages: Callable[[], list[Packed]]) -> list[Packed]:
+        """Turn the errors of a trial that no message can hold into ours, with its number."""
+        try:
+            return messages()
+        except (SettingsError, TypeError, ValueError, OverflowError) as fault:
+            trial = self.written.trials
+            raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault
 
     def _place(self, trial: Trial) -> list[Packed]:
         """Create the encoder of the next trial, and pack its MOMDP where that is new."""
         self.check_open()
         if self.begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
-        number, momdp = self.written.trials, b""
-        same = False
-        if self._last is not None:
-            same = np.array_equal(self._last.counts, trial.counts)  # type: ignore[arg-type]  # or None
-            same &= self._last.momdp is trial.momdp
-        if not same:
+        number, momdp, last = self.written.trials, b"", self._last
+        if (
+            last is None
+            or last.momdp is not trial.momdp
+            or not np.array_equal(last.counts, trial.counts)  # type: ignore[arg-type]  # or None
+        ):
             packed = encode_momdp(trial)
             self._content = hashlib.blake2b(packed, digest_size=16).digest()
             if self._content not in self._known:
@@ -107,56 +112,6 @@ class TrialWriter(LogFile):
             schema.forget_oldest(self._known)
 
 
-class OutcomeWriter(LogFile):
-    """Writes the outcomes of trials into one compact log; see `LogFile`.
-
-    Trials leave the process 250 at a time, as columns in one message; what is lost when it is
-    killed is less than that.
-    """
-
-    form = schema.COMPACT
-
-    def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
-        super().__init__(path, header)
-        self._waiting: list[TrialOutcomes] = []
-        self._seconds: list[float | None] = []
-
-    def write(self, trial: Trial, *, seconds: float | None = None) -> None:
-        """Append the outcome of one trial; parameters and errors as for `TrialWriter.write`."""
-        self.check_open()
-        with self.trial_named(self.written.trials + len(self._waiting)):
-            self._waiting.append(TrialOutcomes.of([trial]))
-        self._seconds.append(seconds)
-        if len(self._waiting) == ROWS:
-            self.flush()
-
-    def write_outcomes(
-        self, outcomes: TrialOutcomes, *, seconds: Sequence[float | None] = ()
-    ) -> None:
-        """Append outcomes, at once.
-
-        Raises
-        ------
-        LogError
-            The disk is full; or 250 trials do not fit in a message.
-        """
-        for begin in range(0, len(outcomes), ROWS):
-            part = outcomes.rows(slice(begin, begin + ROWS))
-            first = self.written.trials
-            data = encode_outcomes(part, first)
-            if len(data) > schema.MESSAGE_LIMIT:
-                raise LogError(f"{len(part)} outcomes take {len(data)} bytes: too many attributes.")
-            packed = [Packed(schema.OUTCOMES, schema.log_time(first, 0), data)]
-            self.put(packed, seconds=seconds[begin : begin + ROWS])
-            self.written = self.written.after(part)
-
-    def flush(self) -> None:
-        """Write the outcomes that are waiting."""
-        waiting, seconds = TrialOutcomes.join(self._waiting), self._seconds
-        self._waiting, self._seconds = [], []
-        self.write_outcomes(waiting, seconds=seconds)
-
-
 def write_trials(
     path: str | Path,
     trials: Iterable[Trial | TrialOutcomes],
@@ -169,22 +124,26 @@ def write_trials(
     Parameters
     ----------
     trials : Iterable[Trial | TrialOutcomes]
-        Whole ones make a full log, outcomes a compact one.
+        Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
-    found = iter(trials)
-    first = next(found, None)
-    known = itertools.chain(seconds, itertools.repeat(None))
-    if isinstance(first, TrialOutcomes):
-        with OutcomeWriter(path, header) as compact:
-            for part in itertools.chain([first], found):
-                assert isinstance(part, TrialOutcomes)
-                taken = tuple(itertools.islice(known, len(part)))
-                compact.write_outcomes(part, seconds=taken)
+    entries, times = iter(trials), itertools.chain(seconds, itertools.repeat(None))
+    first = next(entries, None)
+    entries = itertools.chain([] if first is None else [first], entries)
+    if not isinstance(first, TrialOutcomes):
+        with TrialWriter(path, header) as log:
+            for trial in entries:
+                assert isinstance(trial, Trial)
+                log.write(trial, seconds=next(times))
         return
-    with TrialWriter(path, header) as log:
-        for trial in itertools.chain([] if first is None else [first], found):
-            assert isinstance(trial, Trial)
-            log.write(trial, seconds=next(known))
+    with LogFile(path, header, schema.COMPACT) as compact:
+        for outcomes in entries:
+            assert isinstance(outcomes, TrialOutcomes)
+            for begin in range(0, len(outcomes), ROWS):
+                rows, number = outcomes.rows(slice(begin, begin + ROWS)), compact.written.trials
+                time, data = schema.log_time(number, 0), encode_outcomes(rows, number)
+                taken = list(itertools.islice(times, len(rows)))
+                compact.put([Packed(schema.OUTCOMES, time, data)], seconds=taken)
+                compact.written = compact.written.after(rows)
 
 
 def read_seconds(path: str | Path) -> list[float]:
