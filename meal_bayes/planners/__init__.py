@@ -4,11 +4,12 @@ In: a `MOMDP`. Out: `Policy`, `Decision`.
 """
 
 from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
-from meal_bayes.planners.factored import Factored, batched_value_iteration
+from meal_bayes.planners.factored.batched import batched_value_iteration
+from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
-from meal_bayes.planners.open_loop import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.pomcp import POMCP
+from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
+from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
     Decision,

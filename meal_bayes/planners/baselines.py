@@ -44,8 +44,10 @@ class RandomLegal:
 
     Attributes
     ----------
-    budget : s; the last behavior may overrun it.
-    barred : behaviors that are never drawn, such as those that ask a person.
+    budget : float
+        s; the last behavior may overrun it.
+    barred : tuple[str, ...]
+        Behaviors that are never drawn, such as those that ask a person.
     """
 
     budget: float = 50.0
@@ -81,7 +83,8 @@ class Predefined:
 
     Raises
     ------
-    SettingsError : the sequence names a behavior that the MOMDP does not have.
+    SettingsError
+        The sequence names a behavior that the MOMDP does not have.
     """
 
     sequence: tuple[str, ...]

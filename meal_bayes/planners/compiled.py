@@ -19,6 +19,7 @@ _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if the
 _DIAGRAMS = 16  # whose dynamics are remembered
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 STEP = np.dtype([
     ("legal", np.bool_),
@@ -35,18 +36,11 @@ BRANCH = np.dtype([
 
 
 class Dynamics(NamedTuple):
-    """The transition model of the behaviors.
+    """The transition model of the behaviors."""
 
-    Attributes
-    ----------
-    step : (X,E) records of `STEP`.
-    branch : (X,E,B) records of `BRANCH`, the outcomes of a step.
-    exit_value : of abstaining, -inf where the agent may not.
-    """
-
-    step: NDArray[np.void]
-    branch: NDArray[np.void]
-    exit_value: float
+    step: NDArray[np.void]  # (X,E) records of `STEP`
+    branch: NDArray[np.void]  # (X,E,B) records of `BRANCH`, the outcomes of a step
+    exit_value: float  # of abstaining, -inf where the agent may not
 
     def outcomes(self, x: int, e: int) -> list[tuple[float, int, bool]]:
         """Return probability, next x, and whether a percept comes, of each outcome of a step."""
@@ -54,63 +48,35 @@ class Dynamics(NamedTuple):
 
 
 class Percepts(NamedTuple):
-    """The observation model of the behaviors.
+    """The observation model of the behaviors."""
 
-    Attributes
-    ----------
-    rows : (N,E,C,K) mean Pr(level | latent class).
-    precision : (N,E,C) Dirichlet precision of a row.
-    classes : (N,2,C) Pr(latent class | truth).
-    truth : (N,2,C) Pr(truth | latent class) under the prior.
-    informative : (N,E) whether a percept carries information on the latent class.
-    limit : (E,) percepts that a trial can have.
-    known : (E,) whether all rows of a behavior are known exactly.
-    class_is_truth : whether the classes are the two truths (Eq. 8).
-    """
-
-    rows: Floats
-    precision: Floats
-    classes: Floats
-    truth: Floats
-    informative: NDArray[np.bool_]
-    limit: Floats
-    known: NDArray[np.bool_]
-    class_is_truth: bool
+    rows: Floats  # (N,E,C,K) mean Pr(level | latent class)
+    precision: Floats  # (N,E,C) Dirichlet precision of a row
+    classes: Floats  # (N,2,C) Pr(latent class | truth)
+    truth: Floats  # (N,2,C) Pr(truth | latent class) under the prior
+    informative: NDArray[np.bool_]  # (N,E) does a percept carry information on the latent class?
+    limit: Floats  # (E,) percepts that a trial can have
+    known: NDArray[np.bool_]  # (E,) are all rows of a behavior known exactly?
+    class_is_truth: bool  # are the classes the two truths (Eq. 8)?
 
 
 class Compiled(NamedTuple):
-    """All that the kernels read of a MOMDP.
-
-    Attributes
-    ----------
-    dynamics, percepts : see there.
-    bonus : (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11).
-    paid : (E,) percepts of a trial that shaping pays for.
-    shaped : whether there is any bonus.
-    incorrect, gap : r- and r+ - r-.
-    """
+    """All that the kernels read of a MOMDP."""
 
     dynamics: Dynamics
     percepts: Percepts
-    bonus: Floats
-    paid: Floats
-    shaped: bool
-    incorrect: float
-    gap: float
+    bonus: Floats  # (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11)
+    paid: Floats  # (E,) percepts of a trial that shaping pays for
+    shaped: bool  # is there any bonus?
+    incorrect: float  # r-
+    gap: float  # r+ - r-
 
 
 _known: dict[bytes, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
 
 
 def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> Compiled:
-    """Compile a MOMDP for the kernels.
-
-    Parameters
-    ----------
-    momdp : the decision problem.
-    paid : percepts of a behavior in a trial that shaping pays for, at most.
-    price : least cost of a behavior, see `dynamics_of`.
-    """
+    """Compile a MOMDP for the kernels; shaping pays for `paid` percepts of a behavior a trial."""
     return Compiled(
         dynamics=dynamics_of(momdp, price),
         percepts=Percepts(

@@ -4,9 +4,9 @@ import numpy as np
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners.factored import Factored
-from meal_bayes.planners.open_loop import OpenLoop
-from meal_bayes.planners.pomcp import POMCP
+from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
 
 

@@ -59,18 +59,25 @@ def simulate(
 
     Parameters
     ----------
-    momdp : the world. At finite precision every episode draws the object's rows.
-    policy : decides.
-    episodes : how many, 2 or more.
-    rng : every episode spawns its own streams of world and policy from it, so that policies are
+    momdp : MOMDP
+        The world. At finite precision every episode draws the object's rows.
+    policy : Policy
+        Decides.
+    episodes : int
+        How many, 2 or more.
+    rng : np.random.Generator
+        Every episode spawns its own streams of world and policy from it, so that policies are
         paired: at equal states they meet the same objects and the same luck.
-    believed : MOMDP whose belief the policy is shown, the world's by default: what it costs to
-        believe in another observation model. Both need the same x, behaviors and attributes.
-    max_steps : after which the best answer is given.
+    believed : MOMDP | None
+        MOMDP whose belief the policy is shown, the world's by default: what it costs to believe in
+        another observation model. Both need the same behaviors and attributes.
+    max_steps : int
+        After which the best answer is given.
 
     Raises
     ------
-    SettingsError : fewer than two episodes, or a believed MOMDP of another problem.
+    SettingsError
+        Fewer than two episodes, or a believed MOMDP of another problem.
     """
     believed = momdp if believed is None else believed
     if believed.query != momdp.query or believed.behavior_names != momdp.behavior_names:
@@ -81,18 +88,10 @@ def simulate(
     for luck in rng.spawn(episodes):
         world_rng, policy_rng = luck.spawn(2)
         rows.append(_episode(momdp, believed, policy, world_rng, policy_rng, max_steps))
-    returns, certainty, success, cost, abstained, decisions, simulations, cpu = zip(
-        *rows, strict=True
-    )
+    *measures, decisions, simulations, cpu = zip(*rows, strict=True)
+    returns, certainty, success, cost, abstained = map(np.array, measures)
     return Rollouts(
-        np.array(returns),
-        np.array(certainty),
-        np.array(success),
-        np.array(cost),
-        np.array(abstained),
-        sum(decisions),
-        sum(simulations),
-        sum(cpu),
+        returns, certainty, success, cost, abstained, sum(decisions), sum(simulations), sum(cpu)
     )
 
 
@@ -104,9 +103,11 @@ def _episode(
     policy_rng: np.random.Generator,
     max_steps: int,
 ) -> tuple[float, float, bool, float, bool, int, int, float]:
+    """Simulate one episode; return its row of `Rollouts`."""
     true, rows = _object(world, world_rng)
     known, belief = initial_belief(world), initial_belief(believed)
     history, total, scale, paid, simulations, cpu = History(belief), 0.0, 1.0, 0.0, 0, 0.0
+    report, certainty = None, 0.0
     for step in range(max_steps + 1):
         action = best_answer(believed, belief)
         if step < max_steps:
@@ -116,12 +117,7 @@ def _episode(
             action, simulations = decision.action, simulations + decision.simulations
         if action >= world.n_behaviors:
             report = world.reported(action)
-            if report is None:
-                return total, 0.0, False, paid, True, step + 1, simulations, cpu
-            right = known.agreement(report)
-            total += scale * float(world.report_reward(right))
-            won = bool((report == true).all())
-            return total, float(right.prod()), won, paid, False, step + 1, simulations, cpu
+            break
         world.check_action(known.x, action)
         x, percept = _execute(world, known.x, action, rows, known.percept_counts[0], world_rng)
         cost = float(world.cost[action])
@@ -129,14 +125,17 @@ def _episode(
         scale *= world.discount
         if x == world.terminal:
             break
-        known = update_belief(known, world, Transition(action, x, percept))
-        belief = (
-            known
-            if believed is world
-            else update_belief(belief, believed, Transition(action, x, percept))
-        )
+        transition = Transition(action, x, percept)
+        known = belief = update_belief(known, world, transition)
+        if believed is not world:
+            belief = update_belief(history.belief, believed, transition)
         history = history.after(belief, action, percept is not None, cost)
-    return total, 0.0, False, paid, True, step + 1, simulations, cpu
+    if report is not None:
+        right = known.agreement(report)
+        total += scale * float(world.report_reward(right))
+        certainty = float(right.prod())
+    success = report is not None and bool((report == true).all())
+    return total, certainty, success, paid, report is None, step + 1, simulations, cpu
 
 
 def _object(

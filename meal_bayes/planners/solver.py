@@ -17,12 +17,18 @@ class TreeEdge(NamedTuple):
 
     Attributes
     ----------
-    level : 1 or 2.
-    parent : position of the parent edge in the list, -1 for the root.
-    action : behavior index, E for the best answer.
-    observation : percept levels on the way to the parent's node, () for none.
-    visits : simulations through the edge.
-    value : estimate of the edge's value.
+    level : int
+        1 or 2.
+    parent : int
+        Position of the parent edge in the list, -1 for the root.
+    action : int
+        Behavior index, E for the best answer.
+    observation : tuple[int, ...]
+        Percept levels on the way to the parent's node, () for none.
+    visits : int
+        Simulations through the edge.
+    value : float
+        Estimate of the edge's value.
     """
 
     level: int
@@ -39,14 +45,22 @@ class Decision:
 
     Attributes
     ----------
-    action : below E a behavior; E + y the report of value vector y; E + 2^N abstains.
-    values : (E+1,) by behavior, then of the best answer; nan = not valued.
-    value_se : (E+1,) standard errors, 0 where exact, nan = unknown.
-    visits : (E+1,) simulations by first action.
-    tree : first two levels of the search tree.
-    simulations : of the search.
-    sampled_rows : (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
-    gap : s of reward that the best action may be worth more than following this decision, at most;
+    action : int
+        Below E a behavior; E + y the report of value vector y; E + 2^N abstains.
+    values : NDArray[np.float64]
+        (E+1,) by behavior, then of the best answer; nan = not valued.
+    value_se : NDArray[np.float64]
+        (E+1,) standard errors, 0 where exact, nan = unknown.
+    visits : NDArray[np.int64]
+        (E+1,) simulations by first action.
+    tree : tuple[TreeEdge, ...]
+        First two levels of the search tree.
+    simulations : int
+        Of the search.
+    sampled_rows : NDArray[np.float64] | None
+        (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
+    gap : float | None
+        s of reward that the best action may be worth more than following this decision, at most;
         None where no upper bound is known.
     """
 
@@ -86,11 +100,16 @@ class History:
 
     Attributes
     ----------
-    belief : after them.
-    actions : executed behaviors.
-    perceived : whether a percept came, by action.
-    moved : the x after each action.
-    cost : s.
+    belief : Belief
+        After them.
+    actions : tuple[int, ...]
+        Executed behaviors.
+    perceived : tuple[bool, ...]
+        Whether a percept came, by action.
+    moved : tuple[int, ...]
+        The x after each action.
+    cost : float
+        s.
     """
 
     belief: Belief
@@ -147,8 +166,8 @@ class Remembering:
         decision = self._made.get(key)
         if decision is None:
             place = hashlib.blake2b(key[1], digest_size=8).hexdigest()
-            own = stream(0, "remembered decisions", belief.x, place)
-            decision = self._made[key] = self.policy.decide(history, own)
+            luck = stream(0, "remembered decisions", belief.x, place)
+            decision = self._made[key] = self.policy.decide(history, luck)
         return decision
 
 
@@ -163,14 +182,8 @@ def choose(
 ) -> tuple[int, NDArray[np.float64]]:
     """Choose the most valuable behavior, or answer where none is worth more.
 
-    Parameters
-    ----------
-    momdp, belief : the problem and the present belief.
-    values : (E,) of the behaviors, -inf where not legal.
-
-    Returns
-    -------
-    The action, and the values (E+1,) of all behaviors (nan for -inf) and of the best answer.
+    Of values (E,), -inf where not legal; return the action, and the values (E+1,) of all behaviors
+    (nan for -inf) and of the best answer.
     """
     best, every = int(values.argmax()), np.append(values, answer_value(momdp, belief))
     action = best if values[best] > every[-1] else best_answer(momdp, belief)

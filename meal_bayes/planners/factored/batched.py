@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Dynamics, dynamics_of
-from meal_bayes.planners.factored.grid import Floats
+from meal_bayes.planners.compiled import Dynamics, Floats, dynamics_of
 
 _LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
@@ -24,14 +23,18 @@ def batched_value_iteration(momdp: MOMDP, rates: ArrayLike, prior: ArrayLike) ->
 
     Parameters
     ----------
-    momdp : of one attribute; its diagram, costs, discount and rewards hold for all, its
-        rows for none. It must not be shaped.
-    rates : (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
-    prior : (B,) Pr(the attribute is true).
+    momdp : MOMDP
+        Of one attribute and unshaped; its diagram, costs, discount and rewards hold for all, its
+        rows for none.
+    rates : ArrayLike
+        (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
+    prior : ArrayLike
+        (B,) Pr(the attribute is true).
 
     Raises
     ------
-    SettingsError : more than one attribute, shaping, or arrays that do not fit.
+    SettingsError
+        More than one attribute, shaping, or arrays that do not fit.
     """
     yes, start = np.asarray(rates, dtype=float), np.asarray(prior, dtype=float)
     if len(momdp.query) != 1 or momdp.bonus.any():

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Dynamics, Percepts
+from meal_bayes.planners.compiled import Floats, Integers
 from meal_bayes.planners.kernels import entry_kernel, kernel
-
-Floats = NDArray[np.float64]
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
@@ -25,16 +23,11 @@ _PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 th
 
 
 class Table(NamedTuple):
-    """Values of beliefs, multilinear between the points of a product grid.
+    """Values of beliefs, multilinear between the points of a product grid."""
 
-    `points` (N,G) hold Pr(attribute is true) along each axis, ascending, padded by 1; `size` (N,)
-    is 1 where no percept moves the belief; `value` (X-1,B) is known at all B points of the grid,
-    of which the last attribute's vary fastest.
-    """
-
-    points: Floats
-    size: NDArray[np.int64]
-    value: NDArray[Any]
+    points: Floats  # (N,G) Pr(attribute is true) along each axis, ascending, padded by 1
+    size: Integers  # (N,) points of an axis; 1 where no percept moves the belief
+    value: NDArray[Any]  # (X-1,B) at all points of the grid; the last attribute's vary fastest
 
     @property
     def axes(self) -> list[Floats]:
@@ -85,7 +78,7 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     return make_table(axes, below.reshape(len(table.value), -1))
 
 
-def between(axis: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
+def between(axis: Floats, at: Floats) -> tuple[Integers, Floats]:
     """Return the point below each belief, and the weight of the point above it."""
     last = len(axis) - 1
     low = (axis.searchsorted(at, side="right") - 1).clip(0, max(last - 1, 0))
@@ -156,7 +149,7 @@ def make_scratch(table: Table, levels: int) -> Floats:
 
 
 @kernel
-def _locate(table: Table, i: int, prob: float) -> tuple[int, float]:
+def _locate(table, i, prob):
     """Find the point below a belief, and the weight of the point above it."""
     low, high = 0, table.size[i] - 1
     if high == 0:
@@ -172,28 +165,16 @@ def _locate(table: Table, i: int, prob: float) -> tuple[int, float]:
 
 
 @entry_kernel
-def value_after(
-    table: Table, confusion: Floats, moves: NDArray[np.bool_], x: int, behavior: int, prob: Floats,
-    scratch: Floats,
-) -> float:  # fmt: skip
-    """Compute the expected value at x of a belief after a percept of a behavior.
+def value_after(table, confusion, moves, x, behavior, prob, scratch):
+    """Compute the expected value at x of a belief (N,) after a percept of a behavior (none = -1).
 
     The next belief in each attribute is spread over the points beside it, at most 2K of them.
-
-    Parameters
-    ----------
-    table : of the values.
-    confusion : (N,E,2,K) Pr(level | truth).
-    moves : (N,E) which percepts move the belief in which attributes.
-    x : after the percept.
-    behavior : -1 for no percept.
-    prob : (N,) Pr(attribute is true) before the percept.
-    scratch : as `make_scratch` builds it, and larger ones; overwritten.
+    `moves` (N,E) says which percepts move the belief; `scratch` is that of `make_scratch`.
     """
     levels = confusion.shape[3]
     axis = scratch.shape[1] - 2 * levels
     scratch[0, 0], scratch[1, 0], count = 0.0, 1.0, 1
-    for i in range(prob.shape[0]):
+    for i in range(prob.shape[0]):  # b_i' = b_i Pr(z | true) / Pr(z) with Pr(z)
         moved, beside = behavior >= 0 and table.size[i] > 1 and moves[i, behavior], 0
         for z in range(levels if moved else 1):
             p, after = 1.0, prob[i]
@@ -222,14 +203,8 @@ def value_after(
 
 
 @entry_kernel
-def add_values_ahead(
-    dynamics: Dynamics, percepts: Percepts, table: Table, moves: NDArray[np.bool_], x: int,
-    prob: Floats, scratch: Floats, out: Floats,
-) -> None:  # fmt: skip
-    """Add to `out` (E,) the discounted expected value after each legal behavior from x.
-
-    Parameters are those of `value_after`.
-    """
+def add_values_ahead(dynamics, percepts, table, moves, x, prob, scratch, out):
+    """Add to `out` (E,) the discounted expected value after each legal behavior from x."""
     for e in range(out.shape[0]):
         step = dynamics.step[x, e]
         for k in range(dynamics.branch.shape[2]):

@@ -12,14 +12,8 @@ from meal_bayes.arrays import set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.factored.grid import (
-    Table,
-    even_axis,
-    make_axis,
-    make_table,
-    refine,
-)
-from meal_bayes.planners.factored.sweep import Edges, Percepts, make_backups, percepts_on, sweep
+from meal_bayes.planners.factored.grid import Table, even_axis, make_axis, make_table, refine
+from meal_bayes.planners.factored.sweep import Edges, Matrices, make_backups, percepts_on, sweep
 
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
@@ -47,7 +41,7 @@ class ValueIteration:
     problem: Compiled
     tolerance: float
     edges: Edges = field(init=False, repr=False, compare=False)
-    _percepts: dict[tuple[int, int, bool], Percepts] = field(
+    _percepts: dict[tuple[int, int, bool], Matrices] = field(
         default_factory=dict, repr=False, compare=False
     )  # by attribute, size of its axis, and interpolation
 
@@ -63,7 +57,8 @@ class ValueIteration:
 
         Raises
         ------
-        SettingsError : the coarsest grid has more points, or no bound on the rewards is known.
+        SettingsError
+            The coarsest grid has more points, or no bound on the rewards is known.
         """
         grid, fall = self._lowered(self._coarsest(points)), np.inf
         moving = np.flatnonzero(grid.table.size > 1).tolist()
@@ -110,7 +105,8 @@ class ValueIteration:
 
         Raises
         ------
-        SettingsError : shaping that pays more than a behavior costs, undiscounted.
+        SettingsError
+            Shaping that pays more than a behavior costs, undiscounted.
         """
         step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
         best = max(self.momdp.correct, self.problem.dynamics.exit_value)

@@ -40,14 +40,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value, initial_belief
-from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import (
-    Floats,
-    Table,
-    add_values_ahead,
-    make_scratch,
-    value_after,
-)
+from meal_bayes.planners.compiled import Compiled, Floats, compile_momdp
+from meal_bayes.planners.factored.grid import Table, add_values_ahead, make_scratch, value_after
 from meal_bayes.planners.factored.iteration import ValueIteration
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -60,12 +54,19 @@ class Factored:
     """Settings of factored value iteration.
 
     Solves up to three attributes in tenths of a second at the default, five in some seconds, with
-    eight times the points. An axis is fine enough when its refinement gains less than `tolerance`,
-    a fraction of r+ - r-.
+    eight times the points.
+
+    Attributes
+    ----------
+    points : int
+        Of the grid, at most.
+    tolerance : float
+        An axis is fine enough when its refinement gains less, as a fraction of r+ - r-.
 
     Raises
     ------
-    SettingsError : a tolerance of 0 or less, or no points.
+    SettingsError
+        A tolerance of 0 or less, or no points.
     """
 
     points: int = 50_000
@@ -80,8 +81,9 @@ class Factored:
 
         Raises
         ------
-        SettingsError : finite precision, several latent classes a truth, more attributes than
-            `points` allow, or rewards without a bound.
+        SettingsError
+            Finite precision, several latent classes a truth, more attributes than `points` allow,
+            or rewards without a bound.
         """
         known = np.isinf(momdp.precision).all() and momdp.class_is_truth
         if not known or momdp.query.groups:
@@ -122,10 +124,8 @@ class FactoredPolicy:
         momdp, x = self.iteration.momdp, self.iteration.momdp.start
         ending = answer_value(momdp, initial_belief(momdp))
         free = compile_momdp(momdp, price=0.0)
-        ahead = float(
-            _values_ahead(free, self.bound, self.iteration.edges.moves, x, momdp.prior).max()
-        )
-        return min(max(ending, ahead), self.value_at(x, momdp.prior))
+        ahead = _values_ahead(free, self.bound, self.iteration.edges.moves, x, momdp.prior)
+        return min(max(ending, float(ahead.max())), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
@@ -134,13 +134,9 @@ class FactoredPolicy:
 
     def value_at(self, x: int, prob: Floats) -> float:
         """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
-        confusion = self.iteration.problem.percepts.rows
-        scratch = make_scratch(self.bound, confusion.shape[3])
-        return float(
-            value_after(
-                self.bound, confusion, self.iteration.edges.moves, x, -1, np.array(prob), scratch
-            )
-        )
+        rows, moves = self.iteration.problem.percepts.rows, self.iteration.edges.moves
+        scratch = make_scratch(self.bound, rows.shape[3])
+        return float(value_after(self.bound, rows, moves, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate."""

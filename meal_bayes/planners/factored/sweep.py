@@ -12,31 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.factored.grid import Floats, Table, between, informative_pairs
+from meal_bayes.planners.compiled import Compiled, Floats, Integers
+from meal_bayes.planners.factored.grid import Table, between, informative_pairs
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
 
-Integers = NDArray[np.int64]
-Percepts = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
+Matrices = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
 
 
 class Edges(NamedTuple):
-    """The M legal pairs of x and behavior, whatever the grid.
+    """The M legal pairs of x and behavior, whatever the grid."""
 
-    `edge` (M,3) is x, behavior, and 1 if it may keep x; `outcome` (M,2,X-1) the discounted
-    probability of each next x, without and with a percept; `reward` (M,1+N) a constant and slopes
-    in the marginals; `exit_value` that of abstaining; `moves` (N,E) whether percepts move
-    the belief.
-    """
-
-    edge: Integers
-    outcome: Floats
-    reward: Floats
-    exit_value: float
-    moves: NDArray[np.bool_]
+    edge: Integers  # (M,3) x, behavior, and 1 if it may keep x
+    outcome: Floats  # (M,2,X-1) discounted Pr(next x), without and with a percept
+    reward: Floats  # (M,1+N) a constant, and slopes in the marginals
+    exit_value: float  # of abstaining
+    moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
 
     @classmethod
     def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
@@ -57,23 +50,18 @@ class Edges(NamedTuple):
 
 
 class Backups(NamedTuple):
-    """All that a sweep reads besides the values; `edge` and `outcome` are those of `Edges`.
+    """All that a sweep reads besides the values."""
 
-    `reward` is (M,B), or (M,1) where it is the same for every belief; `floor` (B,) the value of
-    ending; `size` (N,) that of the axes; `point` and `weight` (N,E,G,J) are columns and entries of
-    the percepts' matrices, the first column -1 where percepts do not move the belief.
-    """
-
-    edge: Integers
+    edge: Integers  # of `Edges`, as `outcome`
     outcome: Floats
-    reward: Floats
-    floor: Floats
-    size: Integers
-    point: Integers
-    weight: Floats
+    reward: Floats  # (M,B), or (M,1) where it is the same for every belief
+    floor: Floats  # (B,) value of ending
+    size: Integers  # (N,) of the axes
+    point: Integers  # (N,E,G,J) columns of the percepts' matrices; -1 first: the belief stays
+    weight: Floats  # (N,E,G,J) entries
 
 
-def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Percepts:
+def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Matrices:
     """Build the sparse matrices of an attribute's percepts, one a behavior.
 
     Row g holds the points beside each belief that may follow point g, weighted by the percept's
@@ -115,7 +103,7 @@ def _cubic(
     return point, weight
 
 
-def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Percepts]) -> Backups:
+def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Matrices]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
     axes, reward = table.axes, np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
     if edges.reward[:, 1:].any():
@@ -133,22 +121,11 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Pe
 
 
 @entry_kernel
-def sweep(
-    backups: Backups, value: Floats, scratch: Floats, settled: float, sweeps: int, smooth: bool
-) -> None:
-    """Update the values of every x, latest first, until a sweep changes none by `settled`.
+def sweep(backups, value, scratch, settled, sweeps, smooth):
+    """Update the values (X-1,B) of every x, latest first, until a sweep changes none by `settled`.
 
     Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
-    behaviors that keep it lower its values; not if smooth.
-
-    Parameters
-    ----------
-    backups : of the grid.
-    value : (X-1,B) changed in place.
-    scratch : (4,B) zeros, overwritten.
-    settled : change of a value that ends the sweeps.
-    sweeps : at most.
-    smooth : is interpolation smooth?
+    behaviors that keep it lower its values; not if smooth. `scratch` (4,B) comes with zeros.
     """
     edge, points = backups.edge, value.shape[1]
     for _ in range(sweeps):
@@ -179,7 +156,7 @@ def sweep(
 
 
 @kernel
-def _back_up(backups: Backups, value: Floats, m: int, scratch: Floats, row: int) -> None:
+def _back_up(backups, value, m, scratch, row):
     """Raise scratch[row] to the value of edge m, one step ahead of the values."""
     outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
     source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
@@ -206,13 +183,14 @@ def _back_up(backups: Backups, value: Floats, m: int, scratch: Floats, row: int)
 
 
 @kernel
-def _expect(backups: Backups, i: int, e: int, left: int, scratch: Floats, source: int) -> None:
+def _expect(backups, i, e, left, scratch, source):
     """Compute the expectation of scratch[source] over percepts of attribute i -> [5 - source].
 
     Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
     for the last one, over a block of the earlier ones.
     """
-    point, weight, size, target = backups.point, backups.weight, backups.size[i], 5 - source
+    point, weight, size = backups.point, backups.weight, backups.size[i]
+    value, out = scratch[source], scratch[5 - source]
     right = scratch.shape[1] // (left * size)
     rows, step = (1, 1) if right > 1 else (_BLOCK, size)
     for first in range(0, left, rows):
@@ -228,11 +206,7 @@ def _expect(backups: Backups, i: int, e: int, left: int, scratch: Floats, source
                 s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
                 u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
                 for r in range(0, width, step):
-                    one = (
-                        s * scratch[source, np.uintp(a + r)] + t * scratch[source, np.uintp(b + r)]
-                    )
-                    two = (
-                        u * scratch[source, np.uintp(c + r)] + v * scratch[source, np.uintp(d + r)]
-                    )
-                    here = np.uintp(to + r)
-                    scratch[target, here] = keep * scratch[target, here] + (one + two)
+                    first_two = s * value[np.uintp(a + r)] + t * value[np.uintp(b + r)]
+                    last_two = u * value[np.uintp(c + r)] + v * value[np.uintp(d + r)]
+                    place = np.uintp(to + r)
+                    out[place] = keep * out[place] + (first_two + last_two)

@@ -7,10 +7,9 @@ capacity; both can only raise the error, so the value of a plan stays a lower bo
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.momdp.observation import predictive as observation_predictive
-from meal_bayes.planners.compiled import Percepts
+from meal_bayes.planners.compiled import Floats, Integers, Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
@@ -24,38 +23,21 @@ predictive = kernel(observation_predictive)
 
 
 class Scratch(NamedTuple):
-    """Buffers for one caller's intermediate results, and the percepts of the trial so far.
+    """Buffers for one caller's intermediate results, and the percepts of the trial so far."""
 
-    Attributes
-    ----------
-    counts : (N,E,K) percepts so far, by level.
-    total : (E,) percepts so far.
-    outcomes : (C,M) Pr(what a plan's percepts show, latent class).
-    bins : (C,M) the same, while it is merged or counted.
-    truths : (2,M) Pr(what a plan's percepts show, truth).
-    chance : (N,) Pr(attribute is true).
-    threshold : (N,) the decision threshold that was best last.
-    guess : (J,) tabulated values of plans that must be computed.
-    tried : (E,) plans computed, by first behavior.
-    value : (E,) value of the best plan, by first behavior; -inf where there is none.
-    best : (E,) the best plan, by first behavior.
-    error : (T,K+1) Bayes errors after the percepts of a row, by `shown`; -1 if not computed.
-    shown : (N,) column of `error`: the last percept's level plus 1; 0 where there was none.
-    """
-
-    counts: NDArray[np.float64]
-    total: NDArray[np.float64]
-    outcomes: NDArray[np.float64]
-    bins: NDArray[np.float64]
-    truths: NDArray[np.float64]
-    chance: NDArray[np.float64]
-    threshold: NDArray[np.int64]
-    guess: NDArray[np.float64]
-    tried: NDArray[np.int64]
-    value: NDArray[np.float64]
-    best: NDArray[np.int64]
-    error: NDArray[np.float64]
-    shown: NDArray[np.int64]
+    counts: Floats  # (N,E,K) percepts so far, by level
+    total: Floats  # (E,) percepts so far
+    outcomes: Floats  # (C,M) Pr(what a plan's percepts show, latent class)
+    bins: Floats  # (C,M) the same, while it is merged or counted
+    truths: Floats  # (2,M) Pr(what a plan's percepts show, truth)
+    chance: Floats  # (N,) Pr(attribute is true)
+    threshold: Integers  # (N,) the decision threshold that was best last
+    guess: Floats  # (J,) tabulated values of plans that must be computed
+    tried: Integers  # (E,) plans computed, by first behavior
+    value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
+    best: Integers  # (E,) the best plan, by first behavior
+    error: Floats  # (T,K+1) Bayes errors after the percepts of a row, by `shown`; -1 = not computed
+    shown: Integers  # (N,) column of `error`: the last percept's level plus 1; 0 where none was
 
 
 def make_scratch(percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES) -> Scratch:

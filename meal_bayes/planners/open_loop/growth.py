@@ -6,34 +6,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.compiled import Dynamics
+from meal_bayes.planners.compiled import Dynamics, Floats, Integers
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 
 class Ways(NamedTuple):
-    """Cheapest way from each x to a percept of each behavior, executed.
+    """Cheapest way from each x to a percept of each behavior, along the likeliest outcomes."""
 
-    Of several outcomes a plan follows the likeliest.
-
-    Attributes
-    ----------
-    target, senses : (X,E) where a behavior leads, and whether it perceives.
-    hop : (X,E) first behavior of the way, -1 where there is none.
-    end : (X,E) x afterwards.
-    cost : (X,E) s, discounted.
-    discount : (X,E) factor on what comes afterwards.
-    observation_counts : (X,E,E) percepts gathered on the way, the last included.
-    """
-
-    target: NDArray[np.int64]
-    senses: NDArray[np.bool_]
-    hop: NDArray[np.int64]
-    end: NDArray[np.int64]
-    cost: NDArray[np.float64]
-    discount: NDArray[np.float64]
-    observation_counts: NDArray[np.int64]
+    target: Integers  # (X,E) where a behavior leads
+    senses: NDArray[np.bool_]  # (X,E) does it perceive?
+    hop: Integers  # (X,E) first behavior of the way, -1 where there is none
+    end: Integers  # (X,E) x afterwards
+    cost: Floats  # (X,E) s, discounted
+    discount: Floats  # (X,E) factor on what comes afterwards
+    observation_counts: Integers  # (X,E,E) percepts gathered on the way, the last included
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
         """Return the behaviors from x to a percept of one of them; empty where there is no way."""
@@ -48,25 +36,15 @@ class Ways(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """What percepts say, and how many a plan has so far.
+    """What percepts say, and how many a plan has so far."""
 
-    Attributes
-    ----------
-    bhattacharyya : (N,E,U) log coefficient of u percepts, 0 where they carry no information.
-    rate : (N,) its greatest fall a second.
-    limit : (E,) percepts that a trial can have.
-    incorrect, gap : r- and r+ - r-.
-    counts : (E,) percepts of the plan.
-    log_r : (2,N) sum of the log coefficients, of the plan and of what may follow.
-    """
-
-    bhattacharyya: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    limit: NDArray[np.float64]
-    incorrect: float
-    gap: float
-    counts: NDArray[np.int64]
-    log_r: NDArray[np.float64]
+    bhattacharyya: Floats  # (N,E,U) log coefficient of u percepts, 0 where they do not inform
+    rate: Floats  # (N,) its greatest fall a second
+    limit: Floats  # (E,) percepts that a trial can have
+    incorrect: float  # r-
+    gap: float  # r+ - r-
+    counts: Integers  # (E,) percepts of the plan
+    log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
 
 
 def find_ways(dynamics: Dynamics) -> Ways:
@@ -133,12 +111,8 @@ def _next_percept(ways, here, growth, chance, b):
 
     Of a behavior that may be repeated, as many as raise what a second brings: they share its way.
     """
-    bhattacharyya, counts, log_r, rate = (
-        growth.bhattacharyya,
-        growth.counts,
-        growth.log_r,
-        growth.rate,
-    )
+    bhattacharyya, counts = growth.bhattacharyya, growth.counts
+    log_r, rate = growth.log_r, growth.rate
     best, best_e, best_k, n = 1e-12, -1, 1, counts.shape[0]
     right = _right(log_r[0], rate, 0.0, chance, b)
     for e in range(n):
@@ -181,28 +155,6 @@ def _best_ahead(growth, chance, b, base, reward, spare):
     return best
 
 
-@kernel
-def _count(growth, a):
-    """Count one more percept of a behavior."""
-    for i in range(growth.log_r.shape[1]):
-        k = growth.counts[a]
-        growth.log_r[0, i] += _log_affinity(growth.bhattacharyya, i, a, k + 1)
-        growth.log_r[0, i] -= _log_affinity(growth.bhattacharyya, i, a, k)
-    growth.counts[a] += 1
-
-
-@kernel
-def _begin(growth, e):
-    """Forget all percepts; return whether those of a behavior can say anything."""
-    useful = False
-    for other in range(growth.counts.shape[0]):
-        growth.counts[other] = 0
-    for i in range(growth.log_r.shape[1]):
-        growth.log_r[0, i] = 0.0
-        useful = useful or growth.bhattacharyya[i, e, 1] < 0.0
-    return useful and growth.limit[e] >= 1.0
-
-
 @entry_kernel
 def grow_plans(ways, growth, chance, out, ends):
     """Grow a plan for each x, belief (B,N) and first percept -> out (X,B,E,L), padded by -1.
@@ -212,10 +164,17 @@ def grow_plans(ways, growth, chance, out, ends):
     that could follow would pay, or it is full. Returns the length of the longest.
     """
     size, n_beliefs, n, length = out.shape
-    log_r, rate, gap, longest = growth.log_r[0], growth.rate, growth.gap, 1
+    bhattacharyya, counts, log_r, longest = growth.bhattacharyya, growth.counts, growth.log_r[0], 1
+    rate, gap = growth.rate, growth.gap
     for row in range(size * n_beliefs * n):
         x, b, e = row // (n_beliefs * n), row // n % n_beliefs, row % n
-        if not _begin(growth, e) or ways.hop[x, e] < 0:
+        informs = False
+        for other in range(n):
+            counts[other] = 0
+        for i in range(log_r.shape[0]):
+            log_r[i] = 0.0
+            informs = informs or bhattacharyya[i, e, 1] < 0.0
+        if not informs or growth.limit[e] < 1.0 or ways.hop[x, e] < 0:
             continue
         here, filled, k, goal, cost, scale = x, 0, 1, e, 0.0, 1.0
         best = growth.incorrect + gap * _right(log_r, rate, 0.0, chance, b)
@@ -228,7 +187,10 @@ def grow_plans(ways, growth, chance, out, ends):
                     a = ways.hop[here, goal]
                     arrived = a == goal and ways.senses[here, a]
                     if ways.senses[here, a]:
-                        _count(growth, a)
+                        for i in range(log_r.shape[0]):
+                            log_r[i] += _log_affinity(bhattacharyya, i, a, counts[a] + 1)
+                            log_r[i] -= _log_affinity(bhattacharyya, i, a, counts[a])
+                        counts[a] += 1
                     out[x, b, e, filled] = a
                     ends[x, b, e, filled] = arrived
                     filled += 1

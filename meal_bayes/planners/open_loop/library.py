@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior
+from meal_bayes.planners.compiled import Compiled, Dynamics, Floats, Integers, class_prior
 from meal_bayes.planners.kernels import records
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
@@ -32,23 +32,13 @@ _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 _DIAGRAMS = 16  # whose ways are remembered
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 
 class Candidates(NamedTuple):
-    """Plans with the paths that they follow.
+    """Plans with the paths that they follow."""
 
-    Attributes
-    ----------
-    x : (J,) where they start.
-    path : (J,L) behaviors, padded by -1.
-    plan, observation_counts, executions : as in `Plans`.
-    """
-
-    x: Integers
-    path: Integers
-    plan: NDArray[np.void]
+    x: Integers  # (J,) where they start
+    path: Integers  # (J,L) behaviors, padded by -1
+    plan: NDArray[np.void]  # as in `Plans`, like the following
     observation_counts: Integers
     executions: Floats
 
@@ -92,12 +82,12 @@ _known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
 
 def diagram_of(dynamics: Dynamics) -> Diagram:
     """Find the ways of a diagram, once."""
-    found = _known.get(id(dynamics.step))
-    if found is None:
+    key = id(dynamics.step)
+    if key not in _known:
         if len(_known) >= _DIAGRAMS:
             _known.clear()
-        found = _known[id(dynamics.step)] = Diagram(dynamics, find_ways(dynamics))
-    return found
+        _known[key] = Diagram(dynamics, find_ways(dynamics))
+    return _known[key]
 
 
 def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
@@ -127,7 +117,11 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     wins = np.zeros((len(plans.plan), 2), np.int64)
     scratch = plan_scratch(problem.percepts, plans)
     judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
-    winners = candidates.select(_kept(plans.first, wins))
+    wins_most = wins[:, 1] > 0  # the best of each first behavior, and what wins most often
+    for start, end in itertools.pairwise(plans.first.tolist()):
+        often = start + np.argsort(-wins[start:end, 0], kind="stable")[:_KEPT]
+        wins_most[often[wins[often, 0] > 0]] = True
+    winners = candidates.select(np.flatnonzero(wins_most))
     return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
 
 
@@ -208,8 +202,7 @@ def _promising(
     """Select candidates by an estimate of their values at beliefs (B,N,C).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
-    [Kailath1967]. The best few
-    from each x at each belief stay, and the best two of each first behavior.
+    [Kailath1967]. The best few from each x at each belief stay, and _BEGUN of each first behavior.
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
@@ -241,10 +234,10 @@ def _promising(
     return np.flatnonzero(kept)
 
 
-def _distinct(rows: Integers) -> NDArray[np.intp]:
-    """Find one of each distinct row of small integers >= 0, in order of the rows."""
-    keys = rows.astype(">u2")
-    return np.unique(keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True)[1]
+def _distinct(rows: Integers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
+    keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
+    return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
 
 def _summed_up(
@@ -293,18 +286,8 @@ def _cheapest(candidates: Candidates) -> Candidates:
     """Keep the cheapest plan of equal x, first behavior and percepts, in order of x."""
     cost = np.argsort(candidates.plan["cost"], kind="stable")
     x, action = candidates.x[cost], candidates.plan["action"][cost]
-    return candidates.select(
-        cost[_distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))]
-    )
-
-
-def _kept(first: Integers, wins: Integers) -> NDArray[np.intp]:
-    """Choose the plans that win most often from each x, and the best of each first behavior."""
-    kept = wins[:, 1] > 0
-    for start, end in itertools.pairwise(first.tolist()):
-        best = start + np.argsort(-wins[start:end, 0], kind="stable")[:_KEPT]
-        kept[best[wins[best, 0] > 0]] = True
-    return np.flatnonzero(kept)
+    first, _ = _distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))
+    return candidates.select(cost[first])
 
 
 def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
@@ -328,12 +311,10 @@ def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
     percepts, tables = problem.percepts, 0
     rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):
-        keys = (candidates.observation_counts * informative).astype(">u2")
-        _, first, row = np.unique(
-            keys.view(f"S{2 * keys.shape[1]}").ravel(), return_index=True, return_inverse=True
-        )
+        told = candidates.observation_counts * informative
+        first, row = _distinct(told)
         rows.append(row + tables)
-        counts.append(candidates.observation_counts[first] * informative)
+        counts.append(told[first])
         attribute += [i] * len(first)
         tables += len(first)
     table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))

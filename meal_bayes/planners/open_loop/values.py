@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import Belief
-from meal_bayes.planners.compiled import Compiled, Percepts
+from meal_bayes.planners.compiled import Compiled, Floats, Integers, Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
@@ -25,24 +25,14 @@ PLAN = np.dtype([
 
 
 class Plans(NamedTuple):
-    """Open-loop plans, grouped by the x they start from.
+    """Open-loop plans, grouped by the x they start from."""
 
-    Attributes
-    ----------
-    first : (X+1,) plans of x are first[x] : first[x+1].
-    plan : (J,) records of `PLAN`.
-    observation_counts : (J,E) percepts gathered.
-    executions : (J,E) discounted expected executions, for shaping.
-    row : (J,N) of the table.
-    table : (T,G,C) Pr(error | latent class) at decision thresholds, see `tabulate_errors`.
-    """
-
-    first: NDArray[np.int64]
-    plan: NDArray[np.void]
-    observation_counts: NDArray[np.int64]
-    executions: NDArray[np.float64]
-    row: NDArray[np.int64]
-    table: NDArray[np.float64]
+    first: Integers  # (X+1,) plans of x are first[x] : first[x+1]
+    plan: NDArray[np.void]  # (J,) records of `PLAN`
+    observation_counts: Integers  # (J,E) percepts gathered
+    executions: Floats  # (J,E) discounted expected executions, for shaping
+    row: Integers  # (J,N) of the table
+    table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`
 
 
 def plan_scratch(percepts: Percepts, plans: Plans) -> Scratch:
@@ -94,13 +84,6 @@ def _bonus(model, plans, j, scratch):
 
 
 @kernel
-def _start(model, plans, j, scratch):
-    """Compute the value of a plan whose report is wrong."""
-    start = plans.plan[j].discount * model.incorrect - plans.plan[j].cost
-    return start + _bonus(model, plans, j, scratch) if model.shaped else start
-
-
-@kernel
 def _threshold_error(table, t, g, prob, i):
     error = 0.0
     for c in range(table.shape[2]):
@@ -128,17 +111,6 @@ def _table_error(model, table, t, prob, i, scratch):
 
 
 @kernel
-def _table_value(model, plans, j, prob, scratch, floor):
-    """Compute a plan's value by the tables; at most `floor` once that cannot be beaten."""
-    base, reward = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
-    for i in range(prob.shape[0]):
-        if base + reward <= floor:
-            break
-        reward *= 1.0 - _table_error(model, plans.table, plans.row[j, i], prob, i, scratch)
-    return base + reward
-
-
-@kernel
 def forget_errors(scratch):
     """Mark all errors of `scratch.error` as not computed."""
     for t in range(scratch.error.shape[0]):
@@ -147,22 +119,24 @@ def forget_errors(scratch):
 
 
 @kernel
-def _exact_error(percepts, plans, j, i, prob, scratch):
-    """Compute an attribute's error after a plan, once for all plans and beliefs that share it."""
-    t, z = plans.row[j, i], scratch.shown[i]
-    if scratch.error[t, z] < 0.0:
-        scratch.error[t, z] = plan_error(percepts, plans.observation_counts, j, i, prob, scratch)
-    return scratch.error[t, z]
-
-
-@kernel
-def _exact_value(model, plans, j, prob, scratch, floor):
-    """Compute a plan's value from the percepts so far; at most `floor` once it cannot beat it."""
-    base, reward = _start(model, plans, j, scratch), plans.plan[j].discount * model.gap
-    for i in range(prob.shape[0]):
+def _plan_value(model, plans, j, prob, scratch, floor, exact):
+    """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that."""
+    plan = plans.plan[j]
+    base, reward = plan.discount * model.incorrect - plan.cost, plan.discount * model.gap
+    if model.shaped:
+        base += _bonus(model, plans, j, scratch)
+    for i in range(prob.shape[0]):  # base + reward prod_i (1 - err_i) falls with every attribute
         if base + reward <= floor:
             break
-        reward *= 1.0 - _exact_error(model.percepts, plans, j, i, prob, scratch)
+        t, z = plans.row[j, i], scratch.shown[i]
+        if not exact:
+            error = _table_error(model, plans.table, t, prob, i, scratch)
+        else:  # once for all plans and beliefs that share the row
+            if scratch.error[t, z] < 0.0:
+                counts = plans.observation_counts
+                scratch.error[t, z] = plan_error(model.percepts, counts, j, i, prob, scratch)
+            error = scratch.error[t, z]
+        reward *= 1.0 - error
     return base + reward
 
 
@@ -224,7 +198,8 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     start, end, waiting = plans.first[x], plans.first[x + 1], 0
     for j in range(start, end):
         a = plans.plan[j].action
-        value = _table_value(model, plans, j, prob, scratch, best if shared else out[a])
+        lowest = best if shared else out[a]
+        value = _plan_value(model, plans, j, prob, scratch, lowest, j < start)
         scratch.guess[j - start] = -np.inf
         if not _is_tabled(model.percepts, plans, j, scratch):
             scratch.guess[j - start] = value
@@ -243,7 +218,7 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
         if guess > out[a] and scratch.tried[a] < COMPUTED:
             scratch.tried[a] += 1
             lowest = best if shared else out[a]
-            value = _exact_value(model, plans, start + top, prob, scratch, lowest)
+            value = _plan_value(model, plans, start + top, prob, scratch, lowest, top >= 0)
             if value > out[a]:
                 out[a], scratch.best[a], best = value, start + top, max(best, value)
     for a in range(out.shape[0]):

@@ -20,12 +20,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
-from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
+from meal_bayes.planners.compiled import Compiled, Floats, compile_momdp, dynamics_of
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
@@ -36,7 +35,6 @@ from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.pomcp.search import ENUMERATE, LeafEvaluator, search
 from meal_bayes.planners.pomcp.tree import (
     KEPT,
-    Sampled,
     Tree,
     make_sampled,
     make_tree,
@@ -58,17 +56,25 @@ class POMCP:
 
     Attributes
     ----------
-    simulations : a decision, at most.
-    milliseconds : of CPU a decision; then as many simulations as it takes.
-    exploration : UCB1's c, as a fraction of r+ - r-; with a table at the leaf 0.
-    capacity : nodes of a tree; the search ends when they are used up.
-    points : of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
-    backup : "expected" or "sampled", see the module.
-    paid : percepts of a behavior in a trial that shaping pays for, at most.
+    simulations : int
+        A decision, at most.
+    milliseconds : float | None
+        CPU time a decision; then as many simulations as it takes.
+    exploration : float
+        UCB1's c, as a fraction of r+ - r-; with a table at the leaf 0.
+    capacity : int
+        Nodes of a tree; the search ends when they are used up.
+    points : int
+        Of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
+    backup : str
+        "expected" or "sampled", see the module.
+    paid : float
+        Percepts of a behavior in a trial that shaping pays for, at most.
 
     Raises
     ------
-    SettingsError : a negative budget or exploration constant, no capacity, an unknown backup.
+    SettingsError
+        A negative budget or exploration constant, no capacity, an unknown backup.
     """
 
     simulations: int = 100
@@ -184,33 +190,26 @@ class POMCPPolicy:
         if certain is not None:
             return certain
         scratch = plan_values(self.problem, self.plans, belief)
-        lower = scratch.value.copy()
-        decision = self._settled(belief, lower) or self._search(end, belief, scratch, rng)
-        return replace(decision, gap=self._gap(belief, lower, decision))
-
-    def _gap(self, belief: Belief, lower: NDArray[np.float64], decision: Decision) -> float | None:
-        """Bound what the best action may be worth more; None where no upper bound is known."""
-        if self.tables is None:
-            return None
-        upper = self.tables.upper_bounds(belief.x, belief.positive).max()
-        worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
-        return float(max(0.0, upper - worth))
-
-    def _settled(self, belief: Belief, lower: NDArray[np.float64]) -> Decision | None:
-        """Decide by bounds alone, where an action is worth at least what any other is at most."""
-        x = belief.x
-        left = np.isfinite(lower)  # what can help
-        if left.sum() > 1 and self.tables is None:
-            return None
-        action, values = choose(self.momdp, belief, lower)
-        chosen = action if action < len(lower) else -1
+        lower, upper = scratch.value.copy(), None
         if self.tables is not None:
-            upper = np.where(left, self.tables.upper_bounds(x, belief.positive), -np.inf)
-        elif chosen < 0 and left.any():
-            return None  # the search may yet raise the behavior
-        else:
+            upper = self.tables.upper_bounds(belief.x, belief.positive)
+        decision = self._settled(belief, lower, upper) or self._search(end, belief, scratch, rng)
+        if upper is None:
+            return decision
+        worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
+        return replace(decision, gap=float(max(0.0, upper.max() - worth)))
+
+    def _settled(self, belief: Belief, lower: Floats, upper: Floats | None) -> Decision | None:
+        """Decide by bounds alone, where an action is worth at least what any other is at most."""
+        helpful = np.isfinite(lower)
+        action, values = choose(self.momdp, belief, lower)
+        chosen = min(action, len(lower))
+        if upper is None:
+            # One behavior against the answer: the search may yet raise the behavior.
+            if helpful.sum() > 1 or (chosen == len(lower) and helpful.any()):
+                return None
             upper = np.full(len(lower), -np.inf)
-        others = np.append(upper, values[-1])
+        others = np.append(np.where(helpful, upper, -np.inf), values[-1])
         others[chosen] = -np.inf
         return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
@@ -219,11 +218,12 @@ class POMCPPolicy:
     ) -> Decision:
         """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
         settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
-        tree, evaluator, sampled = self._prepare(belief, scratch)
-        greedy = evaluator.table.value.size > 0
-        exploration = 0.0 if greedy else settings.exploration * self.problem.gap
+        tree, table = self._planted(belief), self.estimate
+        reading = grid.make_scratch(table, momdp.levels)
+        evaluator = LeafEvaluator(self.plans, table, scratch, reading)
+        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
+        exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
-
         lent = _LENT.of(rng)
 
         def grow(simulations: int) -> int:
@@ -242,14 +242,6 @@ class POMCPPolicy:
         rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
         return Decision(action, values, errors, visits, top_edges(tree), done, rows)
-
-    def _prepare(self, belief: Belief, scratch: Scratch) -> tuple[Tree, LeafEvaluator, Sampled]:
-        """Create a tree of its root, the leaf evaluators, and the buffers of sampled MOMDPs."""
-        table = self.estimate
-        reading = grid.make_scratch(table, self.momdp.levels)
-        tree = self._planted(belief)
-        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
-        return tree, LeafEvaluator(self.plans, table, scratch, reading), sampled
 
     def _planted(self, belief: Belief) -> Tree:
         """Create a tree of its root, with the capacity that one decision may need."""

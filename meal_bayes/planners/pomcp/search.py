@@ -8,8 +8,8 @@ of factored value iteration estimates the optimum.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meal_bayes.planners.compiled import Floats
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import Scratch
@@ -21,32 +21,19 @@ from meal_bayes.planners.open_loop.values import (
     stop_value,
     true_chance,
 )
-from meal_bayes.planners.pomcp.tree import (
-    DEPTH,
-    condition,
-    draw_object,
-    draw_percept,
-    note_rows,
-)
+from meal_bayes.planners.pomcp.tree import DEPTH, KEPT, condition, draw_object, draw_percept
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
 DRAWN = 24  # children of an edge with more
 
 
 class LeafEvaluator(NamedTuple):
-    """Evaluators of beliefs, and their buffers.
-
-    Attributes
-    ----------
-    plans : open-loop plans.
-    table : estimates over a grid of marginal beliefs, or an empty table.
-    scratch, reading : buffers; `scratch` holds the percepts on the way to the node.
-    """
+    """Evaluators of beliefs, and their buffers; `scratch` holds the percepts on the way."""
 
     plans: Plans
-    table: Table
+    table: Table  # over a grid of marginal beliefs, or an empty one
     scratch: Scratch
-    reading: NDArray[np.float64]
+    reading: Floats
 
 
 @entry_kernel
@@ -89,7 +76,10 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
             _back_up(model, tree, node, a, value, options[1])
         if depth > 0:
             a = sampled.path[0, 1]
-            note_rows(sampled, a, tree.edge[0, a].visits - 1)
+            last = (tree.edge[0, a].visits - 1) % KEPT  # whose rows a decision shows
+            for i in range(sampled.latent.shape[0]):
+                for z in range(sampled.rows.shape[2]):
+                    sampled.kept[a, last, i, z] = sampled.rows[a, i, z]
     return simulations
 
 
@@ -122,9 +112,10 @@ def _select(model, tree, node, exploration):
 def _expand(model, evaluator, tree, node, a, rng):
     """Create the children of an edge: every outcome, or a sample where there are too many.
 
-    Percepts without information on an attribute are one outcome.
+    Percepts without information on an attribute are one outcome. A child is valued by ending now,
+    the best plan, or the table.
     """
-    scratch, x = evaluator.scratch, tree.node[node].x
+    scratch, table, x = evaluator.scratch, evaluator.table, tree.node[node].x
     forget_errors(scratch)
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
@@ -132,27 +123,38 @@ def _expand(model, evaluator, tree, node, a, rng):
         outcomes *= scratch.counts.shape[2] if model.percepts.informative[i, a] else 1
     tree.edge[node, a].reward = _step_reward(model, x, a, scratch.chance, scratch.total)
     tree.edge[node, a].first = tree.size[0]
-    perceives = scratch.total[a] < model.percepts.limit[a]
+    perceives, listed = scratch.total[a] < model.percepts.limit[a], outcomes <= ENUMERATE
     for k in range(model.dynamics.branch.shape[2]):
         branch = model.dynamics.branch[x, a, k]
         if branch.p <= 0.0:
             break
-        listed = outcomes <= ENUMERATE
-        count = int(outcomes) if listed else DRAWN
-        p = branch.p if listed else branch.p / DRAWN
-        for outcome in range(count):
-            child = tree.size[0]
-            tree.node[child].branch, tree.node[child].p = k, p
-            for i in range(tree.level.shape[1]):
-                tree.level[child, i] = -1
-                for c in range(tree.prob.shape[2]):
-                    tree.prob[child, i, c] = tree.prob[node, i, c]
+        for outcome in range(int(outcomes) if listed else DRAWN):
+            child, prob = tree.node[tree.size[0]], tree.prob[tree.size[0]]
+            level = tree.level[tree.size[0]]
+            child.branch, child.p = k, branch.p if listed else branch.p / DRAWN
+            for i in range(level.shape[0]):
+                level[i] = -1
+                for c in range(prob.shape[1]):
+                    prob[i, c] = tree.prob[node, i, c]
             if branch.senses and perceives:
                 _perceive(model, evaluator, tree, node, a, outcome if listed else -1, rng)
             else:
-                tree.node[child].p = branch.p if outcome == 0 else 0.0
-            if tree.node[child].p > 0.0:
-                _add_node(model, evaluator, tree, child, branch.x, a)
+                child.p = branch.p if outcome == 0 else 0.0
+            if child.p <= 0.0:
+                continue
+            tree.size[0] += 1
+            child.x, child.visits, child.stop = branch.x, 0, stop_value(model, prob)
+            _count_percept(scratch, level, a, 1.0)
+            for i in range(level.shape[0]):
+                scratch.shown[i] = level[i] + 1
+                scratch.chance[i] = true_chance(model.percepts, prob, i)
+            if table.value.shape[0] > 0:
+                child.value = max(child.stop, _estimate(model, evaluator, child.x, -tree.size[0]))
+            else:
+                child.value = evaluate_plans(
+                    model, evaluator.plans, child.x, prob, scratch, child.stop, child.x < 0
+                )
+            _count_percept(scratch, level, a, -1.0)
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
@@ -176,27 +178,6 @@ def _perceive(model, evaluator, tree, node, a, outcome, rng):
                 z += 1
                 u -= condition(percepts, scratch, tree.prob[node], i, a, z, tree.prob[child])
         tree.level[child, i] = z
-
-
-@kernel
-def _add_node(model, evaluator, tree, child, x, a):
-    """Add the next free node, valued by ending now, the best plan, or the table."""
-    tree.size[0] += 1
-    node, prob, table = tree.node[child], tree.prob[child], evaluator.table
-    node.x, node.visits = x, 0
-    _count_percept(evaluator.scratch, tree.level[child], a, 1.0)
-    node.stop = stop_value(model, prob)
-    for i in range(prob.shape[0]):
-        evaluator.scratch.shown[i] = tree.level[child, i] + 1
-        evaluator.scratch.chance[i] = true_chance(model.percepts, prob, i)
-    if table.value.shape[0] > 0:
-        estimate = _estimate(model, evaluator, x, -table.size[0])
-        node.value = max(node.stop, estimate)
-    else:
-        node.value = evaluate_plans(
-            model, evaluator.plans, x, prob, evaluator.scratch, node.stop, x < 0
-        )
-    _count_percept(evaluator.scratch, tree.level[child], a, -1.0)
 
 
 @kernel

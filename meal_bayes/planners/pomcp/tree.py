@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.compiled import Percepts
+from meal_bayes.planners.compiled import Floats, Integers, Percepts
 from meal_bayes.planners.kernels import kernel, records
 from meal_bayes.planners.open_loop.errors import predictive
 from meal_bayes.planners.solver import TreeEdge
@@ -38,22 +38,13 @@ EDGE = np.dtype([
 
 
 class Tree(NamedTuple):
-    """Nodes in the order in which they were made; the first is the root.
+    """Nodes in the order in which they were made; the first is the root."""
 
-    Attributes
-    ----------
-    size : (1,) nodes in use.
-    node : (S,) records of `NODE`.
-    edge : (S,E) records of `EDGE`.
-    prob : (S,N,C) Pr(latent class).
-    level : (S,N) percept that led here, -1 for none.
-    """
-
-    size: NDArray[np.int64]
-    node: NDArray[np.void]
-    edge: NDArray[np.void]
-    prob: NDArray[np.float64]
-    level: NDArray[np.int64]
+    size: Integers  # (1,) nodes in use
+    node: NDArray[np.void]  # (S,) records of `NODE`
+    edge: NDArray[np.void]  # (S,E) records of `EDGE`
+    prob: Floats  # (S,N,C) Pr(latent class)
+    level: Integers  # (S,N) percept that led here, -1 for none
 
 
 def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int) -> Tree:
@@ -67,7 +58,7 @@ def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int
     )
 
 
-def standard_errors(tree: Tree) -> NDArray[np.float64]:
+def standard_errors(tree: Tree) -> Floats:
     """Compute the standard errors (E,) that averages of the root's sampled returns would have."""
     errors = np.zeros(tree.edge.shape[1])
     for a in np.flatnonzero(tree.edge["first"][0] >= 0):
@@ -106,35 +97,20 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
 
 
 class Sampled(NamedTuple):
-    """The MOMDP of one simulation.
+    """The MOMDP of one simulation."""
 
-    Attributes
-    ----------
-    prob : (N,C) Pr(latent class) at the root.
-    counts : (N,E,K) percepts of the trial at the root, by level.
-    latent : (N,) the object's latent classes.
-    truth : (N,) the object's attributes, 0 or 1.
-    drawn : (E,) whether the rows of a behavior are drawn yet.
-    rows : (E,N,K) Pr(level).
-    kept : (E,KEPT,N,K) rows of the last simulations that began with a behavior.
-    path : (DEPTH,2) nodes and behaviors of the simulation.
-    reward : (DEPTH,) rewards of its steps.
-    """
-
-    prob: NDArray[np.float64]
-    counts: NDArray[np.float64]
-    latent: NDArray[np.int64]
-    truth: NDArray[np.float64]
-    drawn: NDArray[np.bool_]
-    rows: NDArray[np.float64]
-    kept: NDArray[np.float64]
-    path: NDArray[np.int64]
-    reward: NDArray[np.float64]
+    prob: Floats  # (N,C) Pr(latent class) at the root
+    counts: Floats  # (N,E,K) percepts of the trial at the root, by level
+    latent: Integers  # (N,) the object's latent classes
+    truth: Floats  # (N,) the object's attributes, 0 or 1
+    drawn: NDArray[np.bool_]  # (E,) are the rows of a behavior drawn yet?
+    rows: Floats  # (E,N,K) Pr(level)
+    kept: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
+    path: Integers  # (DEPTH,2) nodes and behaviors of the simulation
+    reward: Floats  # (DEPTH,) rewards of its steps
 
 
-def make_sampled(
-    percepts: Percepts, prob: NDArray[np.float64], counts: NDArray[np.float64]
-) -> Sampled:
+def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
     """Create the buffers of sampled MOMDPs, from a belief (N,C) and percept counts (N,E,K)."""
     n, e, _, k = percepts.rows.shape
     return Sampled(
@@ -165,11 +141,14 @@ def draw_object(percepts, sampled, rng):
 
 
 @kernel
-def draw_rows(percepts, sampled, e, rng):
-    """Draw the object's rows of a behavior, from Dirichlet(precision * mean + counts)."""
+def draw_percept(percepts, sampled, e, level, rng):
+    """Draw a percept of a behavior in the sampled MOMDP -> level (N,).
+
+    The object's rows are drawn first, when they are needed: Dirichlet(precision * mean + counts).
+    """
+    levels, new = percepts.rows.shape[3], not sampled.drawn[e]
     sampled.drawn[e] = True
-    levels = percepts.rows.shape[3]
-    for i in range(sampled.latent.shape[0]):
+    for i in range(level.shape[0] if new else 0):
         c = sampled.latent[i]
         s, total = percepts.precision[i, e, c], 0.0
         for z in range(levels):
@@ -182,28 +161,12 @@ def draw_rows(percepts, sampled, e, rng):
             total += sampled.rows[e, i, z]
         for z in range(levels):
             sampled.rows[e, i, z] /= total
-
-
-@kernel
-def draw_percept(percepts, sampled, e, level, rng):
-    """Draw a percept of a behavior in the sampled MOMDP -> level (N,)."""
-    if not sampled.drawn[e]:
-        draw_rows(percepts, sampled, e, rng)
-    last = percepts.rows.shape[3] - 1
     for i in range(level.shape[0]):
         u, z = rng.random(), 0
-        while z < last and u >= sampled.rows[e, i, z]:
+        while z < levels - 1 and u >= sampled.rows[e, i, z]:
             u -= sampled.rows[e, i, z]
             z += 1
         level[i] = z
-
-
-@kernel
-def note_rows(sampled, e, simulation):
-    """Keep the rows of a behavior with which a simulation begins."""
-    for i in range(sampled.latent.shape[0]):
-        for z in range(sampled.rows.shape[2]):
-            sampled.kept[e, simulation % KEPT, i, z] = sampled.rows[e, i, z]
 
 
 @kernel
