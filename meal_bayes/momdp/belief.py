@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.display import card
+from meal_bayes.display import bar_html, card, listed, table_html
 from meal_bayes.errors import ImpossibleObservation, SettingsError
-from meal_bayes.momdp.display import belief_facts, belief_html
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
 
@@ -78,10 +77,18 @@ class Belief:
 
     def __repr__(self) -> str:
         """Return the belief in three lines."""
-        return card(*belief_facts(self))
+        return card(self._title, {
+            "Pr(true)": listed([f"{value:.3f}" for value in self.positive], 10),
+            "certainty": f"{self.certainty:.3f}, entropy {self.entropy:.2f} bits",
+        })  # fmt: skip
 
     def _repr_html_(self) -> str:
-        return belief_html(self)
+        rows = [(str(i), bar_html(value)) for i, value in enumerate(self.positive.tolist())]
+        return table_html(self._title, ("attribute", "Pr(true)"), rows)
+
+    @property
+    def _title(self) -> str:
+        return f"Belief in state {self.x}, after {int(self.percept_counts[:1].sum())} percepts"
 
     def at(self, x: int) -> "Belief":
         """Return the same belief at another x."""
@@ -246,11 +253,11 @@ def _check(momdp: MOMDP, transition: Transition) -> None:
     if not 0 <= x < len(momdp.x_names):
         raise SettingsError(f"x is {x}; expected 0 to {momdp.terminal}, one of {momdp.x_names}.")
     if levels is not None:
-        found, n = np.asarray(levels), len(momdp.query)
-        whole = found.shape == (n,) and np.issubdtype(found.dtype, np.integer)
-        if not whole or found.min() < 0 or found.max() >= momdp.levels:
+        percept, n = np.asarray(levels), len(momdp.query)
+        whole = percept.shape == (n,) and np.issubdtype(percept.dtype, np.integer)
+        if not whole or percept.min() < 0 or percept.max() >= momdp.levels:
             raise SettingsError(
-                f"A percept is {found.tolist()}; expected {n} whole numbers from 0 to "
+                f"A percept is {percept.tolist()}; expected {n} whole numbers from 0 to "
                 f"{momdp.levels - 1}, one for each of {list(momdp.query.attributes)}."
             )
 

@@ -125,28 +125,16 @@ def _latent_rows(
         )
     spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     answers = any(behavior.answer_accuracy is not None for behavior in domain.behaviors)
-    if answers and (classes > 0).all(axis=1).any():
-        classes, rows, spread = _split(classes), np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
+    if answers and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
+        classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
+        rows, spread = np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
     for index, behavior in enumerate(domain.behaviors):
-        if behavior.answer_accuracy is not None:
-            rows[:, index] = _answer_rows(behavior.answer_accuracy, classes, rows.shape[-1])
+        if behavior.answer_accuracy is not None:  # right in each attribute, whatever its class
+            true, accuracy = classes[:, 1] > 0, behavior.answer_accuracy
+            rows[:, index] = 0.0
+            rows[:, index, :, 0] = np.where(true, 1.0 - accuracy, accuracy)
+            rows[:, index, :, -1] = np.where(true, accuracy, 1.0 - accuracy)
             spread[:, index] = np.inf
         elif not behavior.senses:
             rows[:, index] = 1.0 / rows.shape[-1]
     return rows, spread, classes
-
-
-def _split(classes: Floats) -> Floats:
-    """Split every latent class by truth: (N,2,C) -> (N,2,2C)."""
-    none = np.zeros_like(classes[:, 0])
-    false, true = np.hstack([classes[:, 0], none]), np.hstack([none, classes[:, 1]])
-    return np.stack([false, true], axis=1)
-
-
-def _answer_rows(accuracy: float, classes: Floats, levels: int) -> Floats:
-    """Build the rows (N,C,K) of answers that are right in each attribute with an accuracy."""
-    true = classes[:, 1] > 0
-    rows = np.zeros((*true.shape, levels))
-    rows[..., 0] = np.where(true, 1.0 - accuracy, accuracy)
-    rows[..., -1] = np.where(true, accuracy, 1.0 - accuracy)
-    return rows

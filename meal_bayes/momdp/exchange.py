@@ -24,39 +24,17 @@ _RESERVED = {
 
 
 class FileTables(NamedTuple):
-    """What a file says of a MOMDP, with names that every parser takes.
+    """What a file says of a MOMDP, with names that every parser takes."""
 
-    Attributes
-    ----------
-    x_names : tuple[str, ...]
-        (X,) states.
-    y_names : tuple[str, ...]
-        (Y,) bits of the values, the query's first attribute leading.
-    action_names : tuple[str, ...]
-        (A,) behaviors, then reports, then abstaining.
-    percept_names : tuple[str, ...]
-        (Z-1,) levels, the first attribute leading.
-    transition : NDArray[np.float64]
-        (E,X,X) Pr(x' | behavior, x).
-    comes : NDArray[np.float64]
-        (E,X) Pr(a percept comes | behavior, x').
-    moves : NDArray[np.bool_]
-        (E,X) whether the behavior leads to x' from another x.
-    reward : NDArray[np.float64]
-        (X,Y,A), none in `term`.
-    prior : NDArray[np.float64]
-        (Y,) Pr(y).
-    """
-
-    x_names: tuple[str, ...]
-    y_names: tuple[str, ...]
-    action_names: tuple[str, ...]
-    percept_names: tuple[str, ...]
-    transition: NDArray[np.float64]
-    comes: NDArray[np.float64]
-    moves: NDArray[np.bool_]
-    reward: NDArray[np.float64]
-    prior: NDArray[np.float64]
+    x_names: tuple[str, ...]  # (X,) states
+    y_names: tuple[str, ...]  # (Y,) bits of the values, the query's first attribute leading
+    action_names: tuple[str, ...]  # (A,) behaviors, then reports, then abstaining
+    percept_names: tuple[str, ...]  # (Z-1,) levels, the first attribute leading
+    transition: NDArray[np.float64]  # (E,X,X) Pr(x' | behavior, x)
+    comes: NDArray[np.float64]  # (E,X) Pr(a percept comes | behavior, x')
+    moves: NDArray[np.bool_]  # (E,X) does the behavior lead to x' from another x?
+    reward: NDArray[np.float64]  # (X,Y,A), none in `term`
+    prior: NDArray[np.float64]  # (Y,) Pr(y)
 
 
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
@@ -88,14 +66,7 @@ def _legal_transition(momdp: MOMDP) -> NDArray[np.float64]:
 
 
 def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
-    """Check that one hidden y a truth is all that a MOMDP's state needs, and that it is small.
-
-    Raises
-    ------
-    SettingsError
-        Finite precision, whose state would have to carry the percept counts; several latent
-        classes a truth; or more numbers than there is room for.
-    """
+    """Check that one hidden y a truth is all that a MOMDP's state needs, and that it is small."""
     if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
             "A flat POMDP cannot hold rows of finite precision, or several latent classes a "
@@ -194,11 +165,6 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
 
 def file_tables(momdp: MOMDP) -> FileTables:
     """Convert a MOMDP to the tables of a file.
-
-    Parameters
-    ----------
-    momdp : MOMDP
-        The problem.
 
     Raises
     ------

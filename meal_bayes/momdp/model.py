@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.display import card, card_html
+from meal_bayes.display import card, card_html, listed
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp.display import momdp_facts
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,51 +102,45 @@ class MOMDP:
                 f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
                 "levels, an even number, the upper half of which speaks for true."
             )
-        if self.latent_classes.ndim != 3:
-            raise SettingsError(
-                f"MOMDP.latent_classes has shape {self.latent_classes.shape}; expected (N,2,C)."
-            )
-        c = self.latent_classes.shape[2]
+        c = self.latent_classes.size // (2 * n)
         expected = {
             "transition": (e, x, x),
             "observation_probability": (e, x, x),
             "legal": (x, e),
+            "latent_classes": (n, 2, c),
             "confusion": (n, e, c, self.levels),
             "precision": (n, e, c),
             "prior": (n,),
-            "latent_classes": (n, 2, c),
             "cost": (e,),
             "bonus": (n, e, 2),
             "limit": (e,),
         }
         for name, shape in expected.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise SettingsError(f"MOMDP.{name} has shape {found}; expected {shape}.")
+            if (size := getattr(self, name).shape) != shape:
+                raise SettingsError(f"MOMDP.{name} has shape {size}; expected {shape}.")
         for name in ("transition", "confusion", "latent_classes"):
             rows = getattr(self, name)
             if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):
                 raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
-        if not ((self.prior >= 0) & (self.prior <= 1)).all():
-            raise SettingsError(f"MOMDP.prior must lie in [0, 1], found {self.prior}.")
         for group in self.query.groups:
             if not np.isclose(self.prior[list(group)].sum(), 1.0):
                 raise SettingsError(f"MOMDP.prior of a group must sum to 1, found {self.prior}.")
-        if not (self.precision > 0).all():
-            raise SettingsError("MOMDP.precision must be above 0 (inf = rows known exactly).")
-        for name in ("cost", "bonus", "correct", "incorrect"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise SettingsError(f"MOMDP.{name} must be finite; found {getattr(self, name)}.")
-        if not ((self.cost >= 0).all() and (self.limit >= 0).all()):
+        tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
+        for name, low, high, text in (
+            ("prior", 0.0, 1.0, "lie in [0, 1]"),
+            ("observation_probability", 0.0, 1.0, "lie in [0, 1]"),
+            ("precision", tiny, np.inf, "be above 0 (inf = rows known exactly)"),
+            ("limit", 0.0, np.inf, "be 0 or more"),
+            ("cost", 0.0, huge, "be finite, and 0 or more"),
+            *((name, -huge, huge, "be finite") for name in ("bonus", "correct", "incorrect")),
+            ("discount", tiny, 1.0, "be above 0, and 1 at most"),
+        ):
+            values = np.asarray(getattr(self, name))
+            if not ((values >= low) & (values <= high)).all():
+                raise SettingsError(f"MOMDP.{name} must {text}; found {values}.")
+        if not self.correct >= self.incorrect:
             raise SettingsError(
-                f"MOMDP.cost and MOMDP.limit must be 0 or more; found {self.cost}, {self.limit}."
-            )
-        if not ((self.observation_probability >= 0) & (self.observation_probability <= 1)).all():
-            raise SettingsError("MOMDP.observation_probability must be probabilities, from 0 to 1.")
-        if not 0 < self.discount <= 1 or not self.correct >= self.incorrect:
-            raise SettingsError(
-                f"Need 0 < discount <= 1 and correct >= incorrect; found discount "
-                f"{self.discount}, correct {self.correct}, incorrect {self.incorrect}."
+                f"Need correct >= incorrect; found {self.correct} and {self.incorrect}."
             )
 
     def _log_truth(self) -> NDArray[np.float64]:
@@ -164,10 +157,26 @@ class MOMDP:
 
     def __repr__(self) -> str:
         """Return the problem in six lines."""
-        return card(*momdp_facts(self))
+        return card(*self._facts())
 
     def _repr_html_(self) -> str:
-        return card_html(*momdp_facts(self))
+        return card_html(*self._facts())
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        """Return a title and what a reader should know first."""
+        rates = self.rows[..., self.levels // 2 :].sum(axis=-1)  # (N,E,2)
+        youden, names = rates[..., 1] - rates[..., 0], self.query.attributes
+        best = zip(names, youden.argmax(axis=1), youden.max(axis=1), strict=True)
+        largest = [f"{name} by {self.behavior_names[e]} ({j:.2f})" for name, e, j in best]
+        paid = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"
+        values = self.query.n_values if self.query.groups else f"2^{len(names)}"
+        return f"MOMDP of {', '.join(names)}", {
+            "states": f"{self.n_states}: {listed(self.x_names)} and {values} values",
+            "actions": f"{self.n_actions}: {listed(self.behavior_names)} and the reports",
+            "percepts": f"{self.levels} levels, {self.n_classes} latent classes",
+            "largest TPR - FPR": listed(largest, 3),
+            "rewards": f"{paid}, costs {np.min(self.cost):g} to {np.max(self.cost):g} s",
+        }
 
     @property
     def levels(self) -> int:

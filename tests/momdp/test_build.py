@@ -161,7 +161,7 @@ def test_arrays_cannot_be_written_to():
         ({"prior": 1.5}, r"prior must lie in \[0, 1\]"),
         ({"prior": np.nan}, r"prior must lie in \[0, 1\]"),
         ({"precision": 0.0}, "precision must be above 0"),
-        ({"objective": Objective(discount=0.0)}, "Need 0 < discount <= 1"),
+        ({"objective": Objective(discount=0.0)}, "discount must be above 0"),
         ({"objective": Objective(correct=-9, incorrect=9)}, "correct >= incorrect"),
         ({"objective": Objective(correct=np.inf)}, "correct must be finite"),
         ({"objective": Objective(incorrect=-np.inf)}, "incorrect must be finite"),
