@@ -24,21 +24,34 @@ class Agent:
 
     Attributes
     ----------
-    name : of the agent.
-    solver : makes the planner of a query.
-    object_level : objects differ (finite precision); otherwise Eq. 8.
-    shared_trait : percepts of an object may err together.
-    base_rates : the prior belief comes from the training objects; otherwise it is uniform.
-    levels : K of its percepts.
-    abstain : it may answer "I do not know".
-    discount : of a step, in planning only; 1 plans for the reward that is reported.
-    observation_model : of one's own: takes knowledge and the positions of the N queried attributes,
-        returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes` (N,2,C), or None for
-        latent classes that are the truth (see `build_momdp`). By the flags above otherwise.
-    exploration : bonus of training trials online.
-    memory : it recognizes objects.
-    whiten : it learns from repeats which differences of features do not depend on the object.
-    trained_by : who runs its training trials online; itself by default.
+    name : str
+        Of the agent.
+    solver : Callable[[Domain, Query], Solver]
+        Makes the planner of a query.
+    object_level : bool
+        Objects differ (finite precision); otherwise Eq. 8.
+    shared_trait : bool
+        Percepts of an object may err together.
+    base_rates : bool
+        The prior belief comes from the training objects; otherwise it is uniform.
+    levels : int
+        K of its percepts.
+    abstain : bool
+        It may answer "I do not know".
+    discount : float
+        Factor a step, in planning only; 1 plans for the reward that is reported.
+    observation_model : ObservationModel | None
+        Of one's own: takes knowledge and the positions of the N queried attributes, returns
+        `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes` (N,2,C), or None for latent
+        classes that are the truth (see `build_momdp`). By the flags above otherwise.
+    exploration : ExplorationBonus
+        Bonus of training trials online.
+    memory : bool
+        It recognizes objects.
+    whiten : bool
+        It learns from repeats which differences of features do not depend on the object.
+    trained_by : Agent | None
+        Who runs its training trials online; itself by default.
     """
 
     name: str
@@ -73,36 +86,32 @@ class Agent:
 
         Parameters
         ----------
-        query : what is asked.
-        knowledge : learned without the object at hand.
-        limit : (E,) or a number: recordings of a behavior that one trial can perceive.
-        reward : r+ = -r-, the domain's by default.
-        labels : (N,) that people gave to this object before; -1 unknown.
-        trust : Pr(such a label is right).
+        query : Query
+            What is asked.
+        knowledge : Knowledge
+            Learned without the object at hand.
+        limit : ArrayLike
+            (E,) or a number: recordings of a behavior that one trial can perceive.
+        reward : float | None
+            r+ = -r-, the domain's by default.
+        labels : NDArray[np.int8] | None
+            (N,) that people gave to this object before; -1 unknown.
+        trust : float
+            Pr(such a label is right).
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
-        confusion, precision, latent_classes = (self.observation_model or self._observation)(
-            knowledge, columns
-        )
+        observation = self.observation_model or self._observation
+        confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
         if labels is not None:
             prior = np.where(labels < 0, prior, np.where(labels == 1, trust, 1.0 - trust))
+        loss = None if reward is None else -reward
         return build_momdp(
-            domain,
-            query,
-            confusion,
-            precision,
-            prior=prior,
-            objective=Objective(
-                correct=reward,
-                incorrect=None if reward is None else -reward,
-                discount=self.discount,
-                abstain=self.abstain,
-            ),
-            limit=limit,
-            latent_classes=latent_classes,
-        )
+            domain, query, confusion, precision,
+            prior=prior, limit=limit, latent_classes=latent_classes,
+            objective=Objective(reward, loss, self.discount, self.abstain),
+        )  # fmt: skip
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
         """Return the rows of the confusion posterior, of latent classes where they are shared."""

@@ -31,20 +31,20 @@ class Progress:
     ----------
     knowledge : Knowledge
         So far.
-    valued : callable
+    valued : Callable[[], Array]
         Returns (P,E) `information_value` at the last refit, s a query.
     queries : float
         About each attribute, to come.
     unit : float
         Labelled instances that make one unit of experience, delta of Eq. 10.
-    instances : (P,E) int array
-        Labelled instances: delta x IE of Eq. 10.
-    objects : (P,E) int array
-        Objects with a labelled instance.
-    fresh : (P,E) bool array
-        Whether the object at hand has none.
-    labeled : (P,) bool array
-        Attributes of the object at hand that were labeled before and are remembered.
+    instances : NDArray[np.int64]
+        (P,E) labelled instances: delta x IE of Eq. 10.
+    objects : NDArray[np.int64]
+        (P,E) objects with a labelled instance.
+    fresh : NDArray[np.bool_]
+        (P,E) whether the object at hand has none.
+    labeled : NDArray[np.bool_]
+        (P,) attributes of the object at hand that were labeled before and are remembered.
     """
 
     knowledge: Knowledge
@@ -70,13 +70,7 @@ class ExplorationBonus(Protocol):
     def paid(self) -> float: ...  # noqa: D102  in the class's docstring
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
-        """Return the MOMDP with a bonus for exploring.
-
-        Parameters
-        ----------
-        momdp : of the query, without a bonus.
-        progress : what the robot has learned so far.
-        """
+        """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
         ...
 
 
@@ -163,11 +157,8 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
 def first_percept_value(progress: Progress, columns: list[int]) -> Array:
     """Compute the value of a first percept of each behavior to the queries to come, (E,), s.
 
-    Parameters
-    ----------
-    progress : of which D holds recordings of the object that add no value.
-    columns : the queried attributes; with memory, those labeled before count as well. (Those
-        labeled later would too, but to record for them first costs more than it brings.)
+    It counts for the queried attributes and, with memory, for those labeled before. (For those
+    labeled later too, but to record for them first costs more than it brings.)
     """
     new = np.tile(progress.labeled[:, None], progress.instances.shape[1])  # (P,E)
     new[columns] = True

@@ -21,10 +21,14 @@ class Knowledge:
 
     Attributes
     ----------
-    domain : of the attributes and behaviors.
-    posterior : of the confusion matrices.
-    base_rates : (P,) (n+ + 1) / (n + 2) of the training objects.
-    trait : latent trait that percepts of an object share; None: they share the truth alone.
+    domain : Domain
+        Of the attributes and behaviors.
+    posterior : ConfusionPosterior
+        Of the confusion matrices.
+    base_rates : NDArray[np.float64]
+        (P,) (n+ + 1) / (n + 2) of the training objects.
+    trait : SharedTrait | None
+        Latent trait that percepts of an object share; None: they share the truth alone.
     """
 
     domain: Domain
@@ -58,11 +62,15 @@ def knowledge_without(
 
     Parameters
     ----------
-    table : held-out percepts of a data set.
-    held_out : index of the object that is left out.
-    levels : K of the percepts.
-    object_level : let objects differ from each other and percepts of one object err together
-        (ours), or take all percepts as independent (the paper).
+    table : PerceptTable
+        Held-out percepts of a data set.
+    held_out : int
+        Index of the object that is left out.
+    levels : int
+        K of the percepts.
+    object_level : bool
+        Let objects differ from each other and percepts of one object err together (ours), or take
+        all percepts as independent (the paper).
     """
     counts = table_counts(table, held_out, levels=levels)
     labels = table.labels.copy()
@@ -81,9 +89,14 @@ def knowledge_of(
 
     Parameters
     ----------
-    counts : percepts of held-out classifiers.
-    labels : (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
-    object_level : as in `knowledge_without`.
+    domain : Domain
+        Of the attributes and behaviors.
+    counts : ConfusionCounts
+        Percepts of held-out classifiers.
+    labels : NDArray[np.int8]
+        (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
+    object_level : bool
+        As in `knowledge_without`.
     """
     rates = base_rates(labels)
     if not object_level:
@@ -94,9 +107,6 @@ def knowledge_of(
 
 
 def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Return the posterior mean Pr(attribute), (P,), of (O,P) labels.
-
-    Unknown labels (-1) do not count.
-    """
+    """Return the posterior mean Pr(attribute), (P,), of labels (O,P) that are known (not -1)."""
     positive, known = (labels == 1).sum(axis=0), (labels >= 0).sum(axis=0)
     return np.asarray((positive + 1) / (known + 2))

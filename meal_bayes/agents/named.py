@@ -11,15 +11,7 @@ from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.exploration import FittedITRSBonus, InformationBonus, ITRSBonus, NoBonus
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.planners import (
-    POMCP,
-    Greedy,
-    OpenLoop,
-    Predefined,
-    Random,
-    RandomLegal,
-    Solver,
-)
+from meal_bayes.planners import POMCP, Greedy, OpenLoop, Predefined, Random, RandomLegal, Solver
 
 
 def _random(domain: Domain, query: Query) -> Solver:
@@ -120,13 +112,15 @@ def as_agent(value: object) -> Agent:
 
     Parameters
     ----------
-    value : the name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp,
-        rng)`, its class, or a function of domain and query that makes one. A planner gets the
-        observation model, prior and levels of `bayes`, and its own name.
+    value : object
+        The name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp, rng)`,
+        its class, or a function of domain and query that makes one. A planner gets the observation
+        model, prior and levels of `bayes`, and its own name.
 
     Raises
     ------
-    SettingsError : an unknown name, or a value that cannot plan.
+    SettingsError
+        An unknown name, or a value that cannot plan.
     """
     if isinstance(value, Agent):
         return value
@@ -134,10 +128,9 @@ def as_agent(value: object) -> Agent:
         return load_agent(value)
     named = getattr(value, "__name__", type(value).__name__)
     ours = replace(AGENTS["bayes_no_bonus"], name=named)
-    if isinstance(value, type) and hasattr(value, "solve"):
-        return replace(ours, solver=_Always(value()))
     if hasattr(value, "solve"):
-        return replace(ours, solver=_Always(cast(Solver, value)))
+        planner = value() if isinstance(value, type) else value
+        return replace(ours, solver=_Always(cast(Solver, planner)))
     if callable(value):
         return replace(ours, solver=cast(Callable[[Domain, Query], Solver], value))
     raise SettingsError(
@@ -148,11 +141,11 @@ def as_agent(value: object) -> Agent:
 
 def distinct(agents: Iterable[Agent]) -> tuple[Agent, ...]:
     """Return the agents; `SettingsError` where two have one name, or there is none."""
-    found = tuple(agents)
-    names = [agent.name for agent in found]
+    named = tuple(agents)
+    names = [agent.name for agent in named]
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(f"Agent {name!r} is named twice; name each once.")
-    if not found:
+    if not named:
         raise SettingsError("No agent named; name at least one.")
-    return found
+    return named
