@@ -27,6 +27,7 @@ from paper_repro.statements import THEIRS, Evidence, above, below, every, placed
 
 COLUMNS = ("agent", "repeats", "explored, h", "accuracy", "reward", "accuracy over H h, less its",
            "reward over H h, less its")  # fmt: skip
+BONUSES = ("bayes_itrs", "bayes_no_bonus")  # our agent by another bonus; `bayes` values information
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared by the paired difference of their means over the first H hours of
 exploration, H being where Iterative MORC ends (the area between the curves), and at fixed budgets.
@@ -55,6 +56,7 @@ def run(setting: Setting) -> Result:
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols[:2]:
             theirs = protocol == THEIRS
+            bonuses = n == 1 and not theirs
             if theirs and dataset != "cy101":
                 continue
             if setting.only not in title:
@@ -62,7 +64,7 @@ def run(setting: Setting) -> Result:
                 continue
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
-                for agent in (PAPERS if theirs else (*PAPERS, *OURS))
+                for agent in (*PAPERS, *(() if theirs else OURS), *(BONUSES if bonuses else ()))
             }
             evidence[protocol] |= judge(panel, title)
             ratio = panel[BEST].ratio
@@ -72,8 +74,9 @@ def run(setting: Setting) -> Result:
                 evidence[OUR_COLUMN][text] = above(lead, 0, of="reward less its")
             tables.append(compared(panel, f"{title}, {protocol}"))
             figures[f"_{dataset}_{n}" + "_theirs" * theirs] = plots.learning_curve(
-                [series(curves, curves.accuracy, name) for name, curves in panel.items()]
-            )
+                [series(panel[name], panel[name].accuracy, name) for name in (*PAPERS, *OURS)
+                 if name in panel]
+            )  # fmt: skip
             sides = area(panel[BEST], panel[BASE], "accuracy")
             lead = paired(*sides, ratio)
             told.append(f"{title} ({protocol}) {lead.estimate:+.3f}")
