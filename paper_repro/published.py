@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, load_agent
+from meal_bayes.agents import Agent, ITRSBonus, load_agent
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.download import fetch
 from meal_bayes.datasets.sources import source
@@ -177,4 +177,6 @@ AGENTS = {
 def online_agent(name: str) -> Agent:
     """Return an online agent as the published code has it."""
     agent = load_agent(name)
+    if isinstance(agent.exploration, ITRSBonus):  # which pays for percepts without end
+        agent = replace(agent, exploration=replace(agent.exploration, paid=np.inf))
     return replace(agent, solver=_random_legal) if name == "iterative_random_legal" else agent

@@ -57,6 +57,11 @@ class Progress:
     labeled: NDArray[np.bool_]
 
 
+# Recordings of an object by a behavior that the paper's data sets have, at most: Eq. 11 pays for as
+# many, or a robot whose percepts do not run out would be paid until it is stopped.
+RECORDED = 10.0
+
+
 class ExplorationBonus(Protocol):
     """Shapes the rewards of training trials.
 
@@ -91,7 +96,7 @@ class ITRSBonus:
 
     alpha: float = 6.0
     beta: float = 30.0
-    paid: float = np.inf
+    paid: float = RECORDED
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
@@ -102,7 +107,7 @@ class ITRSBonus:
 class FittedITRSBonus:
     """Eq. 11 with the weights that come nearest to the value of information."""
 
-    paid: float = np.inf
+    paid: float = RECORDED
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""

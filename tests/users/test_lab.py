@@ -77,3 +77,11 @@ def test_a_lab_begins_with_nothing(tmp_path):
             trial = learner.ask("Is it full, and is it metal?", robot, truth=item)
         assert any("audio" in step.warning for step in trial.steps)
         assert trial.report is not None
+
+
+def test_shaping_pays_no_robot_without_end():
+    rng = np.random.default_rng(5)
+    learner = mb.Learner(LAB, agent="morc_itrs", logs=None)
+    item = {"full": True, "metal": False}
+    trial = learner.ask("Is it full, and is it metal?", Bench(item, rng), truth=item)
+    assert 5 < len(trial.steps) < 40  # 3 behaviors, each paid ten times at most
