@@ -16,7 +16,7 @@ from meal_bayes.evaluation.learning import (
     learning_rows,
     summarize_learning,
 )
-from meal_bayes.evaluation.outcome_model import AgentEffect, compare_outcomes, plot_effects
+from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.statistics import (
     Effect,
     Interval,
@@ -24,11 +24,8 @@ from meal_bayes.evaluation.statistics import (
     clustered,
     holm,
     resampled,
-    spent,
-    wilson_interval,
 )
 from meal_bayes.evaluation.summary import (
-    Summary,
     SummaryRow,
     compare,
     difference,
@@ -38,30 +35,8 @@ from meal_bayes.evaluation.summary import (
 )
 
 __all__ = [
-    "AgentEffect",
-    "Effect",
-    "Interval",
-    "LearningSummary",
-    "Summary",
-    "SummaryRow",
-    "bootstrap_interval",
-    "brier",
-    "calibration_error",
-    "clustered",
-    "compare",
-    "compare_outcomes",
-    "decided",
-    "difference",
-    "expected_calibration_error",
-    "holm",
-    "learning_rows",
-    "mean",
-    "mean_effect",
-    "negative_log_likelihood",
-    "plot_effects",
-    "resampled",
-    "spent",
-    "summarize",
-    "summarize_learning",
-    "wilson_interval",
-]
+    "Effect", "Interval", "LearningSummary", "SummaryRow", "bootstrap_interval", "brier",
+    "calibration_error", "clustered", "compare", "compare_outcomes", "decided", "difference",
+    "expected_calibration_error", "holm", "learning_rows", "mean", "mean_effect",
+    "negative_log_likelihood", "resampled", "summarize", "summarize_learning",
+]  # fmt: skip

@@ -10,30 +10,20 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
+from matplotlib import axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import write_whole
 
-__all__ = [
-    "COLORS",
-    "GRAY",
-    "MARKERS",
-    "Axes",
-    "axes_to_draw",
-    "legend",
-    "name_axes",
-    "save",
-    "svg",
-]
+Axes = axes.Axes
 COLORS = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B7A500"
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 GRAY = "#7A7A7A"
-_FORMATS = (".png", ".pdf", ".svg")
+_WITHOUT_DATE = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _STYLE: Any = {  # names of matplotlib's settings
     "text.parse_math": False,  # names are data: a dollar sign in them is a dollar sign
     **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
@@ -80,21 +70,16 @@ def legend(ax: Axes, count: int, *, above: bool = False) -> None:
 def save(ax: Axes, path: str | Path) -> Path:
     """Write the figure of an Axes as PNG, PDF or SVG, as the name ends; equal ones equally."""
     path = Path(path)
-    if path.suffix not in _FORMATS:
+    if path.suffix[1:] not in _WITHOUT_DATE:
         raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
-    write_whole(path, _drawn(ax, path.suffix[1:]))
+    write_whole(path, render(ax, path.suffix[1:]))
     return path
 
 
-def svg(ax: Axes) -> str:
-    """Return the figure of an Axes as SVG text."""
-    return _drawn(ax, "svg").decode()
-
-
-def _drawn(ax: Axes, kind: str) -> bytes:
-    dates = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+def render(ax: Axes, kind: str) -> bytes:
+    """Return the figure of an Axes as a file of a kind: "png", "pdf" or "svg"."""
     buffer = io.BytesIO()
     figure = cast("Figure", ax.get_figure(root=True))
     with mpl.rc_context(_STYLE):
-        figure.savefig(buffer, format=kind, dpi=160, metadata=dates[kind])
+        figure.savefig(buffer, format=kind, dpi=160, metadata=_WITHOUT_DATE[kind])
     return buffer.getvalue()

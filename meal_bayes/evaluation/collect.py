@@ -13,18 +13,10 @@ WORST = 10  # trials that are kept whole
 
 
 class Worst(NamedTuple):
-    """One of the trials with the lowest reward.
+    """One of the trials with the lowest reward, with its number in its file.
 
-    Attributes
-    ----------
-    number : int
-        Of the trial in its file.
-    outcome : TrialOutcomes
-        One row.
-    trial : Trial | None
-        None of a compact log.
-    badness : float
-        Belief in the report less the reward.
+    `outcome` has one row; `trial` is None of a compact log; `badness` is the belief in the report
+    less the reward.
     """
 
     file: Path
@@ -35,18 +27,12 @@ class Worst(NamedTuple):
 
 
 class Collected:
-    """What has been read of the logs of a report.
+    """Outcomes of the logs of a report so far, and the worst trials.
 
-    Attributes
-    ----------
-    trials : int
-        How many.
-    worst : list[Worst]
-        The trials with the lowest reward; of equals, those that were surest, then the first.
+    Those have the lowest reward; of equals, those that were surest come first, then the earliest.
     """
 
     def __init__(self) -> None:
-        self.trials = 0
         self.worst: list[Worst] = []
         self._parts: list[TrialOutcomes] = []
         self._batches: list[tuple[int, bool]] = []  # of the parts: number, whether it is a test
@@ -67,7 +53,6 @@ class Collected:
         online = isinstance(number, int) and part in ("train", "test")
         self._batches.append((number, part == "test") if online else (-1, False))  # type: ignore[arg-type]
         self._parts.append(outcomes)
-        self.trials += len(outcomes)
 
     def outcomes(self) -> TrialOutcomes:
         """Return the outcomes of all trials."""

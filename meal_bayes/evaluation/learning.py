@@ -40,13 +40,16 @@ class LearningRow(Measures):
 
     Attributes
     ----------
-    hours : of exploration so far.
-    accuracy, accuracy_se : Eq. 5; objects as clusters.
-    reward : mean, unshaped.
-    ece : of the final beliefs; of a few hundred cases it is biased up, see `pooled_ece`.
-    test_cost_s : mean, s.
-    nll : of the final beliefs, nats.
-    claimed_accuracy : mean of the agent's own Pr(its report is right).
+    hours : float
+        Of exploration so far.
+    reward : float
+        Mean, unshaped.
+    ece : float
+        Of the final beliefs, as `nll`; of a few hundred cases it is biased up, see `pooled_ece`.
+    accuracy_se : float
+        With objects as clusters.
+    claimed_accuracy : float
+        Mean of the agent's own Pr(its report is right).
     """
 
     agent: str
@@ -66,15 +69,18 @@ class LearningRow(Measures):
 class LearningSummary(Measures):
     """An agent beside the reference, over the repeats that they share; nan where undefined.
 
+    `after` is after the last batch; differences are agent - reference.
+
     Attributes
     ----------
-    area_hours : hours H that the reference explores, mean over repeats.
-    area_reward_difference : of the mean test reward over the first H hours, agent - reference.
-    area_low, area_high : its 95 % interval, corrected as repeats split the same objects.
-    reward_after : after the last batch.
-    reward_after_difference : agent - reference.
-    accuracy_after : after the last batch.
-    ece_after : of the last three batches, all repeats pooled.
+    area_hours : float
+        Hours H that the reference explores, mean over repeats.
+    area_reward_difference : float
+        Of the mean test reward over the first H hours.
+    area_low, area_high : float
+        Its 95 % interval, corrected as repeats split the same objects.
+    ece_after : float
+        Of the last three batches, all repeats pooled.
     """
 
     agent: str
@@ -105,12 +111,7 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
 
 
 def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
-    """Collect the curves of an agent.
-
-    Raises
-    ------
-    SettingsError : no results of this agent, or repeats of different length.
-    """
+    """Collect the curves of an agent; raise a `SettingsError` where one is missing or not whole."""
     points: dict[int, list[tuple[int, float, float]]] = {}
     for result in results:
         if result.agent == agent:
@@ -128,17 +129,11 @@ def summarize_learning(
     ratio: float = RATIO,
     mass: float = MASS,
 ) -> list[LearningSummary]:
-    """Compare every agent with the reference.
+    """Compare every agent with the reference, by default the first one.
 
     The area is that between curves which are linear between batches, and stay at their end where
-    an agent has explored less than the reference.
-
-    Parameters
-    ----------
-    results : of all agents.
-    reference : the agent compared with; by default the first one.
-    ratio : test objects over training objects, of `resampled`.
-    mass : of the intervals.
+    an agent has explored less than the reference. `ratio` is that of `resampled`, `mass` of the
+    intervals.
     """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
@@ -193,15 +188,8 @@ def mean_until(hours: Array, values: Array, end: float) -> float:
 
 
 def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
-    """Count the successes of an agent's trials, in order, until a budget is spent (Eq. 7).
-
-    Parameters
-    ----------
-    outcomes : of one agent.
-    budget : s; the trial that passes it does not count.
-    """
-    paid = np.cumsum(outcomes.cost) <= budget
-    return int((outcomes.success[paid] == 1).sum())
+    """Count an agent's successes until a budget (s) is spent, in the order of trials (Eq. 7)."""
+    return int((outcomes.success[np.cumsum(outcomes.cost) <= budget] == 1).sum())
 
 
 def success_difference(
@@ -211,23 +199,15 @@ def success_difference(
     *,
     ratio: float = RATIO,
 ) -> Interval:
-    """Compare the successes of training trials within a budget (Eq. 7), paired by repeat.
-
-    Parameters
-    ----------
-    own, base : training trials of two agents, one entry a repeat (see `OnlineRun.training`).
-    budget : s of each repeat.
-    """
+    """Compare two agents' successes in training within a budget (s, Eq. 7), paired by repeat."""
     first, second = ([successes_within(one, budget) for one in trials] for trials in (own, base))
     return resampled(np.subtract(first, second), ratio).interval()
 
 
 def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
-    """Compute the expected calibration error over all repeats of one agent's last batches.
+    """Compute the ECE over all repeats of an agent's last batches, and that of calibrated beliefs.
 
-    Returns
-    -------
-    The error, and what calibrated beliefs of the same values would show.
+    The second is what calibrated beliefs of the same values would show.
     """
     every = list(results)
     end = max(result.batch for result in every)

@@ -39,14 +39,16 @@ class AgentEffect(Measures):
 
     Attributes
     ----------
-    agent, reference, measure : what is compared.
-    trials : of the agent.
-    plain : mean less the reference's, of all trials.
-    effect : the same by the model, shrunk: over new objects and repeats, at the attributes asked.
-    low, high : its 95 % credible interval.
-    ahead : Pr(better than the reference); better is less for costs.
-    equivalent : Pr(the effect is smaller than the margin).
-    margin : the region of practical equivalence reaches this far on both sides of 0.
+    plain : float
+        Mean less the reference's, of all trials.
+    effect : float
+        The same by the model, shrunk: over new objects and repeats, at the attributes asked.
+    low, high : float
+        Its 95 % credible interval.
+    ahead : float
+        Pr(better than the reference); better is less for costs.
+    equivalent : float
+        Pr(the effect is smaller than the margin, on both sides of 0).
     """
 
     agent: str
@@ -68,11 +70,14 @@ class Cells:
 
     Attributes
     ----------
-    terms : (C,) index of the level, by the name of its term; several columns for attributes.
-    sizes : levels of each term.
-    trials, total : (C,) how many trials, and the sum of their measure.
-    spread : standard deviation of the measure within cells; nan for successes.
-    agents : names.
+    terms : dict[str, Index]
+        (C,) index of the level, by the name of its term; several columns for attributes.
+    sizes : dict[str, int]
+        Levels of each term.
+    trials, total : Array
+        (C,) how many trials, and the sum of their measure.
+    spread : float
+        Standard deviation of the measure within cells; nan for successes.
     """
 
     terms: dict[str, Index]
@@ -124,7 +129,7 @@ def compare_outcomes(
     draws: int = 500,
     seed: int = 0,
 ) -> list[AgentEffect]:
-    """Compare all agents with one of them by the hierarchical model of their outcomes.
+    """Compare agents with one of them by the hierarchical model of their outcomes, a row each.
 
     Parameters
     ----------
@@ -142,11 +147,6 @@ def compare_outcomes(
         Of the posterior, in each of two chains.
     seed : int
         Of the sampler.
-
-    Returns
-    -------
-    list[AgentEffect]
-        A row for each other agent.
 
     Raises
     ------
@@ -183,12 +183,9 @@ def compare_outcomes(
 
 
 def sample(cells: Cells, *, draws: int = 500, seed: int = 0) -> dict[str, Array]:
-    """Draw from the posterior by NUTS: arrays (draws, ...) by name, with two chains joined.
+    """Draw from the posterior by NUTS, two chains joined: arrays (draws, ...) by name.
 
-    Returns
-    -------
-    dict[str, Array]
-        `mean`, the effect of each term by its name, and its spread by `spread of <name>`.
+    They are `mean`, the effect of each term by its name, and its spread by `spread of <name>`.
     """
     from meal_bayes.posterior import hierarchical  # noqa: PLC0415  takes seconds
 

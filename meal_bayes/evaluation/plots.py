@@ -1,7 +1,7 @@
 """Figures of trials; every function draws into `ax` or a new figure, and returns the Axes."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ from meal_bayes.evaluation.canvas import (
 )
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.trials import Trial
+
+Entry = TypeVar("Entry")
 
 _MANY = 25  # points on a line, beyond which they get no markers
 _FEW = 3  # lines that leave room for a legend between them
@@ -45,22 +47,13 @@ def lines(
     fraction: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw lines with error bands over x (as Fig. 9).
-
-    Parameters
-    ----------
-    x_label, y_label : str
-        With their units, as "cost, s".
-    fraction : bool
-        Whether y is drawn on 0 to 1.
-    """
+    """Draw lines with error bands over x (as Fig. 9); of a `fraction` y goes from 0 to 1."""
     with axes_to_draw(ax) as to:
-        for number, one in enumerate(series):
-            color = COLORS[number % len(COLORS)]
-            marker = MARKERS[number % len(MARKERS)] if len(one.x) <= _MANY else None
-            to.plot(one.x, one.y, color=color, marker=marker, ms=4, lw=1.6, label=one.name)
-            if one.low is not None and one.high is not None:
-                to.fill_between(one.x, one.low, one.high, color=color, alpha=0.18, lw=0)
+        for color, marker, (name, x, y, low, high) in _styled(series):
+            shown = marker if len(x) <= _MANY else None
+            to.plot(x, y, color=color, marker=shown, ms=4, lw=1.6, label=name)
+            if low is not None and high is not None:
+                to.fill_between(x, low, high, color=color, alpha=0.18, lw=0)
         name_axes(to, x_label, y_label)
         if fraction:
             to.set_ylim(-0.02, 1.02)
@@ -92,25 +85,22 @@ def bars(
     names : Sequence[str]
         Under the bars.
     fraction : bool
-        Whether y is drawn on 0 to 1.
+        Whether y goes from 0 to 1.
     """
     with axes_to_draw(ax) as to:
         width, single = 0.8 / max(len(groups), 1), len(groups) == 1
         place = np.arange(len(names))
-        for number, (group, found) in enumerate(groups.items()):
-            at = place + (number - (len(groups) - 1) / 2) * width
+        for number, (group, intervals) in enumerate(groups.items()):
+            x = place + (number - (len(groups) - 1) / 2) * width
             colors = [COLORS[i % len(COLORS)] for i in place] if single else COLORS[number % 8]
-            heights = np.array([one.estimate for one in found])
-            to.bar(at, heights, width * 0.9, color=colors, label=None if single else group)
+            heights = [interval.estimate for interval in intervals]
+            to.bar(x, heights, width * 0.9, color=colors, label=None if single else group)
             to.errorbar(
-                at, heights, _reach(found), fmt="none", ecolor="#222222", elinewidth=1.1,
+                x, heights, _reach(intervals), fmt="none", ecolor="#222222", elinewidth=1.1,
                 capsize=2.5,
             )  # fmt: skip
-        crowded = sum(map(len, names)) > _LETTERS
-        turn: dict[str, Any] = (
-            {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
-        )
-        to.set_xticks(place, names, **turn)
+        turned: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+        to.set_xticks(place, names, **turned if sum(map(len, names)) > _LETTERS else {})
         name_axes(to, "", y_label, grid="y")
         if fraction:
             to.set_ylim(0, 1.04)
@@ -128,16 +118,8 @@ def reliability_diagram(
 ) -> Axes:
     """Draw the fraction of true attributes over the belief, with Wilson's 95 % intervals.
 
-    Points on the diagonal are calibrated; gray columns are the fraction of beliefs in each bin.
-
-    Parameters
-    ----------
-    positive : ArrayLike
-        (n,) Pr(attribute is true).
-    truth : ArrayLike
-        (n,) bool.
-    small : bool
-        One of several side by side, without a legend.
+    Points on the diagonal are calibrated; gray columns are the fraction of beliefs in each bin. A
+    `small` one, of several side by side, has no legend.
     """
     b, true = checked_cases(positive, truth)
     index = bins_of(b, bins)
@@ -148,10 +130,10 @@ def reliability_diagram(
         edges = np.arange(bins) / bins
         to.bar(edges, n / len(b), 1 / bins, align="edge", color="#E3E3E3", label="beliefs")
         to.plot([0, 1], [0, 1], color=GRAY, lw=1, ls="--", label="calibrated")
-        found = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
+        intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
-            mean, [f.estimate for f in found], _reach(found), fmt="o", ms=4.5, color=COLORS[0],
+            mean, hits[filled] / n[filled], _reach(intervals), fmt="o", ms=4.5, color=COLORS[0],
             capsize=2, elinewidth=1, label="true",
         )  # fmt: skip
         name_axes(to, "belief", "fraction true")
@@ -217,11 +199,11 @@ def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
     e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
     actions = [step.decision.action for step in trial.steps]
     with axes_to_draw(ax) as to:
-        for i, attribute in enumerate(trial.task.query.attributes):
-            color, marker = COLORS[i % len(COLORS)], MARKERS[i % len(MARKERS)]
-            to.plot(positive[:, i], color=color, marker=marker, ms=4, lw=1.6, label=attribute)
-            at = (len(beliefs) - 0.88, trial.truth[i] if trial.truth[i] >= 0 else np.nan)
-            to.plot(*at, "o", mfc="none", mec=color, ms=9, clip_on=False)
+        columns = zip(trial.task.query.attributes, positive.T, trial.truth, strict=True)
+        for color, marker, (attribute, belief, truth) in _styled(columns):
+            to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
+            end = truth if truth >= 0 else np.nan
+            to.plot(len(beliefs) - 0.88, end, "o", mfc="none", mec=color, ms=9, clip_on=False)
         to.axhline(0.5, color=GRAY, lw=0.8, ls=":")
         labels = ["prior", *(names[a] if a < e else "report" for a in actions)]
         to.set_xticks(range(len(labels)), labels, rotation=35, ha="right", rotation_mode="anchor")
@@ -234,8 +216,7 @@ def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
 def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None) -> Axes:
     """Draw the fraction of trials over the cost they stay within, one step line an agent."""
     with axes_to_draw(ax) as to:
-        for number, (group, costs) in enumerate(groups.items()):
-            color = COLORS[number % len(COLORS)]
+        for color, _, (group, costs) in _styled(groups.items()):
             values, counts = np.unique(np.asarray(costs, float), return_counts=True)
             to.ecdf(values, counts, color=color, lw=1.6, label=group)
         name_axes(to, "cost of a trial, s", "fraction of trials")
@@ -248,25 +229,24 @@ def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None
 def accuracy_and_cost(
     points: Mapping[str, tuple[Interval, Interval]], *, ax: Axes | None = None
 ) -> Axes:
-    """Draw the accuracy of each agent over its mean cost, with the intervals of both.
-
-    Parameters
-    ----------
-    points : Mapping[str, tuple[Interval, Interval]]
-        Accuracy and cost, s, by agent.
-    """
+    """Draw accuracy over mean cost, s, with the intervals of both, a point an agent."""
     with axes_to_draw(ax) as to:
-        for number, (agent, (accuracy, cost)) in enumerate(points.items()):
+        for color, marker, (agent, (accuracy, cost)) in _styled(points.items()):
             to.errorbar(
                 cost.estimate, accuracy.estimate, xerr=_reach([cost]), yerr=_reach([accuracy]),
-                fmt=MARKERS[number % len(MARKERS)], color=COLORS[number % len(COLORS)], ms=5.5,
-                elinewidth=1.1, capsize=2.5, label=agent,
+                fmt=marker, color=color, ms=5.5, elinewidth=1.1, capsize=2.5, label=agent,
             )  # fmt: skip
         name_axes(to, "mean cost of a trial, s", "accuracy")
         to.set_ylim(-0.04, 1.04)
         _scale_costs(to, [cost.estimate for _, cost in points.values()])
         legend(to, len(points), above=True)
         return to
+
+
+def _styled(entries: Iterable[Entry]) -> Iterator[tuple[str, str, Entry]]:
+    """Yield color, marker and entry."""
+    for number, entry in enumerate(entries):
+        yield COLORS[number % len(COLORS)], MARKERS[number % len(MARKERS)], entry
 
 
 def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
@@ -278,7 +258,7 @@ def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
     ax.set_xlim(left=0)
 
 
-def _reach(found: Sequence[Interval]) -> NDArray[np.float64]:
+def _reach(intervals: Sequence[Interval]) -> NDArray[np.float64]:
     """Return how far intervals go below and above their estimates, (2,n); 0 where unknown."""
-    ends = [[one.estimate - one.low, one.high - one.estimate] for one in found]
-    return np.asarray(np.nan_to_num(np.clip(ends, 0, None)).T)
+    middle, _, low, high = np.transpose(intervals)
+    return np.asarray(np.nan_to_num(np.clip([middle - low, high - middle], 0, None)))

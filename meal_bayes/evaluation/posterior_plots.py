@@ -25,16 +25,12 @@ def forest(
     """Draw Pr(yes) of true and of false objects, each with its interval.
 
     One row a pair; attributes stay together, the behavior with the largest difference first.
-    Where there are too many pairs, those with the largest differences are drawn.
+    Where there are more than `most` pairs, those with the largest differences are drawn.
 
     Parameters
     ----------
     middle, low, high : ArrayLike
         (P,E,2) Pr(yes | false), Pr(yes | true), and the ends of their intervals.
-    attributes, behaviors : Sequence[str]
-        Names (P,) and (E,).
-    most : int
-        Rows.
     """
     center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
     gap = center[..., 1] - center[..., 0]
@@ -57,13 +53,10 @@ def forest(
             to.text(-0.01, place[head] - 0.9, name, weight="bold", ha="right", va="center",
                     fontsize=8, transform=to.get_yaxis_transform())  # fmt: skip
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
-        rest = gap.size - len(pairs)
-        more = (
-            f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
-            if rest
-            else ""
-        )
-        name_axes(to, f'probability of "yes", with 95 % interval{more}', "", grid="x")
+        label = 'probability of "yes", with 95 % interval'
+        if rest := gap.size - len(pairs):
+            label += f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
+        name_axes(to, label, "", grid="x")
         to.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         return to
 

@@ -4,6 +4,7 @@ Sections are dictionaries, whose entries stand at the head of `templates/report.
 """
 
 import base64
+import contextlib
 import json
 import math
 import os
@@ -19,7 +20,7 @@ from jinja2 import Environment, PackageLoader
 from meal_bayes.display import percent
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
-from meal_bayes.evaluation.canvas import svg
+from meal_bayes.evaluation.canvas import render
 from meal_bayes.evaluation.collect import Collected, Worst
 from meal_bayes.evaluation.statistics import wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
@@ -50,12 +51,8 @@ def write_report(
 ) -> ReportInfo:
     """Read logs as far as they can be read and write one self-contained HTML page.
 
-    Parameters
-    ----------
-    logs : Logs
-        Of one data set, as object indices name the clusters of standard errors.
-    on_progress : Callable[[int, int], None] | None
-        Called with (files done, files in all).
+    They are of one data set, as objects are the clusters of standard errors. `on_progress` is
+    called with (files done, files in all).
 
     Raises
     ------
@@ -67,15 +64,15 @@ def write_report(
     path, data, read = Path(path), Collected(), set[Path]()
     check_output(path, inputs=logs.files)
     for group in logs.groups():
-        if on_progress is not None and group.file not in read:
-            on_progress(len(read), len(logs.files))
         read.add(group.file)
+        if on_progress is not None:
+            on_progress(len(read) - 1, len(logs.files))
         data.add(group)
-    if not data.trials:
-        logs.complain_of_nothing()
     outcomes = data.outcomes()
+    if not len(outcomes):
+        logs.complain_of_nothing()
     write_whole(path, report_page(data, outcomes, logs), inputs=logs.files)
-    return ReportInfo(path, path.stat().st_size, data.trials, outcomes.agents)
+    return ReportInfo(path, path.stat().st_size, len(outcomes), outcomes.agents)
 
 
 def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
@@ -84,9 +81,8 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
     sections = list[Section]()
     if logs.problems:
         text = "Some of the logs are damaged or unfinished; this page shows their whole trials."
-        sections += [
-            {"title": "Warning", "text": text, "problems": logs.problems, "kind": "warning"}
-        ]
+        problems = {"problems": logs.problems, "kind": "warning"}
+        sections.append({"title": "Warning", "text": text, **problems})
     if len(outcomes) > 1:
         rows = summarize(outcomes)
         sections += [
@@ -97,10 +93,10 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
             _behaviors(agents),
         ]
     worst = [{**_trial(worst), "opened": rank < _OPENED} for rank, worst in enumerate(data.worst)]
-    title, text = "The trial", ""
-    if data.trials > 1:
-        title = "The worst trials"
-        text = (
+    trials: Section = {"title": "The trial", "parts": worst}
+    if len(outcomes) > 1:
+        trials["title"] = "The worst trials"
+        trials["text"] = (
             "Those with the lowest reward; among equals, where the belief was nearest to certain."
         )
     header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
@@ -109,7 +105,7 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
         {"title": "Configuration and versions", "code": header},
         {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
     ]
-    sections += [{"title": title, "text": text, "parts": worst}, {"title": "The run", "parts": run}]
+    sections += [trials, {"title": "The run", "parts": run}]
     config = logs.header.get("config")
     name = config.get("dataset") if isinstance(config, dict) else None
     source = logs.files[0].name
@@ -117,7 +113,7 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
         folder = os.path.commonpath([file.resolve() for file in logs.files])
         source = f"{len(logs.files)} logs in {Path(folder).name}"
     environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
-    environment.filters["base64"] = lambda ax: base64.b64encode(svg(ax).encode()).decode()
+    environment.filters["base64"] = lambda ax: base64.b64encode(render(ax, "svg")).decode()
     page = environment.get_template("report.html").render(
         title=f"Trials on {name}" if isinstance(name, str) else "Trials",
         source=source,
@@ -142,10 +138,8 @@ def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
 
 
 def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
-    """Return a number, with its standard error where that is known."""
-    if math.isnan(value):
-        return unknown
-    return f"{value:.{digits}f}" + ("" if math.isnan(se) else f" ± {se:.{digits}f}")
+    error = "" if math.isnan(se) else f" ± {se:.{digits}f}"
+    return unknown if math.isnan(value) else f"{value:.{digits}f}{error}"
 
 
 def _agents(
@@ -171,13 +165,11 @@ def _agents(
         "reward": best_of([round(row.reward, 1) for row in rows]),
         "NLL": best_of([-round(row.nll, 3) for row in rows]),
     }
-    cells = [
-        [
-            {"text": texts[place], "best": place in best.get(name, ())}
-            for name, texts in columns.items()
-        ]
-        for place in range(len(rows))
+    marked = [
+        [{"text": text, "best": place in best.get(name, ())} for place, text in enumerate(texts)]
+        for name, texts in columns.items()
     ]
+    cells = list(zip(*marked, strict=True))
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {name: (mean(own, "success"), mean(own, "cost")) for name, own in agents.items()}
@@ -210,19 +202,14 @@ def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Se
     """Compare every agent with the one that has the highest reward, on the tasks they share."""
     best = max(rows, key=lambda row: -math.inf if math.isnan(row.reward) else row.reward).agent
     cells = []
-    for row in rows:
-        if row.agent == best:
-            continue
-        try:
-            found = [compare(outcomes, best, row.agent, measure=m) for m in ("reward", "cost")]
-        except SettingsError:  # no task in common
-            continue
-        texts = (
-            f"{one.estimate:+.1f}"
-            + ("" if math.isnan(one.se) else f" [{one.low:.1f}, {one.high:.1f}]")
-            for one in found
-        )
-        cells.append([f"{best} - {row.agent}", *texts])
+    for other in (row.agent for row in rows if row.agent != best):
+        texts = [f"{best} - {other}"]
+        with contextlib.suppress(SettingsError):  # no task in common
+            for measure in ("reward", "cost"):
+                estimate, se, low, high = compare(outcomes, best, other, measure=measure)
+                interval = "" if math.isnan(se) else f" [{low:.1f}, {high:.1f}]"
+                texts.append(f"{estimate:+.1f}{interval}")
+            cells.append(texts)
     if cells:
         note = "Differences on the same tasks, with 95 % intervals:"
         yield {"head": ["difference", "reward", "cost, s"], "rows": cells, "note": note}
@@ -268,19 +255,19 @@ def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Section:
 
 
 def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
-    asked, right = {}, {}
-    for name, own in agents.items():
-        known = (own.truth >= 0) & (own.ended == "")[:, None]
-        asked[name] = Counter(own.attribute[known].tolist())
-        right[name] = Counter(own.attribute[known & (own.report == own.truth)].tolist())
-    total = sum(asked.values(), start=Counter[str]())
+    counts, total = [], Counter[str]()
+    for outcomes in agents.values():
+        known = (outcomes.truth >= 0) & (outcomes.ended == "")[:, None]
+        right = known & (outcomes.report == outcomes.truth)
+        counts.append([Counter(outcomes.attribute[mask].tolist()) for mask in (known, right)])
+        total += counts[-1][0]
     cells = []
     for attribute in sorted(total, key=lambda name: (-total[name], name)):
         row: list[str | Section] = [attribute, f"{total[attribute]:,}"]
-        for name in agents:
-            n = asked[name][attribute]
-            fraction = right[name][attribute] / n if n else 0.0
-            row.append({"text": f"{fraction:.3f}", "bar": fraction} if n else "-")
+        for asked, answered in counts:
+            fraction = answered[attribute] / max(asked[attribute], 1)
+            cell = {"text": f"{fraction:.3f}", "bar": fraction}
+            row.append(cell if asked[attribute] else "-")
         cells.append(row)
     text = "Fraction of right answers in each attribute; an agent that abstained was not right."
     table = {"head": ["attribute", "asked", *agents], "rows": cells}

@@ -27,11 +27,7 @@ class Interval(NamedTuple):
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert named values for JSON: None for what is NaN or infinite.
-
-    >>> plain({"agent": "morc", "se": float("nan")})
-    {'agent': 'morc', 'se': None}
-    """
+    """Convert named values for JSON: None for what is NaN or infinite."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in values.items()
@@ -54,12 +50,15 @@ class Effect:
 
     Attributes
     ----------
-    estimate, se : the mean and its standard error; NaN where the data do not determine it.
-    units : independent units behind it, such as objects or splits.
-    fixed : part of the variance that further units do not reduce.
-    fraction : whether it is a probability: then its interval is Wilson's, on as many independent
-        cases as have its standard error (on the units alone where all cases agree).
-    unit, method : in words.
+    se : float
+        Standard error of the estimate; NaN where the data do not determine it.
+    units : int
+        Independent units behind it, such as objects or splits.
+    fixed : float
+        Part of the variance that further units do not reduce.
+    fraction : bool
+        Whether it is a probability: then its interval is Wilson's, on as many independent cases as
+        have its standard error (on the units alone where all cases agree).
     """
 
     estimate: float
@@ -78,9 +77,8 @@ class Effect:
             return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
         p, n = self.estimate, self._cases
         middle, width = p + t * t / (2 * n), t * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
-        ends = ((middle + sign * width) / (1 + t * t / n) for sign in (-1, 1))
-        low, high = (min(max(end, 0.0), 1.0) for end in ends)
-        return Interval(p, self.se, low, high)
+        ends = np.clip(np.array([middle - width, middle + width]) / (1 + t * t / n), 0.0, 1.0)
+        return Interval(p, self.se, *ends.tolist())
 
     def level_above(self, bound: float) -> float:
         """Return the smallest level at which the two-sided interval lies above a bound.
@@ -113,10 +111,8 @@ class Effect:
             return None
         units = 1000.0
         for _ in range(20):  # Student's t is that of the units it calls for
-            reach = float(stdtrit(max(units - 1, self.units, 1), 1 - level / 2)) + float(
-                ndtri(_POWER)
-            )
-            wanted = (distance / reach) ** 2 - self.fixed
+            reach = stdtrit(max(units - 1, self.units, 1), 1 - level / 2) + ndtri(_POWER)
+            wanted = float((distance / reach) ** 2) - self.fixed
             if wanted <= 0:
                 return None
             units = self.units * (self.se**2 - self.fixed) / wanted
@@ -153,8 +149,10 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
 
     Parameters
     ----------
-    values : (J,) a value a split; of agents compared, their paired difference.
-    ratio : test objects / training objects.
+    values : ArrayLike
+        (J,) a value a split; of agents compared, their paired difference.
+    ratio : float
+        Test objects / training objects.
 
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951
@@ -178,13 +176,12 @@ def holm(levels: ArrayLike, level: float = 1 - MASS) -> Array:
     [0.05, 0.0167, 0.025]
     """
     p = np.asarray(levels, float)
-    own, going = np.empty(len(p)), True
-    for rank, test in enumerate(np.argsort(p, kind="stable")):
-        if going:
-            adjusted = level / (len(p) - rank)
-            going = bool(p[test] <= adjusted)
-        own[test] = adjusted
-    return own
+    order = np.argsort(p, kind="stable")
+    adjusted = level / np.arange(len(p), 0, -1)  # by rank
+    failed = np.flatnonzero(p[order] > adjusted)
+    if len(failed):  # no test behind the first that fails has a level of its own
+        adjusted[failed[0] :] = adjusted[failed[0]]
+    return adjusted[np.argsort(order)]
 
 
 def spent(look: int, level: float = 1 - MASS) -> float:
@@ -206,11 +203,11 @@ def bootstrap_interval(
 ) -> Interval:
     """Compute the percentile interval of a statistic of (n, ...) values, drawing clusters again."""
     x, index = _clusters(values, clusters)
-    members = [np.flatnonzero(index == c) for c in range(index.max() + 1)]
+    members = [x[index == c] for c in range(index.max() + 1)]
     drawn = np.empty(draws)
     for i in range(draws):
-        picked = rng.integers(len(members), size=len(members))
-        drawn[i] = statistic(x[np.concatenate([members[c] for c in picked])])
+        chosen = rng.integers(len(members), size=len(members))
+        drawn[i] = statistic(np.concatenate([members[c] for c in chosen]))
     low, high = np.quantile(drawn, [0.5 - mass / 2, 0.5 + mass / 2])
     return Interval(float(statistic(x)), float(drawn.std(ddof=1)), float(low), float(high))
 

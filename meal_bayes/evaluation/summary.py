@@ -50,12 +50,7 @@ class SummaryRow(Measures):
 class Summary(list[SummaryRow]):
     """Rows of measures, one an agent; a list that shows itself as a table.
 
-    Parameters
-    ----------
-    rows : Iterable[SummaryRow]
-        One an agent.
-    outcomes : TrialOutcomes
-        That they summarize.
+    `outcomes` are those that it summarizes.
     """
 
     def __init__(self, rows: Iterable[SummaryRow], outcomes: TrialOutcomes) -> None:
@@ -63,7 +58,7 @@ class Summary(list[SummaryRow]):
         self.outcomes = outcomes
 
     def compare(self, first: str, second: str, *, measure: str = "reward") -> Interval:
-        """Compare two of the agents on the tasks they share; see `compare`."""
+        """Compare two of the agents; see `compare`."""
         return compare(self.outcomes, first, second, measure=measure)
 
     def to_frame(self) -> Any:
@@ -91,27 +86,21 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
 
     Parameters
     ----------
-    trials : their outcomes, or a run; of one data set, as objects' names are the clusters.
-    seconds : computing time by agent; trials do not hold wall-clock times, a run does.
+    trials : Trials
+        Of one data set, as objects' names are the clusters.
+    seconds : Mapping[str, float] | None
+        Computing time by agent; by default that of a run, which trials do not hold.
     """
     outcomes, times = TrialOutcomes.of(trials), seconds or getattr(trials, "seconds", {})
-    rows = (
-        _row(agent, outcomes.of_agent(agent), times.get(agent, math.nan))
-        for agent in outcomes.agents
-    )
+    names = outcomes.agents
+    rows = (_row(name, outcomes.of_agent(name), times.get(name, math.nan)) for name in names)
     return Summary(rows, outcomes)
 
 
 def mean(trials: Trials, measure: str) -> Interval:
     """Compute the mean of a measure, objects as clusters; NaN where no trial has it.
 
-    Parameters
-    ----------
-    trials : or their outcomes.
-    measure : "reward", "cost", "success" or "abstained".
-
-    >>> mean([], "cost").estimate
-    nan
+    The measure is "reward", "cost", "success" or "abstained".
     """
     return mean_effect(TrialOutcomes.of(trials), measure).interval()
 
@@ -126,31 +115,20 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
 
 
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
-    """Compare two agents on the tasks they share: mean of first - second, clustered by object.
-
-    Parameters
-    ----------
-    trials : of both agents, or their outcomes, paired by the keys of their tasks.
-    first, second : the agents' names.
-    measure : "reward", "cost", "success" or "abstained".
-    """
+    """Compare two agents by name, as `difference` does."""
     outcomes = TrialOutcomes.of(trials)
     rows, others = outcomes.of_agent(first), outcomes.of_agent(second)
     return difference(rows, others, measure=measure).interval()
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
-    """Estimate the mean of first - second over the tasks that both have, clustered by object.
+    """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 
-    Parameters
-    ----------
-    first, second : a row a task each, paired by the keys of their tasks.
-    measure : "reward", "cost", "success" or "abstained".
+    Trials, a row a task each, are paired by the keys of their tasks. The measure is as of `mean`.
     """
-    rows = dict(zip(first.key.tolist(), range(len(first)), strict=True))
-    others = dict(zip(second.key.tolist(), range(len(second)), strict=True))
-    pairs = [(row, others[key]) for key, row in rows.items() if key in others]
-    left, right = np.array(pairs, int).reshape(-1, 2).T
+    place = {key: row for row, key in enumerate(second.key.tolist())}
+    left = np.array([row for row, key in enumerate(first.key.tolist()) if key in place], int)
+    right = np.array([place[key] for key in first.key[left].tolist()], int)
     gain = measured(first, measure)[left] - measured(second, measure)[right]
     known = ~np.isnan(gain)
     if not known.any():

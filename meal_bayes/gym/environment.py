@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
-from meal_bayes.datasets import PerceptTable
+from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
@@ -48,19 +48,31 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     Parameters
     ----------
-    dataset : a shipped data set, the path of a percept table (.npz), or a percept table.
-    attributes : N, asked at a time.
-    agent : whose belief is observed, and who decides in `decide`; see `as_agent`.
-    seed : of the task list, and of the trials of tasks that are chosen by number.
-    trials : tasks in the list, of all objects.
-    objects : "all", "train" or "test" (a quarter, the same for every seed), or names: which ones
-        tasks are about. Percepts of an object never come from classifiers that learned from it.
-    scale : factor of all rewards.
-    percepts : "recorded", or "model": drawn from the learned confusion matrices.
-    reward : r, the domain's by default.
-    max_steps : behaviors after which an episode is truncated.
-    logs : folder of the logs of episodes; none by default.
-    render_mode : "ansi" or None.
+    dataset : str | Path | PerceptTable
+        A shipped data set, or the path of a percept table (.npz).
+    attributes : int
+        N, asked at a time.
+    agent : object
+        Whose belief is observed, and who decides in `decide`; see `as_agent`.
+    seed : int
+        Of the task list, and of the trials of tasks that are chosen by number.
+    trials : int
+        Tasks in the list, of all objects.
+    objects : str | Sequence[str]
+        Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
+        or names. Percepts of an object never come from classifiers that learned from it.
+    scale : float
+        Factor of all rewards.
+    percepts : str
+        "recorded", or "model": drawn from the learned confusion matrices.
+    reward : float | None
+        r, the domain's by default.
+    max_steps : int
+        Behaviors after which an episode is truncated.
+    logs : str | Path | None
+        Folder of the logs of episodes, if they are logged.
+    render_mode : str | None
+        "ansi" or None.
     """
 
     metadata = {"render_modes": ["ansi"], "render_fps": 1}  # noqa: RUF012  Gymnasium's
@@ -118,15 +130,11 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode, and return observation and info.
 
-        Parameters
-        ----------
-        seed : of the tasks and the random draws of this and all later episodes.
-        options : ``{"task": i}`` chooses task i of the list with the random draws of
-            ``run offline``; by default both are new.
+        ``options={"task": i}`` chooses task i of the list with the random draws of ``run offline``;
+        by default both are new, by the seed of this or of an earlier call.
         """
         super().reset(seed=seed)
-        index = (options or {}).get("task")
-        seed_of_task = self._learner.seed
+        index, seed_of_task = (options or {}).get("task"), self._learner.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
@@ -179,7 +187,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def actions(self) -> list[str]:
         """Names of the actions in the present task."""
         momdp = self._running[0].momdp
-        return [momdp.action_name(action) for action in range(momdp.n_actions)]
+        return list(map(momdp.action_name, range(momdp.n_actions)))
 
     @property
     def trial(self) -> Trial:
@@ -224,10 +232,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which actions are legal, (A,), as sb3-contrib asks for; answers always are."""
         running, _ = self._running
-        momdp, x = running.momdp, running.belief.x
-        mask = np.ones(momdp.n_actions, bool)
-        mask[: momdp.n_behaviors] = momdp.legal[x]
-        return mask
+        reports = running.momdp.n_actions - running.momdp.n_behaviors
+        return np.append(running.momdp.legal[running.belief.x], np.ones(reports, bool))
 
 
 def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
@@ -240,6 +246,5 @@ def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
             raise SettingsError(unknown("set of objects", objects, sets))
         return sets[objects]
     for name in objects:
-        if name not in table.objects:
-            raise SettingsError(unknown("object", name, table.objects))
+        object_index(table.objects, name)  # raises where it is unknown
     return set(objects)

@@ -7,18 +7,17 @@ from meal_bayes.viewer import robot_view, run_view, scene
 
 _AROUND = 8  # rows shown before and behind the cursor
 _NO_LEGEND = rrb.PlotLegend(visible=False)
-_CROWD = 9  # series, beyond which a legend would hide its plot
 
 
 def blueprint(
     *,
     single: bool,
-    steps: bool = True,
-    attributes: tuple[str, ...] = (),
-    evidence: bool = False,
-    run_first: bool = False,
-    live: bool = False,
-    robot: bool = False,
+    steps: bool,
+    crowded: bool,
+    evidence: bool,
+    run_first: bool,
+    live: bool,
+    robot: bool,
 ) -> rrb.Blueprint:
     """Return the layout of a recording.
 
@@ -28,18 +27,15 @@ def blueprint(
         Whether there is one trial, of which plots show all; else they move with the cursor.
     steps : bool
         Whether trials are shown step by step, in a tab of their own.
-    attributes : tuple[str, ...]
-        Queried attributes; many have no legend.
+    crowded : bool
+        Whether there are too many attributes for a legend.
     evidence : bool
         Whether the log counts the percepts behind the confusion matrices.
-    run_first : bool
-        Whether the run's tab is shown at the beginning.
-    live : bool
-        Whether the newest row is followed.
+    run_first, live : bool
+        Whether the run's tab is shown at the beginning, and the newest row followed.
     robot : bool
         Whether the robot is shown too, in its own time.
     """
-    crowded = len(attributes) > _CROWD
     trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
     return rrb.Blueprint(
         rrb.Tabs(*trial, _run(evidence=evidence), active_tab=len(trial) if run_first else 0),

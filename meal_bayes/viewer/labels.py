@@ -85,7 +85,7 @@ def log_line(frame: TrialFrame) -> str:
     """Return a frame in one line."""
     trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
     if step is None:
-        return f"trial {frame.trial_number}: {question(trial)} {plain_text(trial.task.object_name)}"
+        return f"trial {frame.time.trial}: {question(trial)} {plain_text(trial.task.object_name)}"
     action = step.decision.action
     if action == momdp.abstention:
         return f"abstains, {trial.cost:g} s"
@@ -107,7 +107,7 @@ def report_text(trial: Trial, values: np.ndarray | None) -> str:
 
 
 def _executed(frame: TrialFrame) -> Sequence[str]:
-    step, momdp, number = frame.step, frame.trial.momdp, frame.trial_number
+    step, momdp, number = frame.step, frame.trial.momdp, frame.time.trial
     if step is None:
         return [f"**trial {number}, before any behavior**"]
     action = step.decision.action

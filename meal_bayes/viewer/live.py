@@ -1,5 +1,6 @@
 """A run in progress, shown while its trials are written."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -36,25 +37,21 @@ def follow(
         Its `problems` are what was wrong with the files.
     """
     follower, replay = Follower(path), None
-    try:
-        with recording(str(follower.path), to) as stream:
-            while watching():
-                new = False
-                for trial in follower.poll():
-                    new = True
-                    if replay is None:
-                        replay = Replay(stream, follower.header or {})
-                    replay.add(trial)
-                    if replay.trials == 1:
-                        replay.flush()
-                        replay.send_layout(live=True)
-                if new and replay is not None:
+    with contextlib.closing(follower), recording(str(follower.path), to) as stream:
+        while watching():
+            trials = list(follower.poll())
+            for trial in trials:
+                if replay is None:
+                    replay = Replay(stream, follower.header or {})
+                replay.add(trial)
+                if replay.trials == 1:
                     replay.flush()
-                    if on_trials is not None:
-                        on_trials(replay.trials)
-                if follower.finished:
-                    break
-                time.sleep(_POLL)
-    finally:
-        follower.close()
+                    replay.send_layout(live=True)
+            if trials and replay is not None:
+                replay.flush()
+                if on_trials is not None:
+                    on_trials(replay.trials)
+            if follower.finished:
+                break
+            time.sleep(_POLL)
     return follower

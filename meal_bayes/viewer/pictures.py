@@ -31,13 +31,7 @@ class Label(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """Pixels and labels.
-
-    Attributes
-    ----------
-    pixels : NDArray[np.uint8]
-        (h,w,4) RGBA.
-    """
+    """Pixels, (h,w,4) RGBA, and labels."""
 
     pixels: NDArray[np.uint8]
     labels: tuple[Label, ...]
@@ -76,11 +70,8 @@ class Matrices:
     def of(self, action: int, sampled: NDArray[np.float64] | None = None) -> Picture:
         """Draw mean, sd and the paper's point estimate of a behavior's rows.
 
-        Parameters
-        ----------
-        sampled : NDArray[np.float64] | None
-            (M,N,K) rows of the object in the MOMDPs that were sampled for a decision; drawn as M
-            lanes beside the mean, with the smallest and the largest probability of a level.
+        Beside them stand, as lanes, the rows (M,N,K) of the object in the MOMDPs that were sampled
+        for a decision, with the smallest and the largest probability of a level.
         """
         if action not in self._known:
             self._known[action] = self._draw(action)
@@ -97,9 +88,11 @@ class Matrices:
         mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
         blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
         blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
-        if self._counts is not None:
-            point = point_estimate(self._counts)
-            blocks.append(("paper: counts only", point[:n, action].reshape(2 * n, k), 1.0))
+        if self._counts is not None:  # fractions of counted percepts; nan of none
+            counts = self._counts[:n, action].reshape(2 * n, k)
+            total = counts.sum(axis=-1, keepdims=True)
+            point = np.where(total > 0, counts / np.maximum(total, 1), np.nan)
+            blocks.append(("paper: counts only", point, 1.0))
         # A wide picture is shown smaller; its rows must still be as high as a label.
         width, high = k * _cell_width(k), _CELL_HIGH
         pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
@@ -136,12 +129,6 @@ def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
     return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
 
 
-def point_estimate(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the paper's matrices (N,E,2,K), fractions of counted percepts; nan of none."""
-    total = counts.sum(axis=-1, keepdims=True)
-    return np.where(total > 0, counts / np.maximum(total, 1), np.nan)
-
-
 def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
     rows, k = values.shape
     labels = [Label(title, left + k * _cell_width(k) / 2, -1.3 * high, TEXT)]
@@ -169,8 +156,7 @@ def _level_labels(k: int, left: float, y: float) -> list[Label]:
 def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute mean and sd of a new object's rows by its truth, (N,2,K) each.
 
-    The object is of a latent class by Pr(class given truth), and its row Dirichlet about the
-    class's.
+    Its latent class is drawn by Pr(class given truth), its row Dirichlet about the class's.
     """
     prob = momdp.latent_classes[..., None]  # (N,2,C,1)
     rows = momdp.confusion[:, None, action]  # (N,1,C,K)

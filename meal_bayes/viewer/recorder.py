@@ -2,40 +2,17 @@
 
 from functools import lru_cache
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from meal_bayes.viewer.trial_frames import TrialFrame
+from meal_bayes.viewer.trial_frames import Time
 
 _TEXTS = ("text", "labels", "node_ids", "state")
 
 Fields = dict[str, tuple[list[Any], list[int]]]
-
-
-class Time(NamedTuple):
-    """Where a row stands on each timeline.
-
-    Attributes
-    ----------
-    trial : int
-        Position of the trial in its log.
-    step : int
-        Position of the row in the recording.
-    sim_time : float
-        s of robot time.
-    """
-
-    trial: int
-    step: int
-    sim_time: float
-
-    @classmethod
-    def of(cls, frame: TrialFrame) -> "Time":
-        """Return the time of a frame."""
-        return cls(frame.trial_number, frame.row, frame.seconds)
 
 
 class Recorder:
@@ -119,9 +96,5 @@ def _field(column: rr.ComponentColumn) -> str:
 
 
 def part(name: str) -> str:
-    """Return a name of the log, whatever characters it has, as a part of an entity path.
-
-    >>> part("heavy"), len(part("half/full"))
-    ('heavy', 10)
-    """
+    """Return a name of the log, whatever characters it has, as a part of an entity path."""
     return rr.escape_entity_path_part(name) or "_"

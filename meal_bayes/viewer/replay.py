@@ -14,11 +14,11 @@ from meal_bayes.files import draft_of
 from meal_bayes.robots.frame import Frame
 from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.viewer.blueprint import blueprint
-from meal_bayes.viewer.recorder import Recorder, Time
+from meal_bayes.viewer.recorder import Recorder
 from meal_bayes.viewer.robot_view import add_robot
 from meal_bayes.viewer.run_view import RunView
 from meal_bayes.viewer.scene import Scene
-from meal_bayes.viewer.trial_frames import Clock
+from meal_bayes.viewer.trial_frames import Clock, Time
 
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
@@ -36,7 +36,7 @@ class Replay:
     header : Mapping[str, object]
         Configuration of the run, as the log holds it.
     only : int | None
-        The one trial that is shown step by step, by its position; all of them by default. The run's
+        Position of the one trial that is shown step by step; all of them by default. The run's
         plots count every trial in either case.
     """
 
@@ -53,13 +53,14 @@ class Replay:
     def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
         """Add the next trial, with the frames of its robot, if there are any."""
         number, self.trials = self.trials, self.trials + 1
-        time = Time(number, self._clock.row, self._clock.seconds)
+        clock = self._clock
+        time = Time(number, clock.row, clock.seconds)
         if self._only is None or self._only == number:
             self._shows_steps = True
-            for frame in self._clock.frames(number, trial):
+            for frame in clock.frames(number, trial):
                 self._scene.add(frame)
-                time = Time.of(frame)
-            self._scene.close(trial, Time(number, self._clock.row - 1, self._clock.seconds))
+                time = frame.time
+            self._scene.close(trial, Time(number, clock.row - 1, clock.seconds))
             if frames:
                 add_robot(self._recorder, trial, frames, number=number)
                 self._shows_robot = True
@@ -70,10 +71,10 @@ class Replay:
 
     def add_outcomes(self, outcomes: TrialOutcomes) -> None:
         """Add trials of a compact log, which has no steps: a row each, in the run's plots."""
-        first, clock = self.trials, self._clock
-        spent = np.cumsum(outcomes.cost).tolist()
+        clock, spent = self._clock, np.cumsum(outcomes.cost).tolist()
         times = [
-            Time(first + i, clock.row + i, clock.seconds + cost) for i, cost in enumerate(spent)
+            Time(self.trials + i, clock.row + i, clock.seconds + cost)
+            for i, cost in enumerate(spent)
         ]
         self._run.add(outcomes, times)
         self.trials += len(times)
@@ -91,7 +92,7 @@ class Replay:
         layout = blueprint(
             single=self._only is not None or (self.trials == 1 and not live),
             steps=self._shows_steps,
-            attributes=self._scene.attributes,
+            crowded=self._scene.crowded,
             evidence=self._run.shows_evidence,
             run_first=run_first,
             live=live,
@@ -138,14 +139,7 @@ def write_recording(
     header: Mapping[str, object],
     **options: Any,
 ) -> int:
-    """Write trials into an .rrd file and return their number.
-
-    Parameters
-    ----------
-    trials, header, options
-        As of `send_recording`.
-    path : str | Path
-        Of the file.
+    """Write trials into an .rrd file as `send_recording` does, and return their number.
 
     Raises
     ------
@@ -174,11 +168,7 @@ def send_recording(
         Outcomes, of which a compact log consists, are shown in the run's plots only.
     to : Target
         An .rrd file, or the address of a viewer (rerun+http://...).
-    header : Mapping[str, object]
-        Configuration of the run, as the log holds it.
-    name : str
-        Of the recording.
-    only : int | None
+    header, only
         As of `Replay`.
     run_first : bool
         Whether the run's tab is opened first.

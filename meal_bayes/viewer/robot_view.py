@@ -7,7 +7,8 @@ import rerun as rr
 
 from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial
-from meal_bayes.viewer.recorder import Recorder, Time
+from meal_bayes.viewer.recorder import Recorder
+from meal_bayes.viewer.trial_frames import Time
 
 ROBOT, CAMERA, FORCE = "/robot", "/camera", "/contact_force"
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
@@ -18,16 +19,9 @@ _RED = (235, 60, 40)
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Iterable[Frame], *, number: int = 0) -> None:
-    """Add the frames of a trial to a recording, each in the row of its step.
+    """Add the frames of a trial, the `number`-th of its log, each in the row of its step.
 
-    Parameters
-    ----------
-    trial : Trial
-        Whose steps' costs, s, are the times at which the steps end.
-    frames : Iterable[Frame]
-        In their order.
-    number : int
-        Position of the trial in its log.
+    Steps end when as many seconds have passed as they cost.
     """
     ends = np.cumsum([step.cost for step in trial.steps])
     for index, frame in enumerate(frames):
@@ -61,11 +55,8 @@ def _add_static(to: Recorder, frame: Frame) -> None:
 def _add_frame(to: Recorder, frame: Frame, time: Time) -> None:
     for shape, entity in _BOXES.items():
         own = frame.shapes == shape
-        places = {
-            "centers": frame.centers[own].tolist(),
-            "quaternions": frame.quaternions[own].tolist(),
-        }
-        to.add(entity, rr.Boxes3D, time, **places)
+        centers, quaternions = frame.centers[own].tolist(), frame.quaternions[own].tolist()
+        to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
     balls = frame.shapes == BALL
     if balls.any():
         to.add(_BALLS, rr.Points3D, time, positions=frame.centers[balls].tolist())

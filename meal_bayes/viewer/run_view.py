@@ -11,7 +11,8 @@ from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
-from meal_bayes.viewer.recorder import Recorder, Time, part
+from meal_bayes.viewer.recorder import Recorder, part
+from meal_bayes.viewer.trial_frames import Time
 
 FACTS, TABLE = "/run/facts", "/run/table"
 ACCURACY, COST, CURVE, EVIDENCE = "/run/accuracy", "/run/cost", "/run/learning", "/run/evidence"

@@ -12,8 +12,8 @@ from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
 from meal_bayes.viewer.labels import action_label, explain_decision, log_line, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
 from meal_bayes.viewer.pictures import Matrices, Picture, belief_bars
-from meal_bayes.viewer.recorder import Recorder, Time, part
-from meal_bayes.viewer.trial_frames import TrialFrame
+from meal_bayes.viewer.recorder import Recorder, part
+from meal_bayes.viewer.trial_frames import Time, TrialFrame
 
 NARRATION, DECISION, LOG = "/narration", "/decision", "/log"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
@@ -22,6 +22,7 @@ LANES = "/lanes"
 _REPORT = "report"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
+_CROWD = 9  # attributes in a legend
 _LOG_WIDTH = 38  # characters of the log's column, whose lines the viewer does not wrap
 _MOMDPS = 256  # whose pictures are kept, as many as a log refers back to
 
@@ -39,14 +40,14 @@ class Scene:
         self._begun = False
 
     @property
-    def attributes(self) -> tuple[str, ...]:
-        """Attributes that were queried so far."""
-        return tuple(self._attributes)
+    def crowded(self) -> bool:
+        """Whether so many attributes were queried that a legend would hide its plot."""
+        return len(self._attributes) > _CROWD
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
         self._begin()
-        to, time = self._to, Time.of(frame)
+        to, time = self._to, frame.time
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         for line in textwrap.wrap(log_line(frame), _LOG_WIDTH):

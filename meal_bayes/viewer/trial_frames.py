@@ -11,21 +11,23 @@ from meal_bayes.momdp import Belief
 from meal_bayes.trials import Step, Trial
 
 
+class Time(NamedTuple):
+    """Where a row stands on each timeline: position of the trial in its log, row, s."""
+
+    trial: int
+    step: int
+    sim_time: float
+
+
 class TrialFrame(NamedTuple):
     """One row: the belief after a step, and the decision behind it.
 
     Attributes
     ----------
-    row : int
-        Position on the timeline `step`.
-    trial_number : int
-        Position of the trial in its log, on the timeline `trial`.
-    seconds : float
-        s of robot time when the step began, on the timeline `sim_time`.
+    time : Time
+        When the step began.
     number : int
-        0 before any behavior, i after the i-th step.
-    step : Step | None
-        None before any behavior.
+        0 before any behavior, whose `step` is None; i after the i-th step.
     before, positive : NDArray[np.float64]
         (N,) Pr(attribute is true) before and after the step.
     x : int
@@ -34,9 +36,7 @@ class TrialFrame(NamedTuple):
         s, cost of the trial so far.
     """
 
-    row: int
-    trial_number: int
-    seconds: float
+    time: Time
     trial: Trial
     number: int
     step: Step | None
@@ -69,15 +69,14 @@ class Clock:
 
     def frames(self, number: int, trial: Trial) -> Iterator[TrialFrame]:
         """Yield the rows of the next trial, whose position in the log is `number`."""
-        start, before, spent = self.seconds, trial.first_belief.positive, 0.0
-        x = trial.first_belief.x
-        yield TrialFrame(self.row, number, start, trial, 0, None, before, before, x, spent)
+        start, spent, before = self.seconds, 0.0, trial.first_belief.positive
+        time, x = Time(number, self.row, start), trial.first_belief.x
+        yield TrialFrame(time, trial, 0, None, before, before, x, spent)
         for index, step in enumerate(trial.steps, start=1):
             self.row += 1
-            began, spent, after = start + spent, spent + step.cost, step.belief.positive
-            yield TrialFrame(
-                self.row, number, began, trial, index, step, before, after, step.next_x, spent
-            )
+            time, after = Time(number, self.row, start + spent), step.belief.positive
+            spent += step.cost
+            yield TrialFrame(time, trial, index, step, before, after, step.next_x, spent)
             before = after
         self.row += 2
         self.seconds = start + spent

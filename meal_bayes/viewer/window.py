@@ -49,14 +49,12 @@ class Viewer:
     headless : bool
         Without a window; needs a Vulkan driver, which may be one in software.
     web : bool
-        Without a window, as a page at `address`.
+        Without a window, as a page.
 
     Attributes
     ----------
-    url : str
-        Where recordings are sent.
-    address : str
-        Of the page; empty where there is none.
+    url, address : str
+        Where recordings are sent, and where the page is, if there is one.
     """
 
     def __init__(
@@ -144,14 +142,7 @@ def take_picture(
 ) -> tuple[bytes, Any]:
     """Return a picture (PNG) of a recording in a viewer without a window, and the viewer's state.
 
-    Parameters
-    ----------
-    recording : str | Path
-        The .rrd file.
-    path : str | Path | None
-        File to write the picture to, if any.
-    row : int
-        On the timeline `step`.
+    It shows a row of the timeline `step`, and is written to `path`, if any.
 
     Raises
     ------
@@ -189,12 +180,11 @@ def _stable_picture(client: ViewerClient, quiet: float) -> bytes:
 
 def viewer_program() -> Path:
     """Return the path of rerun's binary, as its Python wrapper leaves it running when killed."""
-    found = importlib.util.find_spec("rerun_cli")
-    places = list(found.submodule_search_locations or ()) if found is not None else []
-    for place in map(Path, places):
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec and spec.submodule_search_locations) or ():
         for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"):
-            if (place / name).is_file():
-                return place / name
+            if (program := Path(folder, name)).is_file():
+                return program
     raise ViewerError(
         "The viewer's program is missing; install it with: pip install --force-reinstall rerun-sdk"
     )

@@ -11,9 +11,8 @@ from meal_bayes.evaluation import (
     clustered,
     holm,
     resampled,
-    spent,
-    wilson_interval,
 )
+from meal_bayes.evaluation.statistics import spent, wilson_interval
 
 values = st.lists(st.floats(-100, 100), min_size=3, max_size=30)
 

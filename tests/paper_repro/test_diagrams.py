@@ -2,7 +2,7 @@ import pytest
 
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.canvas import save
-from meal_bayes.evaluation.diagram_plots import transition_diagram
+from paper_repro.diagrams import transition_diagram
 
 
 @pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101", "roc36_published", "toy"])
