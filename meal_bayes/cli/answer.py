@@ -39,7 +39,7 @@ def answer(
     console : Console | None
         Where the trial is printed while it runs, if anywhere.
     labels : Sequence[ObjectLabels] | None
-        That people gave before, to objects that the agent recognizes.
+        Given before by people; None where objects are not recognized.
     """
     from meal_bayes.cli.narration import Narrator
     from meal_bayes.files import check_folder, file_name
@@ -71,15 +71,13 @@ def answer(
 def trial_facts(trial: "Trial") -> dict[str, object]:
     """Return the facts of a trial as JSON values."""
     names, report = trial.task.query.attributes, trial.report
+    truth = [None if value < 0 else value == 1 for value in trial.truth.tolist()]
     return {
         "object": trial.task.object_name,
         "attributes": list(names),
         "agent": trial.agent,
         "report": None if report is None else _by_name(names, report),
-        "truth": {
-            name: None if value < 0 else value == 1
-            for name, value in zip(names, trial.truth.tolist(), strict=True)
-        },
+        "truth": dict(zip(names, truth, strict=True)),
         "success": trial.success,
         "ended": trial.ended,
         "cost_s": trial.cost,

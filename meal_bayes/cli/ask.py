@@ -1,22 +1,14 @@
 """`meal-bayes ask`: one question about one object; with --learn, labels are kept."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from meal_bayes.cli import options as opt
 from meal_bayes.cli.answer import answer, trial_facts
 from meal_bayes.cli.console import note, output, print_json, printable
-from meal_bayes.cli.options import (
-    AGENTS,
-    OWN,
-    agent_value,
-    dataset_option,
-    json_option,
-    logs_option,
-    seed_option,
-    table_of,
-)
 
 if TYPE_CHECKING:
     from meal_bayes.trials import Trial
@@ -24,22 +16,16 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Ask about one object.")
 @click.argument("question")
-@dataset_option
+@opt.dataset_option
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
-@click.option(
-    "--agent",
-    default="bayes",
-    show_default=True,
-    metavar="NAME",
-    help=f"Who answers: {AGENTS}; or {OWN}.",
-)
+@opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
 @click.option(
     "--learn", is_flag=True,
     help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
 )  # fmt: skip
-@seed_option()
-@logs_option
-@json_option
+@opt.seed_option()
+@opt.logs_option
+@opt.json_option
 def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Any) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
 
@@ -52,7 +38,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     from meal_bayes.learner.api import question_task
     from meal_bayes.trial_log import read_memory
 
-    config = {"command": "ask", **options, "dataset": table_of(options["dataset"], root)}
+    config = {"command": "ask", **options, "dataset": opt.table_of(options["dataset"], root)}
     table = load_percepts(config["dataset"])
     task = question_task(config["question"], table, config["object"])
     memory = read_memory(logs, table.domain.data) if learn else []
@@ -60,7 +46,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     if learn:
         config["labels_before"] = number
     trial, path = answer(
-        table, task, agent=agent_value(config["agent"]), seed=config["seed"], logs=logs,
+        table, task, agent=opt.agent_value(config["agent"]), seed=config["seed"], logs=logs,
         config=config, labels=memory if learn else None,
     )  # fmt: skip
     if as_json:
@@ -75,14 +61,9 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
 
 
 def _ask_labels(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
-    """Ask a person about the answer, and write the labels into the trial's log.
+    """Ask a person about the answer, and write the labels, the `number`-th, into the trial's log.
 
-    Parameters
-    ----------
-    number : int
-        Position of these labels in the memory.
-    known : set[str]
-        Attributes that are labeled already, about which nothing is asked.
+    Nothing is asked about attributes that are known.
     """
     from meal_bayes.learner import implied
     from meal_bayes.trial_log import ObjectLabels, write_labels
@@ -120,6 +101,6 @@ def _prompt(text: str) -> bool | None:
         except click.Abort:
             click.echo(err=True)
             return None
-        if reply.strip().lower() in replies:
+        with contextlib.suppress(KeyError):
             return replies[reply.strip().lower()]
         note(f"{reply!r} is not understood; type y or n")

@@ -7,7 +7,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import click
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
@@ -33,30 +33,12 @@ _EVERY = 15.0  # s between lines of progress without a terminal
 Advance = Callable[[int, int], None]  # called with (done, in all)
 
 
-class Signs(NamedTuple):
-    """Characters beyond ASCII, or their replacements where the output cannot show them."""
-
-    full: str = "\N{FULL BLOCK}"
-    empty: str = "\N{LIGHT SHADE}"
-    arrow: str = "\N{RIGHTWARDS ARROW}"
-    interval: str = "\N{PLUS-MINUS SIGN}"
-    chosen: str = "\N{BLACK RIGHT-POINTING POINTER}"
-
-
-_ASCII = Signs("#", ".", "->", "+-", ">")
-
-
 def printable(text: str) -> str:
     r"""Replace the characters that would control the terminal; names come from files of others.
-
-    Control characters become their pictures, other invisible ones the replacement character. Line
-    breaks stay.
 
     >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
     True
     """
-    if text.isprintable():
-        return text
     return "".join(
         sign if sign.isprintable() or sign == "\n"
         else chr(_PICTURES + ord(sign)) if ord(sign) < _CONTROLS
@@ -105,16 +87,10 @@ def print_table(
     narrow: bool = False,
     caption: str = "",
 ) -> None:
-    """Print a table of results.
+    """Print a table of results, right-justified but for the first column and `left`.
 
-    Parameters
-    ----------
-    names : Sequence[str]
-        Heads of the columns, right-justified but for the first and `left`.
-    rows : Iterable[Sequence[str]]
-        Their cells. The first column holds names, which stay whole.
-    narrow : bool
-        Whether columns stand close and lines stay whole, so that 80 characters hold them.
+    The first column holds names, which stay whole. In a `narrow` table columns stand close and all
+    lines stay whole, so that 80 characters hold them.
     """
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     table.caption = caption or None
@@ -132,27 +108,20 @@ def print_json(facts: Mapping[str, object]) -> None:
     click.echo(json.dumps(facts, allow_nan=False))
 
 
-def print_facts(
-    console: Console, facts: Mapping[str, str], styles: Mapping[str, str] | None = None
-) -> None:
-    """Print labels and their texts; long texts wrap beside their label."""
+def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> None:
+    """Print labels and their texts, by label in a style; long texts wrap beside their label."""
     for label, value in facts.items():
-        head, style = label_text(label), (styles or {}).get(label, "")
+        head = label_text(label)
         width = max(console.width - len(head), _NARROW)
         for line in value.splitlines():
             for part in textwrap.wrap(line, width, break_long_words=False) or [""]:
-                console.print(head.append_text(Text(part, style)), soft_wrap=True)
+                console.print(head.append_text(Text(part, styles.get(label, ""))), soft_wrap=True)
                 head = label_text("")
 
 
 def label_text(label: str) -> Text:
     """Return the label at the beginning of a line."""
     return Text(f"  {label:<{_LABEL}} ", "dim")
-
-
-def signs_of(console: Console) -> Signs:
-    """Return the characters that a console can show."""
-    return _ASCII if console.options.ascii_only else Signs()
 
 
 def note(text: str) -> None:
@@ -210,22 +179,20 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
 @contextlib.contextmanager
 def resumed(units: str) -> Iterator[Advance]:
     """Show progress of a run that can be resumed; print what is there, and what is kept."""
-    done = total = 0
+    state = ""
     try:
         with progress(units, units) as bar:
 
-            def advance(so_far: int, in_all: int) -> None:
-                nonlocal done, total
-                if not total and so_far:
-                    note(f"{so_far} of {in_all} {units} are there already")
-                done, total = so_far, in_all
-                bar(so_far, in_all)
+            def advance(done: int, total: int) -> None:
+                nonlocal state
+                if not state and done:
+                    note(f"{done} of {total} {units} are there already")
+                state = f"{done} of {total} {units}"
+                bar(done, total)
 
             yield advance
     except KeyboardInterrupt:
-        note(
-            f"interrupted: {done} of {total} {units} are kept; the same command goes on from there"
-        )
+        note(f"interrupted: {state or f'no {units}'} are kept; the same command goes on from there")
         raise
 
 

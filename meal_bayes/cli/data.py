@@ -34,13 +34,14 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     your own table (.npz), list what can be asked of it.
     """
     from meal_bayes.datasets import cache_folder, load_dataset, load_percepts, verify
+    from meal_bayes.datasets.sources import SOURCES
 
     if dataset is not None:
         held = load_dataset(dataset, root=root) if root is not None else load_percepts(dataset)
         _print_contents(held, as_json=as_json)
         return
     rows = []
-    for name in _public():
+    for name in SOURCES:
         table, states = load_percepts(name), verify(name)
         rows.append({
             "name": name, "objects": len(table.objects), "behaviors": len(table.domain.behaviors),
@@ -104,14 +105,9 @@ def verify(dataset: str) -> None:
 @opt.jobs_option
 @opt.cluster_option
 def percepts(
-    dataset: str,
-    perception: str,
-    classifier: str | None,
-    root: Path | None,
-    out: Path | None,
-    jobs: int,
-    cluster: str | None,
-) -> None:
+    dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None,
+    jobs: int, cluster: str | None,
+) -> None:  # fmt: skip
     """Compute a percept table from recordings.
 
     With --out it is written; a shipped data set's is compared with the one in the package. Its
@@ -119,6 +115,7 @@ def percepts(
     """
     from meal_bayes.datasets import load_dataset
     from meal_bayes.datasets.percept_file import save_percepts
+    from meal_bayes.datasets.sources import SOURCES
     from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError
     from meal_bayes.experiments.parallel import in_parallel
@@ -131,7 +128,7 @@ def percepts(
         check_output(out, inputs=[dataset])
     estimator = None if classifier is None else opt.named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
-    own = dataset not in _public()
+    own = dataset not in SOURCES
     compared = not own and perception == "default" and classifier is None
     if out is None and not compared:
         raise SettingsError(
@@ -145,23 +142,14 @@ def percepts(
         terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
     with terminal.progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
         table = build_percept_table(
-            recordings,
-            perception=perception,
-            classifier=estimator,
-            progress=advance,
+            recordings, perception=perception, classifier=estimator, progress=advance,
             each=partial(in_parallel, jobs=jobs, cluster=cluster),
-        )
+        )  # fmt: skip
     if out is not None:
         save_percepts(table, out)
         terminal.say(f"{out}: {_size(table)}")
     if compared:
         _compare(table, dataset)
-
-
-def _public() -> tuple[str, ...]:
-    from meal_bayes.datasets.sources import SOURCES
-
-    return tuple(SOURCES)
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 from platformdirs import user_cache_path
 
+import meal_bayes
 from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import json_option
 
@@ -31,7 +32,7 @@ def doctor(as_json: bool) -> None:
     Nothing is changed, and nothing is sent anywhere.
     """
     checks: dict[str, Callable[[], str]] = {
-        "package": _package,
+        "package": lambda: f"meal-bayes {meal_bayes.__version__} in {meal_bayes.__path__[0]}",
         "system": _system,
         "versions": lambda: ", ".join(f"{name} {_version(name)}" for name in _LIBRARIES),
         "cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
@@ -53,12 +54,6 @@ def doctor(as_json: bool) -> None:
 
 def _shortened(fault: Exception) -> str:
     return f"{type(fault).__name__}: {' '.join(str(fault).split())[:100]}"
-
-
-def _package() -> str:
-    import meal_bayes
-
-    return f"meal-bayes {meal_bayes.__version__} in {Path(meal_bayes.__file__).parent}"
 
 
 def _system() -> str:
@@ -83,14 +78,13 @@ def _version(name: str) -> str:
 def _folder(path: Path) -> str:
     """Return whether a folder exists and can be written, and who else may write there."""
     if not path.exists():
-        parent = next((parent for parent in path.absolute().parents if parent.exists()), path)
+        parent = next(parent for parent in path.absolute().parents if parent.exists())
         return f"{path}, {'can' if os.access(parent, os.W_OK) else 'CANNOT'} be made"
     mode = path.stat().st_mode
     writable = "writable" if os.access(path, os.W_OK | os.X_OK) else "NOT writable"
     others = mode & (stat.S_IWGRP | stat.S_IWOTH) and not mode & stat.S_ISVTX
-    return f"{path.resolve()}, mode {stat.S_IMODE(mode):04o}, {writable}" + (
-        ", OTHERS can write" if others else ""
-    )
+    shared = ", OTHERS can write" if others else ""
+    return f"{path.resolve()}, mode {stat.S_IMODE(mode):04o}, {writable}{shared}"
 
 
 def _data() -> str:

@@ -8,7 +8,7 @@ import click
 
 from meal_bayes.cli.console import note, print_json, say
 from meal_bayes.cli.options import dataset_option, json_option, option, table_of
-from meal_bayes.cli.values import LARGEST, Finite
+from meal_bayes.untrusted import LARGEST
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -30,9 +30,9 @@ _FORMATS = ("pomdp", "pomdpx")
     "--object", None, None, "NAME",
     "Learn without this object, as for a trial about it; from all by default.",
 )  # fmt: skip
-@option("--discount", Finite(0, 1, min_open=True), None, "G", "Of a step.  [0.99]")
+@option("--discount", click.FloatRange(0, 1, min_open=True), None, "G", "Of a step.  [0.99]")
 @option(
-    "--reward", Finite(0, LARGEST, min_open=True), None, "R",
+    "--reward", click.FloatRange(0, LARGEST, min_open=True), None, "R",
     "For a right report, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @json_option

@@ -6,9 +6,8 @@ from pathlib import Path
 import click
 
 from meal_bayes.cli.console import output, print_facts, print_json, say
-from meal_bayes.cli.options import FILE, json_option, option
+from meal_bayes.cli.options import FILE, MOST_TRIALS, json_option, option
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.values import MOST_TRIALS
 
 _UNSOUND = 1  # exit code of `check` for a log with problems
 

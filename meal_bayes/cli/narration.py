@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
-from meal_bayes.cli.console import Signs, label_text, print_facts, signs_of
+from meal_bayes.cli.console import label_text, print_facts
 from meal_bayes.display import best_options, level_names, percent
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
 
@@ -31,10 +31,9 @@ class Narrator:
     def __init__(self, console: Console, task: "Task", momdp: "MOMDP") -> None:
         self._console, self._momdp = console, momdp
         self._names = task.query.attributes
-        self._signs = signs_of(console)
         self._spent, self._steps = 0.0, 0
         self._header_printed = False
-        self._print_heading("before any behavior")
+        console.print(Text("before any behavior", "bold"))
         self._print_belief(momdp.prior)
 
     def step(self, step: "Step") -> None:
@@ -43,27 +42,24 @@ class Narrator:
         self._spent += step.cost
         momdp, action = self._momdp, step.decision.action
         self._console.print()
-        self._print_heading(f"{self._steps}  {momdp.action_label(action)}")
+        self._console.print(Text(f"{self._steps}  {momdp.action_label(action)}", "bold"))
         self._print_values(step.decision, step.x)
+        facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
-            print_facts(self._console, {"warning": step.warning} if step.warning else {})
+            print_facts(self._console, facts)
             return
-        facts = {"outcome": outcome_text(momdp, step, self._signs.arrow)}
+        outcome = {"outcome": outcome_text(momdp, step, "→")}
         if step.observation is not None:
-            percepts = zip(
-                self._names, percept_labels(momdp, action, step.observation), strict=True
-            )
-            facts["percept"] = ", ".join(f"{name}: {percept}" for name, percept in percepts)
-        if step.warning:
-            facts["warning"] = step.warning
-        print_facts(self._console, facts, {"warning": "yellow"})
+            percepts = percept_labels(momdp, action, step.observation)
+            outcome["percept"] = ", ".join(map(": ".join, zip(self._names, percepts, strict=True)))
+        print_facts(self._console, outcome | facts, warning="yellow")
         self._print_belief(step.belief.positive)
         print_facts(self._console, {"cost": f"{step.cost:g} s, in all {self._spent:.1f} s"})
 
     def end(self, trial: "Trial") -> None:
         """Print the report, whether it is right, and the cost of the trial."""
         self._console.print()
-        print_facts(self._console, final_facts(trial), verdict_style(trial))
+        print_end(self._console, trial)
 
     def _print_values(self, decision: "Decision", x: int) -> None:
         """Print the possible actions and their expected rewards, the chosen one marked."""
@@ -86,12 +82,10 @@ class Narrator:
             heads = "expected reward" + "   simulations" * simulated
             rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
         for option in sorted(options, key=lambda option: option == end):
-            sign = self._signs.chosen if option == chosen else " "
+            sign, value = "▸" if option == chosen else "", decision.values[option]
             error = decision.value_se[option]
-            interval = f"{self._signs.interval}{error:.1f}" if error >= _SHOWN_ERROR else ""
-            line = (
-                f"{sign:<2}{names[option]:<{width}}  {decision.values[option]:8.1f} {interval:<7}"
-            )
+            interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
+            line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"
             if option < end and simulated:
                 line += f"  {decision.visits[option]:12d}"
             rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
@@ -103,12 +97,12 @@ class Narrator:
         width = max(map(len, self._names))
         rows = []
         for name, p in zip(self._names, positive, strict=True):
-            line = Text(f"{name:<{width}}  ").append_text(bar(p, self._signs))
+            full = round(p * _BAR)
+            line = Text(f"{name:<{width}}  ")
+            line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
+            line.append("░" * (_BAR - full), "dim")
             rows.append(line.append(f" {percent(p):>7}"))
         self._print_rows("belief", rows)
-
-    def _print_heading(self, text: str) -> None:
-        self._console.print(Text(text, "bold"))
 
     def _print_rows(self, label: str, rows: "list[Text]") -> None:
         for text in rows:
@@ -131,12 +125,10 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
     With more attributes than the console is wide for, print it as `print_trial` does.
     """
     names, momdp = trial.task.query.attributes, trial.momdp
-    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
-    table.add_column("", justify="right")
-    table.add_column("behavior")
-    table.add_column("s", justify="right")
-    for name in names:
-        table.add_column(f"{name} %")
+    table = Table(
+        Column(justify="right"), "behavior", Column("s", justify="right"),
+        *(f"{name} %" for name in names), box=None, padding=(0, 1, 0, 0), header_style="dim",
+    )  # fmt: skip
     width = max(map(len, level_names(momdp.levels)))
     first = [_cell("", p, width) for p in trial.first_belief.positive]
     table.add_row("", Text("before any", "dim"), "", *first)
@@ -163,20 +155,14 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
     for number, step in enumerate(trial.steps, start=1):
         if step.warning:
             print_facts(console, {"warning": f"step {number}: {step.warning}"})
-    print_facts(console, final_facts(trial), verdict_style(trial))
+    print_end(console, trial)
 
 
 def _cell(percept: str, p: float, width: int) -> str:
     return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
 
 
-def verdict_style(trial: "Trial") -> dict[str, str]:
-    """Return the styles of the answer and the verdict."""
-    return {"answer": "bold", "verdict": "bold green" if trial.success else "bold red"}
-
-
-def bar(p: float, signs: Signs) -> Text:
-    """Draw a probability; green where the attribute would be reported."""
-    full = round(p * _BAR)
-    line = Text(signs.full * full, "green" if p > 0.5 else "yellow")
-    return line.append(signs.empty * (_BAR - full), "dim")
+def print_end(console: Console, trial: "Trial") -> None:
+    """Print the report, whether it is right, and the cost of a trial."""
+    verdict = "bold green" if trial.success else "bold red"
+    print_facts(console, final_facts(trial), answer="bold", verdict=verdict)

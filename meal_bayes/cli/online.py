@@ -1,5 +1,6 @@
 """`meal-bayes run online`: agents that learn from their own trials."""
 
+import contextlib
 import math
 from pathlib import Path
 from statistics import fmean
@@ -10,8 +11,7 @@ from rich.text import Text
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.values import LARGEST, Finite, chance, shares
-from meal_bayes.untrusted import NAME_LIMIT
+from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +22,26 @@ if TYPE_CHECKING:
     Training = Callable[[str], list[TrialOutcomes]]
 
 _MOST = 40  # repeats of a run that goes on until it is decided
+
+
+def _shares(text: str) -> tuple[int, ...]:
+    """Read three parts of the objects, such as 33/33/34."""
+    with contextlib.suppress(ValueError):
+        parts = tuple(map(int, text.split("/")))
+        if len(parts) == 3 and min(parts) > 0:
+            return parts
+    raise click.BadParameter(
+        f"split is {text!r}; give three whole numbers above 0, such as 33/33/34."
+    )
+
+
+def _chance(text: str) -> tuple[str, float]:
+    """Read a behavior and its probability, such as grasp=0.5."""
+    name, _, number = text.rpartition("=")
+    with contextlib.suppress(ValueError):
+        if name.strip() and 0 < float(number) <= 1:
+            return name.strip(), float(number)
+    raise click.BadParameter(f"success is {text!r}; give it as grasp=0.5, above 0 and at most 1.")
 
 
 @click.command(short_help="Agents learn while they work, tested after every batch.")
@@ -42,11 +62,11 @@ _MOST = 40  # repeats of a run that goes on until it is decided
     f"--repeats, {_MOST} by default.",
 )  # fmt: skip
 @opt.option(
-    "--split", shares, "33/33/34", "A/B/C",
+    "--split", _shares, "33/33/34", "A/B/C",
     "Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
-@opt.option("--alpha", Finite(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
-@opt.option("--beta", Finite(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
+@opt.option("--alpha", click.FloatRange(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
+@opt.option("--beta", click.FloatRange(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
 @opt.option(
     "--normalizer", click.Choice(["paper", "all"]), "paper", None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
@@ -56,10 +76,14 @@ _MOST = 40  # repeats of a run that goes on until it is decided
     "Whether the report was right, or the labels of all attributes asked.",
 )  # fmt: skip
 @opt.option(
-    "--error", Finite(0, 1, max_open=True), 0.0, None, "Probability that feedback is wrong."
+    "--error",
+    click.FloatRange(0, 1, max_open=True),
+    0.0,
+    None,
+    "Probability that feedback is wrong.",
 )
 @opt.option(
-    "--success", chance, None, "BEHAVIOR=P",
+    "--success", _chance, None, "BEHAVIOR=P",
     "True success probability of a behavior; the data set's by default.", multiple=True,
 )  # fmt: skip
 @click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
@@ -100,13 +124,10 @@ def online(
             finished = run_online(config, **how)
     results = list(finished.results())
     if as_json:
-        terminal.print_json(
-            {
-                "config": finished.config.as_dict(),
-                "rows": [row.as_dict() for row in learning_rows(results)],
-                "summary": [row.as_dict() for row in summarize_learning(results)],
-            }
-        )
+        rows = [row.as_dict() for row in learning_rows(results)]
+        summary = [row.as_dict() for row in summarize_learning(results)]
+        config_facts = finished.config.as_dict()
+        terminal.print_json({"config": config_facts, "rows": rows, "summary": summary})
     else:
         _print(results, finished.training)
     terminal.note(f"trials in {finished.folder}")
@@ -120,13 +141,11 @@ def _print(results: "list[BatchOutcomes]", training: "Training") -> None:
     last, cells = max(row.batch for row in rows), []
     for one in summary:
         end = [row for row in rows if (row.agent, row.batch) == (one.agent, last)]
-        hours, claimed, cost = (
-            fmean(getattr(row, name) for row in end)
-            for name in ("hours", "claimed_accuracy", "test_cost_s")
-        )
+        claimed = fmean(row.claimed_accuracy for row in end)
         cells.append(
-            (one.agent, f"{hours:.1f}", f"{one.accuracy_after:.3f}", f"{claimed:.3f}",
-             f"{cost:.1f}", f"{one.reward_after:.1f}", f"{one.ece_after:.3f}")
+            (one.agent, f"{fmean(row.hours for row in end):.1f}", f"{one.accuracy_after:.3f}",
+             f"{claimed:.3f}", f"{fmean(row.test_cost_s for row in end):.1f}",
+             f"{one.reward_after:.1f}", f"{one.ece_after:.3f}")
         )  # fmt: skip
     heads = ("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
     terminal.print_table(heads, cells, narrow=True)
@@ -151,9 +170,7 @@ def _print_differences(results: "list[BatchOutcomes]", summary: "list[LearningSu
         after = f"{one.reward_after_difference:+.1f}"
         cells.append((one.agent, first, *(f"{gain:+.1f}" for gain in gains), after))
     heads = (f"first {summary[0].area_hours:.1f} h", *(f"at {hours:g} h" for hours in BUDGETS))
-    caption = (
-        f"{terminal.signs_of(terminal.output()).interval}: half of the 95 % interval over splits"
-    )
+    caption = "±: half of the 95 % interval over splits"
     names = (f"reward less {summary[0].agent}'s", *heads, "after")
     terminal.print_table(names, cells, narrow=True, caption=caption)
 
@@ -174,7 +191,4 @@ def _print_successes(training: "Training", agents: list[str]) -> None:
 
 def _with_reach(estimate: float, high: float) -> str:
     reach = high - estimate
-    interval = (
-        "" if math.isnan(reach) else f" {terminal.signs_of(terminal.output()).interval}{reach:.1f}"
-    )
-    return f"{estimate:+.1f}{interval}"
+    return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" ±{reach:.1f}")

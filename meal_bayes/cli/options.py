@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 import click
 
-from meal_bayes.cli.values import LARGEST_SEED, MOST_JOBS, MOST_TRIALS, address
-
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+MOST_TRIALS = 10_000_000
 COUNT = click.IntRange(1, MOST_TRIALS)
+SEED = click.IntRange(0, 2**63 - 1)
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
@@ -63,7 +63,7 @@ def table_of(dataset: str, root: Path | None, perception: str = "default") -> st
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option --seed."""
     text = "Of failures, recordings and planning; equal seeds give equal trials."
-    return option("--seed", click.IntRange(0, LARGEST_SEED), default, "S", text)
+    return option("--seed", SEED, default, "S", text)
 
 
 def agent_value(text: str) -> object:
@@ -80,9 +80,9 @@ OWN = "package.module:name of your own"
 logs_option = option("--logs", FOLDER, Path("logs"), None, "Folder of the trial logs.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
-jobs_option = option("--jobs", click.IntRange(1, MOST_JOBS), 1, None, "Processes.")
+jobs_option = option("--jobs", click.IntRange(1, 1024), 1, None, "Processes.")
 cluster_option = option(
-    "--cluster", address, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
+    "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
 )
 perception_option = option(
     "--perception", click.Choice(["default", "paper"]), "default", None,
@@ -101,13 +101,7 @@ def digest(config: Mapping[str, object]) -> str:
 
 
 def named_value(name: str) -> Any:
-    """Import the value of ``package.module:name``, also from a module of the current folder.
-
-    Raises
-    ------
-    SettingsError
-        No such module, or nothing of that name in it.
-    """
+    """Import the value of ``package.module:name``, also from a module of the current folder."""
     from meal_bayes.domain import unknown
     from meal_bayes.errors import SettingsError
 
@@ -117,15 +111,13 @@ def named_value(name: str) -> Any:
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:
-        found: Any = importlib.import_module(module)
+        loaded = importlib.import_module(module)
     except ImportError as fault:
         raise SettingsError(
             f"The module of {name!r} cannot be imported ({fault}); run where it lies, or put its "
             "folder on PYTHONPATH."
         ) from fault
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            public = [one for one in dir(found) if not one.startswith("_")]
-            raise SettingsError(unknown(f"name in {module}", part, public))
-        found = getattr(found, part)
-    return found
+    if not hasattr(loaded, attribute):
+        public = [member for member in dir(loaded) if not member.startswith("_")]
+        raise SettingsError(unknown(f"name in {module}", attribute, public))
+    return getattr(loaded, attribute)

@@ -1,7 +1,6 @@
 """`meal-bayes posterior`: fit the confusion matrices Theta, check the fit, save and plot it."""
 
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,6 @@ import click
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.export import held_out_counts
-from meal_bayes.cli.values import LARGEST_SEED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +46,7 @@ _RATE = "{:.2f} ({:.2f} to {:.2f})"
 @opt.option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
 @opt.option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
 @opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
-@opt.option("--seed", click.IntRange(0, LARGEST_SEED), 0, "S", "Equal seeds give equal draws.")
+@opt.option("--seed", opt.SEED, 0, "S", "Equal seeds give equal draws.")
 @opt.json_option
 def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
@@ -82,17 +80,13 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
 
 
 def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
-    """Return the table, the fitted attributes, and their percept counts (O,P,E,2,K).
-
-    The counts are those of held-out objects, or of the training objects where one is held out.
-    """
+    """Return the table, the fitted attributes, and their percept counts (O,P,E,2,K)."""
     from meal_bayes.datasets import load_percepts, object_index
     from meal_bayes.perception import table_counts
 
     table, levels = load_percepts(config["dataset"]), config["levels"]
-    names = [name.strip() for name in (config["attributes"] or "").split(",") if name.strip()]
+    names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
-    columns = columns or list(range(len(table.domain.attributes)))
     if config["held_out"] is None:
         counts = held_out_counts(table, levels)
     else:
@@ -102,12 +96,9 @@ def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[A
 
 
 def _fit(
-    counts: "NDArray[Any]",
-    attributes: list[str],
-    behaviors: Sequence[str],
-    prior: "NDArray[Any]",
-    config: dict[str, Any],
-) -> "tuple[xr.Dataset, xr.Dataset]":
+    counts: "NDArray[Any]", attributes: list[str], behaviors: Sequence[str],
+    prior: "NDArray[Any]", config: dict[str, Any],
+) -> "tuple[xr.Dataset, xr.Dataset]":  # fmt: skip
     """Return the draws, and the sampler's statistics, which the grid has none of."""
     import xarray as xr
 
@@ -179,10 +170,8 @@ def _write(
         idata.save_netcdf(made, folder / "posterior.nc")
         write_whole(folder / "summary.csv", idata.summary_csv(made))
         low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
-        save(
-            forest(middle, low, high, attributes, draws["behavior"].values.tolist()),
-            folder / "forest.png",
-        )
+        behaviors = draws["behavior"].values.tolist()
+        save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
         save(predictive(check.observed, check.predicted), folder / "predictive.png")
         pairs = {
             "each": (belief.each, belief.each_truth),
@@ -224,18 +213,16 @@ def _rows(draws: "xr.Dataset") -> list[dict[str, Any]]:
     """Return for each pair Pr(yes) of true and false objects, and how far objects differ."""
     import numpy as np
 
-    low, high = np.quantile(rates := _yes(draws), [0.025, 0.975], axis=0)
+    ends = np.quantile(rates := _yes(draws), [0.025, 0.975], axis=0)
     mean, s = rates.mean(axis=0), draws["dispersion"].median(("chain", "draw")).values
+    attributes, behaviors = (draws[dim].values.tolist() for dim in ("attribute", "behavior"))
     rows = []
-    for (p, attribute), (e, behavior) in product(
-        enumerate(draws["attribute"].values.tolist()), enumerate(draws["behavior"].values.tolist())
-    ):
-        row: dict[str, Any] = {"attribute": attribute, "behavior": behavior}
+    for p, e in np.ndindex(mean.shape[:2]):
+        row: dict[str, Any] = {"attribute": attributes[p], "behavior": behaviors[e]}
         for truth, name, of in ((1, "tpr", "true"), (0, "fpr", "false")):
-            at = p, e, truth
-            row[name] = float(mean[at])
-            row[f"{name}_interval"] = [float(low[at]), float(high[at])]
-            row[f"s_{of}"] = float(s[at])
+            row[name] = float(mean[p, e, truth])
+            row[f"{name}_interval"] = ends[:, p, e, truth].tolist()
+            row[f"s_{of}"] = float(s[p, e, truth])
         rows.append(row)
     return rows
 
@@ -270,8 +257,7 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         "beliefs": "learned without the object, after one behavior: "
         f"{scores['each']}; after all: {scores['together']}",
     }
-    worst = sorted(facts["pareto_k"].items(), key=lambda unit: -unit[1])
-    if worst:
+    if worst := sorted(facts["pareto_k"].items(), key=lambda unit: -unit[1]):
         named = ", ".join(f"{name} ({k:.2f})" for name, k in worst[:_NAMED])
         shown["leave one out"] = (
             f"not to be trusted for {len(worst)} of the objects' attributes, by Pareto k: {named}"

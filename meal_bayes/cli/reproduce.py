@@ -3,7 +3,6 @@
 import json
 import sys
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.values import MOST_TRIALS
 from meal_bayes.errors import DownloadError
 
 _PACKAGE = "paper_repro"
@@ -29,15 +27,16 @@ _PACKAGE = "paper_repro"
 @opt.cluster_option
 @opt.logs_option
 @opt.option(
-    "--scripts",
-    opt.FOLDER,
-    None,
-    "FOLDER",
+    "--scripts", opt.FOLDER, None, "FOLDER",
     f"Where the items are; {_PACKAGE}/ here or above by default.",
-)
+)  # fmt: skip
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
-    "--repeats", click.IntRange(0, MOST_TRIALS), None, "R", "Of online runs, at most; 0 runs none."
+    "--repeats",
+    click.IntRange(0, opt.MOST_TRIALS),
+    None,
+    "R",
+    "Of online runs, at most; 0 runs none.",
 )
 @opt.option(
     "--only", None, "", "TEXT",
@@ -77,17 +76,11 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
 
 
 def find_package(scripts: Path | None) -> Path:
-    """Find the folder of the items, which the installed package does not hold.
-
-    Raises
-    ------
-    click.UsageError
-        It is not in the named folder, or neither here nor above.
-    """
+    """Find the folder of the items, here or above: the installed package does not hold them."""
     here = Path.cwd()
     tried = [scripts] if scripts else [place / _PACKAGE for place in (here, *here.parents)]
     for folder in tried:
-        if (folder / "__init__.py").is_file() and (folder / "paper_values.toml").is_file():
+        if (folder / "paper_values.toml").is_file():
             return folder.resolve()
     raise click.UsageError(
         f"No items of the paper in {tried[0]}; they are in the folder {_PACKAGE}/ of the source "
@@ -98,15 +91,5 @@ def find_package(scripts: Path | None) -> Path:
 
 def import_package(folder: Path) -> None:
     """Import the package of a checkout from its folder, wherever that is."""
-    found = sys.modules.get(_PACKAGE)
-    if found is not None and Path(str(found.__file__)).parent == folder:
-        return
-    for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
-        del sys.modules[name]
-    spec = spec_from_file_location(
-        _PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
-    )
-    if spec is None or spec.loader is None:  # never, as the file is there
-        raise ImportError(folder)
-    package = sys.modules[_PACKAGE] = module_from_spec(spec)
-    spec.loader.exec_module(package)
+    sys.path.insert(0, str(folder.parent))
+    import_module(_PACKAGE)

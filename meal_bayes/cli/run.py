@@ -9,8 +9,7 @@ from rich.text import Text
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
-from meal_bayes.cli.values import LARGEST, Finite
-from meal_bayes.untrusted import NAME_LIMIT
+from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
@@ -43,22 +42,16 @@ def run() -> None:
 )  # fmt: skip
 @opt.perception_option
 @opt.option(
-    "--reward", Finite(0, LARGEST, min_open=True), None, "R",
+    "--reward", click.FloatRange(0, LARGEST, min_open=True), None, "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @opt.logs_option
 @opt.fresh_option
 @opt.json_option
 def offline(
-    root: Path | None,
-    agents: tuple[str, ...],
-    as_json: bool,
-    logs: Path,
-    jobs: int,
-    cluster: str | None,
-    fresh: bool,
-    **settings: Any,
-) -> None:
+    root: Path | None, agents: tuple[str, ...], as_json: bool, logs: Path, jobs: int,
+    cluster: str | None, fresh: bool, **settings: Any,
+) -> None:  # fmt: skip
     """Run agents on the same queries about objects they never learned from.
 
     An interrupted run continues when the same command is given again.
@@ -115,28 +108,25 @@ def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, 
 
 def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
     console = terminal.output()
-    interval = terminal.signs_of(console).interval
     cells = (
-        (row.agent, f"{row.accuracy:.3f} {interval}{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
-         f"{row.reward:.1f} {interval}{row.reward_se:.1f}", f"{row.nll:.3f}", f"{row.ece:.3f}",
+        (row.agent, f"{row.accuracy:.3f} ±{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
+         f"{row.reward:.1f} ±{row.reward_se:.1f}", f"{row.nll:.3f}", f"{row.ece:.3f}",
          f"{row.abstained:.1%}")
         for row in rows
     )  # fmt: skip
     names = ("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
     terminal.print_table(names, cells, narrow=True)
     text = (
-        f"{rows[0].trials} trials an agent; {interval} one standard error, objects drawn as "
+        f"{rows[0].trials} trials an agent; ± one standard error, objects drawn as "
         "wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
     console.print()
     beliefs = (
-        (
-            row.agent,
-            *(f"{value:.3f}" for value in (row.nll, row.brier, row.ece, row.ece_calibrated)),
-        )
+        (row.agent, f"{row.nll:.3f}", f"{row.brier:.3f}", f"{row.ece:.3f}",
+         f"{row.ece_calibrated:.3f}")
         for row in rows
-    )
+    )  # fmt: skip
     terminal.print_table(("final belief", "NLL", "Brier", "ECE", "ECE if calibrated"), beliefs)
     if paired:
         console.print()

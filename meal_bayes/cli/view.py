@@ -9,8 +9,7 @@ import click
 
 from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
-from meal_bayes.cli.options import FILE, option
-from meal_bayes.cli.values import MOST_TRIALS
+from meal_bayes.cli.options import FILE, MOST_TRIALS, option
 from meal_bayes.files import check_output, draft_of
 
 if TYPE_CHECKING:
@@ -37,14 +36,9 @@ if TYPE_CHECKING:
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
 @click.option("--live", is_flag=True, help="Follow a run that is still writing LOG.")
 def view(
-    log: Path,
-    number: int | None,
-    save: Path | None,
-    screenshot: Path | None,
-    step: int | None,
-    web: bool,
-    live: bool,
-) -> None:
+    log: Path, number: int | None, save: Path | None, screenshot: Path | None, step: int | None,
+    web: bool, live: bool,
+) -> None:  # fmt: skip
     """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
 
     The window has a tab for the trial under the cursor and one for the whole run; a compact log,
@@ -53,7 +47,7 @@ def view(
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
-    if live and (number is not None or save is not None or screenshot is not None):
+    if live and (number, save, screenshot) != (None, None, None):
         raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
     if step is not None and screenshot is None:
         raise click.UsageError("--step says which step a --screenshot shows.")
@@ -141,12 +135,7 @@ def _record(
 ) -> tuple[int, int]:
     """Send the recording, and print what could not be read.
 
-    Returns
-    -------
-    trials : int
-        How many were sent.
-    last : int
-        Row of the last behavior of the trial that is shown first.
+    Return how many trials were sent, and the row of the last behavior of the one shown first.
     """
     from meal_bayes.errors import SettingsError
     from meal_bayes.viewer import send_recording
@@ -182,11 +171,9 @@ def _follow(log: Path, viewer: "Viewer") -> None:
     if not log.exists():
         note(f"waiting for {log} ...")
     follower = follow(
-        log,
-        viewer.url,
-        watching=lambda: viewer.running,
+        log, viewer.url, watching=lambda: viewer.running,
         on_trials=lambda trials: note(f"{trials} trials"),
-    )
+    )  # fmt: skip
     for problem in follower.problems:
         note(f"warning: {problem}; the whole trials before it are shown")
     if viewer.running:

@@ -14,37 +14,26 @@ ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
 EXPORT = ("export", "a.pomdp", "--query", "heavy")
 WHOLE = [
     *((OFFLINE, name) for name in ("--attributes", "--trials", "--seed", "--jobs")),
-    *((ONLINE, name) for name in ("--attributes", "--batches", "--repeats")),
-    *((("posterior",), name) for name in ("--levels", "--draws", "--tune", "--chains", "--seed")),
-    *((("view", "a.mcap"), name) for name in ("--trial", "--step")),
-    (("log", "show", "a.mcap"), "--trial"),
-    (("reproduce", "table3"), "--jobs"),
+    (ONLINE, "--repeats"),
+    (("posterior",), "--levels"),
+    (("view", "a.mcap"), "--trial"),
 ]
 NO_WHOLE = ("", "x", "1.5", "-1", "9" * 20)
 FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--error"), (EXPORT, "--discount")]
-NO_FINITE = ("", "x", "nan", "inf", "-1", "1e999", "1e100", "0x10")
-NO_SPLIT = ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1/1/1/1", "1.5/1/1",
-            "\N{SUPERSCRIPT TWO}/3/3", f"{'9' * 30}/1/1")  # fmt: skip
-NO_CHANCE = ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0",
-             "grasp=-1", "grasp=1_0")  # fmt: skip
-NO_ADDRESS = ("", "x", "http://a:1", "host", "host:", ":8786", "host:123456", "host:80/path",
-              "a b:1")  # fmt: skip
+NO_FINITE = ("", "x", "nan", "inf", "-1", "0x10")
+NO_SPLIT = ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1.5/1/1")
+NO_CHANCE = ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0")
 CASES = [
     *((*pair, value) for pair, value in itertools.product(WHOLE, NO_WHOLE)),
     *((*pair, value) for pair, value in itertools.product(FINITE, NO_FINITE)),
     *((ONLINE, "--split", value) for value in NO_SPLIT),
     *((ONLINE, "--success", value) for value in NO_CHANCE),
-    *((ONLINE, "--cluster", value) for value in NO_ADDRESS),
     (OFFLINE, "--percepts", "x"),
-    (ONLINE, "--feedback", "none"),
-    (("posterior",), "--method", "nuts"),
-    (EXPORT, "--format", "xml"),
-    *((OFFLINE, "--dataset", value) for value in ("", "none.toml")),
     *((OFFLINE, "--agent", value) for value in ("", ",,")),
     (ASK, "--agent", "bayes,"),
-    *((ASK, "--dataset", value) for value in (
-        "a\0b", "\udcff.npz", "n" * 5000, "n" * 5000 + ".npz", ".", "\x1b[2J")),
-]  # fmt: skip
+    *((OFFLINE, "--dataset", value) for value in ("", "none.toml")),
+    *((ASK, "--dataset", value) for value in ("a\0b", "\udcff.npz", "n" * 5000, ".", "\x1b[2J")),
+]
 
 
 @pytest.mark.parametrize(
@@ -59,17 +48,9 @@ def test_a_bad_value_is_told_in_one_line(fails, command, option, value, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("command", "option", "value", "range_"),
-    [
-        (OFFLINE, "--reward", "1e100", "0<x<=1000000"),
-        (OFFLINE, "--trials", "9" * 20, "1<=x<=10000000"),
-        (OFFLINE, "--jobs", "0", "1<=x<=1024"),
-        (ONLINE, "--alpha", "1e308", "0<=x<=1000000"),
-    ],
-)
-def test_the_range_is_told(fails, command, option, value, range_):
-    assert range_ in fails(*command, option, value)
+def test_the_range_is_told(fails):
+    assert "0<x<=1000000" in fails(*OFFLINE, "--reward", "1e100")
+    assert "1<=x<=1024" in fails(*OFFLINE, "--jobs", "0")
 
 
 @pytest.mark.parametrize("key", ["report_reward = 1e100", "legal_budget = []"])
@@ -82,12 +63,10 @@ def test_settings_of_a_domain_have_ranges_too(fails, key, kitchen):
     assert not Path("a.npz").exists()
 
 
-@pytest.mark.parametrize("reward", [0.0, -1.0, 1e100, float("inf"), float("nan")])
-def test_the_library_has_the_same_ranges(reward):
-    for make in (
-        lambda: OfflineConfig("roc36", reward=reward),
-        lambda: OnlineConfig("roc36", reward=reward),
-        lambda: OnlineConfig("roc36", alpha=reward or -1.0),
-    ):
-        with pytest.raises(SettingsError, match=r"reward is|alpha is"):
-            make()
+@pytest.mark.parametrize("value", [-1.0, 1e100, float("inf"), float("nan")])
+def test_the_library_has_the_same_ranges(value):
+    for make in (OfflineConfig, OnlineConfig):
+        with pytest.raises(SettingsError, match="reward is"):
+            make("roc36", reward=value)
+    with pytest.raises(SettingsError, match="alpha is"):
+        OnlineConfig("roc36", alpha=value)
