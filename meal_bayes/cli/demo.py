@@ -1,5 +1,6 @@
 """`meal-bayes demo`: one trial on the recordings of a real robot, step by step."""
 
+import textwrap
 from pathlib import Path
 
 import click
@@ -38,9 +39,9 @@ def demo(seed: int, logs: Path) -> None:
     text = (
         "A robot meets an object it has never learned from, and is asked about it. It tries one "
         "behavior after another, updates its belief by Bayes' rule, and answers once the next "
-        "percept would cost more than it is worth.\n"
+        "percept would cost more than it is worth."
     )
-    console.print(Text(text))
+    console.print(Text(textwrap.fill(text, console.width) + "\n"))
     right = table.domain.report_reward
     sensing = sum(bool(behavior.modalities) for behavior in table.domain.behaviors)
     facts = {

@@ -82,7 +82,7 @@ class Narrator:
             heads = "expected reward" + "   simulations" * simulated
             rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
         for option in sorted(options, key=lambda option: option == end):
-            sign, value = "▸" if option == chosen else "", decision.values[option]
+            sign, value = "►" if option == chosen else "", decision.values[option]
             error = decision.value_se[option]
             interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
             line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"

@@ -26,16 +26,13 @@ def test_an_answer_in_words(run):
     assert str(path) in result.stderr
 
 
-@pytest.mark.parametrize(
-    "names", ["heavy,blue,beans,glass,rice", "light,medium,heavy,red,green,blue"]
-)
-def test_many_attributes_fit_too(run, names):
+def test_many_attributes_fit_too(run):
+    names = "light,medium,heavy,brown,green,blue"
     result = run("ask", names, "--object", "heavy_blue_beans", "--agent", "predefined_plus")
     lines = result.stdout.splitlines()
     assert max(map(len, lines)) <= 80
     assert not any(line.rstrip().endswith("…") for line in lines)
-    for name in names.replace("red", "brown").split(","):
-        assert name in result.stdout
+    assert all(name in result.stdout for name in names.split(","))
 
 
 def test_own_table_and_synonyms(run, table):
@@ -45,7 +42,6 @@ def test_own_table_and_synonyms(run, table):
         "agent": "greedy", "seed": 0,
     }  # fmt: skip
     trial = told["trial"]
-    assert trial["attributes"] == ["red", "full"]
     assert trial["report"] == trial["truth"] == {"red": True, "full": True}
     assert trial["success"] is True
     assert trial["reward"] == pytest.approx(100 - trial["cost_s"])
@@ -53,16 +49,10 @@ def test_own_table_and_synonyms(run, table):
     assert trial["steps"][-1]["action"] == "report red, full"
     assert trial["steps"][0]["percept"] == {"red": 1, "full": 1}
     assert trial["belief"] == trial["steps"][-1]["belief"]
-
-
-def test_the_log_holds_the_trial(run, table):
-    told = json.loads(run(*OWN, "--json", "--seed", "3").stdout)
-    (trial,) = read_trials(told["log"])
-    assert trial.agent == "greedy"
-    assert trial.cost == told["trial"]["cost_s"]
+    (logged,) = read_trials(told["log"])
+    assert (logged.agent, logged.cost) == ("greedy", trial["cost_s"])
     header = log_info(told["log"]).header
-    assert header["config"] == told["config"]
-    assert header["seed"] == 3
+    assert (header["config"], header["seed"]) == (told["config"], 0)
 
 
 def test_equal_commands_write_equal_logs(run, table):
@@ -79,10 +69,8 @@ def test_equal_commands_write_equal_logs(run, table):
 def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
     odd = "../../red jar\n"
     save_percepts(replace(table, objects=(odd, *table.objects[1:])), "odd.npz")
-    result = run(
-        "ask", "red", "--dataset", "odd.npz", "--object", odd, "--agent", "greedy", "--json"
-    )
-    path = Path(json.loads(result.stdout)["log"])
+    words = ("ask", "red", "--dataset", "odd.npz", "--object", odd, "--agent", "greedy", "--json")
+    path = Path(json.loads(run(*words).stdout)["log"])
     assert path.parent == Path("logs")
     assert path.name.startswith("ask-.._.._red_jar_-")
     assert path.is_file()

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -13,6 +12,7 @@ from meal_bayes.trials import Trial
 
 TRIAL_LOGS = Path(__file__).resolve().parents[1] / "trial_log"
 OWN = ("--dataset", "kitchen.npz")
+BOTH = "Is it crimson, and is it full?"
 
 
 @pytest.fixture
@@ -52,41 +52,30 @@ def test_no_tells_the_opposite_of_one_attribute(ask):
     assert facts(ask("Is it red?", "", "red_jar", "--json"))["report"] == {"red": True}
 
 
-def test_no_to_several_attributes_asks_for_each(ask):
-    result = ask("Is it crimson, and is it full?", "no\nyes\nskip\n")
-    assert "Is it red?" in result.stderr
-    assert "Is it full?" in result.stderr
-    (told,) = read_memory("logs", "kitchen")
-    assert dict(told.values) == {"red": True}
-
-
 def test_y_and_n_are_enough_and_what_is_known_is_not_asked_again(ask):
-    question = "Is it crimson, and is it full?"
     ask("Is it red?", "y\n")
-    result = ask(question, "maybe\nn\nn\n")
+    result = ask(BOTH, "maybe\nn\nn\n")
     assert "'maybe' is not understood; type y or n" in result.stderr
     assert "Is it full?" in result.stderr
     assert "Is it red?" not in result.stderr  # it was told
     assert dict(read_memory("logs", "kitchen")[-1].values) == {"full": False}
 
 
-def test_where_there_is_no_answer_it_asks_what_it_does_not_know(ask, monkeypatch):
-    monkeypatch.setattr(Trial, "__post_init__", _without_report)
-    result = ask("Is it crimson, and is it full?", "y\n\n")
-    assert "right?" not in result.stderr
+@pytest.mark.parametrize("answered", [True, False])
+def test_without_a_right_answer_it_asks_for_each(ask, monkeypatch, answered):
+    if not answered:
+        without = lambda trial: object.__setattr__(trial, "report", None)  # noqa: E731
+        monkeypatch.setattr(Trial, "__post_init__", without)
+    result = ask(BOTH, "no\n" * answered + "yes\nskip\n")
+    assert ("right?" in result.stderr) == answered
+    assert "Is it full?" in result.stderr
     (told,) = read_memory("logs", "kitchen")
     assert dict(told.values) == {"red": True}
 
 
-def _without_report(trial):
-    object.__setattr__(trial, "report", None)
-    object.__setattr__(trial, "truth", np.array(trial.truth, np.int8))
-
-
-@pytest.mark.parametrize("reply", ["", "skip\n", "no\nskip\nskip\n"])
+@pytest.mark.parametrize("reply", ["", "no\nskip\nskip\n"])
 def test_nothing_told_is_nothing_remembered(ask, reply):
-    question = "Is it crimson, and is it full?"
-    assert "none are kept" in ask(question, reply).stderr
+    assert "none are kept" in ask(BOTH, reply).stderr
     assert read_memory("logs", "kitchen") == []
     assert len(list(Path("logs").glob("ask-*.mcap"))) == 1  # the trial is kept
 

@@ -29,8 +29,6 @@ def test_json_is_one_object_with_every_field(run, words):
     assert list(told) == ["config", "rows", "summary"]
     config = told["config"]
     assert config["agents"] == ["bayes", "iterative_morc"]
-    assert (config["batches"], config["trials"], config["repeats"]) == (2, 4, 2)
-    assert config["split"] == [33, 33, 34]
     assert [(r["agent"], r["repeat"], r["batch"]) for r in told["rows"]] == [
         (agent, repeat, batch)
         for agent in config["agents"]
@@ -52,21 +50,13 @@ def test_json_is_one_object_with_every_field(run, words):
     assert set(forms) == {("train", "full"), ("test", "compact")}
 
 
-def test_one_repeat_has_no_interval(run, words):
-    told = json.loads(run(*words, "--agent", "iterative_random_legal", "--json").stdout)
-    (row,) = told["summary"]
-    assert row["area_low"] is None
-    assert row["area_high"] is None
-
-
 def test_the_table_fits_and_names_the_log(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc")
     lines = result.stdout.splitlines()
     assert max(map(len, lines)) <= 80
     names = "agent explored, h accuracy claimed test cost, s reward ECE"
     assert lines[0].split() == names.split()
-    assert lines[1].split()[0] == "bayes"
-    assert lines[2].split()[0] == "iterative_morc"
+    assert [line.split()[0] for line in lines[1:3]] == ["bayes", "iterative_morc"]
     assert lines[3].startswith("repeats: 1;")
     assert "reward less bayes's" in result.stdout
     assert "nan" not in result.stdout
@@ -113,10 +103,8 @@ def test_options_reach_the_run(run, words):
     config = told["config"]
     expected = {
         "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
-        "error": 0.1, "success": [["lift", 0.5]], "learn_success": True,
-        "seed": 9,
-        "log": "full", "normalizer": "all",
-        "agents": ["morc_itrs"],
+        "error": 0.1, "success": [["lift", 0.5]], "learn_success": True, "seed": 9, "log": "full",
+        "normalizer": "all", "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
     logs = [*Path("logs").rglob("*.mcap")]
@@ -127,7 +115,6 @@ def test_options_reach_the_run(run, words):
     ("wrong", "message"),
     [
         (("--agent", "bayess"), "did you mean 'bayes'"),
-        (("--agent", "bayes,bayes"), "named twice"),
         (("--split", "33/33"), "give three whole numbers above 0, such as 33/33/34"),
         (("--success", "lift"), "give it as grasp=0.5"),
         (("--success", "lfit=0.5"), "did you mean 'lift'"),
@@ -140,11 +127,8 @@ def test_bad_input_is_one_line(fails, words, wrong, message):
     assert not Path("logs").exists()
 
 
-def test_one_s_own_data_need_their_folder(fails, own_data):
+def test_recordings_that_are_not_here_are_told(fails, own_data):
     assert "give root=" in fails("run", "online", "--dataset", own_data)
-
-
-def test_public_data_without_network_say_so(fails):
     told = fails("run", "online", "--dataset", "roc36", *SMALL)
     assert "MEAL_BAYES_OFFLINE forbids the network" in told
 

@@ -1,7 +1,7 @@
 """`view`: a recording, a picture, a window; what is asked of it and cannot be is told."""
 
 from pathlib import Path
-from typing import ClassVar
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -10,6 +10,8 @@ from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.viewer import window
+
+URL = "rerun+http://127.0.0.1:1/proxy"
 
 
 @pytest.fixture
@@ -22,46 +24,13 @@ def log(run):
     return Path("run")
 
 
-class Fake:
-    """Stands for the viewer's program; it is closed at once."""
-
-    pages: ClassVar[list] = []
-    address, url, running = "http://127.0.0.1:1/?url=x", "rerun+http://127.0.0.1:1/proxy", False
-
-    def __init__(self, *, web):
-        self.pages.append(web)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *fault):
-        pass
-
-    def wait(self):
-        pass
-
-    wait_until_ready = wait
-
-
 @pytest.fixture
 def fake(monkeypatch):
-    """Whether each viewer that was started is a page."""
-    monkeypatch.setattr(Fake, "pages", [])
-    monkeypatch.setattr(viewer, "Viewer", Fake)
-    return Fake.pages
-
-
-@pytest.fixture
-def sent(monkeypatch):
-    """Where recordings were sent, and how many trials each had."""
-    found = []
-
-    def send(trials, to, header, *, name, only):
-        found.append((to, sum(1 for _ in trials)))
-        return found[-1][1]
-
-    monkeypatch.setattr(viewer, "send_recording", send)
-    return found
+    """Stand in for the viewer's program, which is closed at once."""
+    program = MagicMock(address="http://127.0.0.1:1/?url=x", url=URL, running=False)
+    program.return_value.__enter__.return_value = program
+    monkeypatch.setattr(viewer, "Viewer", program)
+    return program
 
 
 def test_a_file_and_a_folder_are_saved(run, log):
@@ -75,14 +44,21 @@ def test_a_file_and_a_folder_are_saved(run, log):
 
 @pytest.mark.parametrize("web", [False, True])
 def test_trials_are_sent_to_a_window_or_a_page_and_no_file_is_made(
-    run, log, fake, sent, monkeypatch, web
+    run, log, fake, monkeypatch, web
 ):
+    sent = []
+
+    def send(trials, to, header, *, name, only):
+        sent.append((to, sum(1 for _ in trials)))
+        return sent[-1][1]
+
+    monkeypatch.setattr(viewer, "send_recording", send)
     monkeypatch.setattr("tempfile.TemporaryDirectory", None)
     told = run("view", log, *["--web"] * web)
     assert told.exit_code == 0
     assert ("open http://127.0.0.1:1/" in told.stdout) == web
-    assert fake == [web]
-    assert sent == [("rerun+http://127.0.0.1:1/proxy", 3)]
+    fake.assert_called_once_with(web=web)
+    assert sent == [(URL, 3)]
 
 
 def test_a_compact_log_shows_its_run(run):
@@ -97,11 +73,11 @@ def test_a_run_is_followed(run, log, fake, monkeypatch):
     def follow(path, url, *, watching, on_trials):
         followed.append((path, url, watching()))
         on_trials(3)
-        return type("Follower", (), {"problems": ["run/a.mcap: torn"]})()
+        return MagicMock(problems=["run/a.mcap: torn"])
 
     monkeypatch.setattr(viewer, "follow", follow)
     told = run("view", log, "--live")
-    assert followed == [(log, "rerun+http://127.0.0.1:1/proxy", False)]
+    assert followed == [(log, URL, False)]
     assert "3 trials" in told.stderr
     assert "warning: run/a.mcap: torn" in told.stderr
     assert "waiting for later.mcap" in run("view", "later.mcap", "--live", "--web").stderr
