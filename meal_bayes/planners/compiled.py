@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.kernels import records
 
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
@@ -131,7 +130,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)
     moved[states, :, states] -= idle
     silent = np.clip(moved - sensed, 0.0, None)
-    step = records(idle.shape, STEP)
+    step = np.zeros(idle.shape, STEP)
     step["legal"] = momdp.legal & (idle < 1)  # what never does anything cannot be chosen
     remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
     step["cost"] = cost / remaining
@@ -139,7 +138,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     step["bonus_scale"] = 1 / remaining
     happens = np.where(1 - idle > 0, 1 - idle, 1.0)
     width = max(1, int(((sensed > _ROUNDING).sum(2) + (silent > _ROUNDING).sum(2)).max()))
-    branch = records((*idle.shape, width), BRANCH)
+    branch = np.zeros((*idle.shape, width), BRANCH)
     for x, e in np.argwhere(step["legal"]).tolist():
         outcomes = [
             (mass / happens[x, e], target, senses)

@@ -16,10 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numba import config
 from numba.core import event
-from numpy.typing import NDArray
 
 from meal_bayes.cache import compile_kernel
 
@@ -53,18 +50,9 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if held is not None:  # it is None where compilation is switched off
+    if held is not None:  # None where nothing is cached
         held._version = f"{held._version} {_DIGEST}"
     return compiled
-
-
-def records(shape: tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray[np.void]:
-    """Create an array of records, all 0, whose fields kernels read by name.
-
-    Where compilation is switched off, Python needs a recarray for that, which is slow elsewhere.
-    """
-    made = np.zeros(shape, dtype)
-    return made.view(np.recarray) if config.DISABLE_JIT else made
 
 
 class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types

@@ -139,13 +139,3 @@ def test_predefined_plus_goes_on_after_loops_and_moves_without_percept(small):
 def test_predefined_sequences_are_checked(toy, sequence):
     with pytest.raises(SettingsError, match="predefined"):
         Predefined(sequence).solve(toy, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize("solver", [Random(), RandomLegal(), Predefined(("look",))])
-def test_what_is_not_compared_has_no_value(toy, small, solver):
-    rng = np.random.default_rng(5)
-    decision = solver.solve(toy, rng).decide(small.start(toy), rng)
-    assert np.isnan(decision.values).all()
-    assert np.isnan(decision.value_se).all()
-    assert not decision.visits.any()
-    assert decision.tree == ()

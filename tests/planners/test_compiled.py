@@ -43,21 +43,6 @@ def test_failures_of_a_move_are_summed_out(small):
     assert branches(dynamics, 1, grasp) == {(1.0, 2, True)}
 
 
-def test_failures_of_a_loop_are_summed_out(small):
-    momdp = small.momdp("ispy32", {"heavy": {}})
-    dynamics, press = dynamics_of(momdp), behavior(momdp, "press")
-    assert dynamics.step["cost"][1, press] == pytest.approx(22 / (1 - 0.99 * 0.05))
-    assert dynamics.step["discount"][1, press] == pytest.approx(0.99 * 0.95 / (1 - 0.99 * 0.05))
-    assert branches(dynamics, 1, press) == {(1.0, 1, True)}
-
-
-def test_abstaining_costs_nothing(small):
-    rates = {"heavy": {}}
-    dynamics = dynamics_of(small.momdp("roc36", rates, objective=Objective(abstain=True)))
-    assert dynamics.exit_value == 0
-    assert np.isneginf(dynamics_of(small.momdp("roc36", rates)).exit_value)
-
-
 def test_each_outcome_is_a_branch(small):
     momdp = small.momdp(FORK, {"heavy": {}})
     dynamics = dynamics_of(momdp)
@@ -87,12 +72,6 @@ def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
     for options in ({"objective": Objective(discount=0.9)}, {"objective": Objective(abstain=True)}):
         unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
         assert unlike.dynamics is not one.dynamics
-
-
-def test_rows_without_information_are_not_planned_with(small):
-    problem = compile_momdp(small.momdp("toy", {"red": {"look": (0.6, 0.5)}, "heavy": {}}))
-    informative = problem.percepts.informative
-    np.testing.assert_array_equal(informative, [[True, False, False], [False] * 3])
 
 
 def test_information_on_the_latent_class_is_planned_with():

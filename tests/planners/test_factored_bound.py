@@ -8,7 +8,6 @@ import pytest
 from planner_bound import upper_bound
 
 from meal_bayes.domain import Query
-from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History
 from meal_bayes.planners.factored.grid import informative_pairs
@@ -120,23 +119,6 @@ class TestTheBound:
             value = attainable(momdp, x, b, depth)
             assert policy.value_at(x, b) >= value - room
 
-    @pytest.mark.parametrize("seed", range(3))
-    def test_it_is_tight(self, small, seed):
-        """With half of everything lost at each step, nine steps ahead are the optimum."""
-        n = 1 + seed % 2
-        momdp = small.toy(
-            seed,
-            n,
-            2,
-            finite=False,
-            objective=Objective(discount=0.5, abstain=True),
-        )
-        momdp = replace(momdp, transition=without_failures(momdp), cost=[0.3, 0.7, 0.1])
-        best = attainable(momdp, momdp.start, momdp.prior, 9 if n == 1 else 4)
-        lost = 0.5 ** (9 if n == 1 else 4) * (momdp.correct - best)
-        bound = solve(momdp, points=20_000, tolerance=1e-5).upper_bound
-        assert best - 1e-6 <= bound <= best + lost + 0.02
-
     def test_it_is_tight_where_percepts_may_fail_to_come(self):
         """One behavior to and fro, half of the time without a percept."""
         momdp = replace(to_and_fro(1), prior=[0.5], discount=0.5)
@@ -234,18 +216,6 @@ def to_and_fro(n):
     )
 
 
-def without_failures(momdp):
-    """Make every behavior succeed."""
-    transition, states = momdp.transition.copy(), np.arange(len(momdp.x_names))
-    for e in range(momdp.n_behaviors):
-        for x in states[momdp.legal[:, e]]:
-            fails = transition[e, x, x] * (1 - momdp.observation_probability[e, x, x])
-            if 0 < fails < 1:
-                transition[e, x, x] -= fails
-                transition[e, x] /= transition[e, x].sum()
-    return transition
-
-
 class TestPartsOfAQuery:
     def test_of_all_or_nothing(self, small):
         """Fewer attributes are easier; two of the three bound A3 better than a coarse grid."""
@@ -288,15 +258,3 @@ class TestPartsOfAQuery:
         bound = upper_bound(momdp)
         assert best <= bound + 1e-6
         assert bound == upper_bound(replace(momdp, precision=np.full_like(momdp.precision, np.inf)))
-
-    def test_shaping_of_the_other_attributes_counts(self, small):
-        momdp = small.toy(3, 2, 2, finite=False, objective=Objective(discount=0.8))
-        bonus = np.random.default_rng(3).uniform(-2, 2, (2, 3, 2))
-        shaped = replace(momdp, bonus=bonus)
-        best = attainable(shaped, shaped.start, shaped.prior, 3)
-        assert best <= upper_bound(shaped, size=1) + 1e-6
-        assert best <= upper_bound(shaped, size=2) + 1e-6
-
-    def test_of_an_empty_part(self, toy):
-        with pytest.raises(SettingsError, match="one attribute or more"):
-            upper_bound(toy, size=0)

@@ -127,15 +127,3 @@ def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
         slack = 4.0 if finite and "shared" in options else 1e-9  # of 200
         assert best - slack <= worth
         assert worth <= optimum.value(momdp.start, optimum.nothing_seen()) + 1e-9
-
-
-def test_a_decision_shows_the_best_plan_of_each_behavior(small):
-    momdp = small.noisy_roc36(2)
-    policy = OpenLoop().solve(momdp, None)
-    decision = policy.decide(small.start(momdp), None)
-    values, belief = values_of(policy.problem, policy.plans, initial_belief(momdp)), momdp.start
-    first = policy.plans.plan["action"][: len(values)]
-    for a in range(momdp.n_behaviors):
-        own = values[first == a]
-        assert decision.values[a] == pytest.approx(own.max()) if len(own) else belief == 0
-        assert np.isnan(decision.values[a]) == (not momdp.legal[momdp.start, a])

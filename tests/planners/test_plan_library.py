@@ -131,27 +131,6 @@ def account(problem, x, path):
     return path[0], round(cost, 9), round(discount, 9), tuple(counts)
 
 
-def library(plans, x):
-    for j in range(plans.first[x], plans.first[x + 1]):
-        action, cost, discount = plans.plan[j].item()
-        yield (
-            action,
-            round(cost, 9),
-            round(discount, 9),
-            tuple(plans.observation_counts[j].tolist()),
-        )
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_plans_are_paths_of_the_diagram(small, seed):
-    problem, plans = made(small.toy(seed, 2, 2, finite=False, limit=3))
-    for x in range(2):
-        walks = {account(problem, x, p) for p, _ in toy_paths(problem, x, (4, 4)) if p}
-        found = set(library(plans, x))
-        assert found
-        assert found <= walks
-
-
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("options", [{}, {"own_classes": 2}, {"shared": 3}])
 def test_the_library_holds_nearly_the_best_plan(small, seed, options):
@@ -197,19 +176,6 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite, options):
         belief = optimum.belief(x, seen)
         values = values_at(problem, plans, x, np.exp(belief.log_prob), belief.percept_counts)
         assert values.max() <= optimum.value(x, seen) + 1e-9
-
-
-def test_shaping_is_paid_for_what_can_be_perceived(small, toy):
-    problem = compile_momdp(toy)
-    bonus = np.zeros((2, 3, 2))
-    bonus[:, 1] = [[1.0, 3.0], [0.0, 2.0]]
-    shaped = problem._replace(bonus=bonus, shaped=True)
-    plans = plans_of(problem, [(0, 0.0, 1.0, [0, 4, 0])])
-    plans = plans._replace(executions=np.array([[0.0, 5.0, 0.0]]))
-    even = small.weights(toy, [0.0, 0.0])
-    plain = values_at(problem, plans, 0, even)[0]
-    # 3 of the 4 percepts are within the limit; Pr(true) = .5 each: 2 + 1 a percept, weight 5.
-    assert values_at(shaped, plans, 0, even)[0] == pytest.approx(plain + 0.75 * 5 * 3)
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])

@@ -53,13 +53,6 @@ class TestAgainstTheOptimum:
         assert value >= best - 55 / np.sqrt(simulations)  # of 200 between right and wrong
 
     @pytest.mark.parametrize("problem", PROBLEMS)
-    def test_where_no_table_is_exact_plans_are_at_the_leaf(self, small, solved, problem):
-        """Percepts run out in all of these, which a table over beliefs does not know."""
-        momdp, _, _ = solved(problem)
-        one, other = (small.search(momdp, 30, points=points) for points in (0, 50_000))
-        np.testing.assert_array_equal(one.values, other.values)
-
-    @pytest.mark.parametrize("problem", PROBLEMS)
     def test_without_discount(self, small, solved, problem):
         momdp, _, best = solved(problem, objective=Objective(discount=1.0))
         value = small.best_value(small.search(momdp, 3000))
@@ -198,13 +191,6 @@ class TestWithoutThese:
         for solver in (POMCP(30), POMCP(30, points=0)):
             policy = solver.solve(momdp, np.random.default_rng(0))
             assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > floor
-
-    @pytest.mark.statistical
-    def test_value_of_open_loop_feedback(self, small):
-        """Without simulations; plans that never leave a loop would be worth 260."""
-        momdp = small.noisy_roc36(2)
-        policy = POMCP(0, points=0).solve(momdp, np.random.default_rng(0))
-        assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > 350
 
 
 def test_latent_classes_that_truths_share_are_worth_what_split_ones_are(small):

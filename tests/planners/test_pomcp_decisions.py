@@ -1,8 +1,5 @@
 """What a decision of the search holds, who may abstain, large queries, compiled or not."""
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
@@ -115,13 +112,6 @@ def test_visits_and_the_logged_tree(small, toy):
     assert [e.visits for e in second] == sorted((e.visits for e in second), reverse=True)
 
 
-def test_illegal_behaviors_have_no_value(small, toy):
-    decision = small.search(toy, 30)
-    assert np.isnan(decision.values[2])
-    assert np.isnan(decision.value_se[2])
-    assert decision.visits[2] == 0
-
-
 @pytest.mark.parametrize("wrong", [{"simulations": -1}, {"exploration": -0.1}, {"capacity": 0}])
 def test_settings_are_checked(wrong):
     with pytest.raises(SettingsError, match="POMCP needs"):
@@ -139,58 +129,3 @@ def test_threads_decide_alike(small):
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(decide, range(24)))
     assert all(map(same, alone, together))
-
-
-SCRIPT = """
-import sys
-import numba
-import numpy as np
-from meal_bayes.domain import Query, load_domain
-from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners import POMCP, History
-from meal_bayes.planners.open_loop import growth, library, policy, values
-from meal_bayes.planners.pomcp import policy as search, search as evaluator
-
-def records(value):  # plain Python reads fields of records as NumPy calls them
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return type(value)(*map(records, value))
-    named = isinstance(value, np.ndarray) and value.dtype.names
-    return value.view(np.recarray) if named else value
-
-def plain(kernel):
-    return lambda *arguments: kernel(*map(records, arguments))
-
-if numba.config.DISABLE_JIT:
-    for module in (library, search, values, evaluator, policy):
-        for name in ("follow", "grow_plans", "judge_plans", "evaluate_plans", "search"):
-            if hasattr(module, name):
-                setattr(module, name, plain(getattr(module, name)))
-
-for levels in (2, 10):  # every percept vector gets a child; or a sample of them
-    rng = np.random.default_rng(levels)
-    rows = rng.dirichlet(np.full(levels, 0.5), (2, 3, 2))
-    domain = load_domain("toy")
-    momdp = build_momdp(domain, Query(domain.attributes), rows, 30.0, limit=2)
-    decision = POMCP(12).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
-    print(decision.action, *decision.visits, *(f"{v:.9g}" for v in decision.values), rng.random())
-    for edge in decision.tree:
-        print(*edge[:5], f"{edge.value:.9g}")
-"""
-
-
-@pytest.mark.long
-def test_compiled_and_plain_python_agree():
-    """The kernels draw from NumPy's generator the same numbers either way."""
-    outputs = []
-    for disable in ("0", "1"):
-        run = subprocess.run(
-            [sys.executable, "-c", SCRIPT],
-            env={**os.environ, "NUMBA_DISABLE_JIT": disable},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert run.returncode == 0, run.stderr
-        outputs.append(run.stdout)
-    assert outputs[0].count("\n") > 10
-    assert outputs[0] == outputs[1]

@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, Transition, best_report, initial_belief, update_belief
-from meal_bayes.planners import Decision, Greedy
+from meal_bayes.planners import Decision
 from meal_bayes.planners.rollout import simulate
 
 EPISODES = 500
@@ -62,33 +62,6 @@ def test_the_estimate_is_unbiased(small, problem):
     assert near(found.value, found.value_se, exact)
 
 
-@pytest.mark.statistical
-def test_a_policy_that_looks_at_beliefs(small, toy):
-    policy = Greedy().solve(toy, np.random.default_rng(0))
-    exact = small.expectimax(toy).of_policy(policy, 0)
-    found = run(toy, policy)
-    assert near(found.value, found.value_se, exact)
-
-
-@pytest.mark.statistical
-def test_rows_are_drawn_once_an_episode(small):
-    """Of low precision an object's percepts agree more often than one row's would."""
-    momdp = small.momdp("toy", {"red": {"look": (0.5, 0.5)}}, 0.5)
-    shown = []
-
-    class Watch(Gather):
-        def decide(self, history, rng):
-            if history.belief.percept_counts[0, 0].sum() == 4:
-                shown.append(tuple(history.belief.percept_counts[0, 0]))
-                return Decision(best_report(momdp, history.belief), *[np.zeros(4)] * 3)
-            return Decision(0, *[np.zeros(4)] * 3)
-
-    run(momdp, Watch(momdp, 4))
-    alike = np.mean([0 in counts for counts in shown])
-    p = (0.25 * 1.25 * 2.25 * 3.25) / (0.5 * 1.5 * 2.5 * 3.5) * 2  # Polya urn
-    assert near(alike, np.sqrt(p * (1 - p) / EPISODES), p)
-
-
 def test_who_abstains_pays_for_what_he_does_and_gets_no_reward(small):
     momdp = small.toy(**PROBLEMS["independent"], objective=Objective(abstain=True))
     found = run(momdp, Gather(momdp, 1, leaves=True), 200)
@@ -134,22 +107,6 @@ def test_what_is_not_legal_is_refused(small):
 
     with pytest.raises(SettingsError, match="commands 'grasp'"):
         run(momdp, Stubborn(), 3, max_steps=4)
-
-
-def test_the_history_is_what_happened(small):
-    momdp = small.toy(**PROBLEMS["dispersed"])
-
-    class Check(Gather):
-        def decide(self, history, rng):
-            belief = initial_belief(momdp)
-            assert history.cost == pytest.approx(sum(momdp.cost[a] for a in history.actions))
-            assert len(history.actions) == len(history.perceived) == len(history.moved)
-            assert history.belief.percept_counts[0].sum() == sum(history.perceived)
-            assert history.belief.x == (history.moved[-1] if history.moved else belief.x)
-            return super().decide(history, rng)
-
-    found = run(momdp, Check(momdp, 2), 30)
-    assert found.simulations == 7 * found.decisions
 
 
 @pytest.mark.statistical

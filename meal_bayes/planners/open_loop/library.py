@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners.compiled import Compiled, Dynamics, Floats, Integers, class_prior
-from meal_bayes.planners.kernels import records
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
@@ -103,7 +102,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         size, behaviors = problem.dynamics.step.shape
         first, none = np.zeros(size + 1, np.int64), np.zeros((0, behaviors), np.int64)
         table = np.ones((1, THRESHOLDS, problem.percepts.rows.shape[2]))
-        return Plans(first, records((0,), PLAN), none, none.astype(float), none[:, :n], table)
+        return Plans(first, np.zeros((0,), PLAN), none, none.astype(float), none[:, :n], table)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
     beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
@@ -245,7 +244,7 @@ def _summed_up(
 ) -> Candidates:
     """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`."""
     (rows, length), n = path.shape, diagram.dynamics.step.shape[1]
-    plan = records((rows, length), PLAN)
+    plan = np.zeros((rows, length), PLAN)
     reached = np.zeros((rows, length), np.int64)
     counts, executions = np.zeros((rows, length, n), np.int64), np.zeros((rows, length, n))
     path = np.ascontiguousarray(path)  # so that one signature is compiled

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.planners.compiled import Floats, Integers, Percepts
-from meal_bayes.planners.kernels import kernel, records
+from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import predictive
 from meal_bayes.planners.solver import TreeEdge
 
@@ -51,8 +51,8 @@ def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int
     """Create an empty tree for so many nodes."""
     return Tree(
         size=np.zeros(1, np.int64),
-        node=records((capacity,), NODE),
-        edge=records((capacity, n_behaviors), EDGE),
+        node=np.zeros((capacity,), NODE),
+        edge=np.zeros((capacity, n_behaviors), EDGE),
         prob=np.empty((capacity, n_attributes, n_classes)),
         level=np.empty((capacity, n_attributes), np.int64),
     )
