@@ -121,7 +121,7 @@ def forget_errors(scratch):
 @kernel
 def _plan_value(model, plans, j, prob, scratch, floor, exact):
     """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that."""
-    plan = plans.plan[j]
+    plan, percepts = plans.plan[j], model.percepts
     base, reward = plan.discount * model.incorrect - plan.cost, plan.discount * model.gap
     if model.shaped:
         base += _bonus(model, plans, j, scratch)
@@ -134,7 +134,7 @@ def _plan_value(model, plans, j, prob, scratch, floor, exact):
         else:  # once for all plans and beliefs that share the row
             if scratch.error[t, z] < 0.0:
                 counts = plans.observation_counts
-                scratch.error[t, z] = plan_error(model.percepts, counts, j, i, prob, scratch)
+                scratch.error[t, z] = plan_error(percepts, counts, j, i, prob, scratch)
             error = scratch.error[t, z]
         reward *= 1.0 - error
     return base + reward
@@ -195,32 +195,30 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
         forget_errors(scratch)
     for a in range(out.shape[0]):
         out[a], scratch.tried[a], scratch.best[a] = -np.inf, 0, -1
-    start, end, waiting = plans.first[x], plans.first[x + 1], 0
-    for j in range(start, end):
+    start, count = plans.first[x], plans.first[x + 1] - plans.first[x]
+    for turn in range(2 * count):
+        j, exact = start + turn, turn >= count
+        if exact:
+            top = 0
+            for other in range(1, count):
+                if scratch.guess[other] > scratch.guess[top]:
+                    top = other
+            j, guess = start + top, scratch.guess[top]
+            if guess == -np.inf or (shared and guess <= best):
+                break
+            scratch.guess[top] = -np.inf
         a = plans.plan[j].action
-        lowest = best if shared else out[a]
-        value = _plan_value(model, plans, j, prob, scratch, lowest, j < start)
-        scratch.guess[j - start] = -np.inf
-        if not _is_tabled(model.percepts, plans, j, scratch):
-            scratch.guess[j - start] = value
-            waiting += 1
-        elif value > out[a]:
-            out[a], scratch.best[a], best = value, j, max(best, value)
-    for _ in range(waiting):
-        top = 0
-        for j in range(1, end - start):
-            if scratch.guess[j] > scratch.guess[top]:
-                top = j
-        guess, a = scratch.guess[top], plans.plan[start + top].action
-        if shared and guess <= best:
-            break
-        scratch.guess[top] = -np.inf
-        if guess > out[a] and scratch.tried[a] < COMPUTED:
+        if exact:
+            if guess <= out[a] or scratch.tried[a] >= COMPUTED:
+                continue
             scratch.tried[a] += 1
-            lowest = best if shared else out[a]
-            value = _plan_value(model, plans, start + top, prob, scratch, lowest, top >= 0)
-            if value > out[a]:
-                out[a], scratch.best[a], best = value, start + top, max(best, value)
+        lowest = best if shared else out[a]
+        value = _plan_value(model, plans, j, prob, scratch, lowest, exact)
+        waits = not exact and not _is_tabled(model.percepts, plans, j, scratch)
+        if not exact:
+            scratch.guess[turn] = value if waits else -np.inf
+        if not waits and value > out[a]:
+            out[a], scratch.best[a], best = value, j, max(best, value)
     for a in range(out.shape[0]):
         if useful and is_idle(model, x, a, scratch.total):
             out[a] = -np.inf

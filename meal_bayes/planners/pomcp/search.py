@@ -44,15 +44,19 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
     the tree, and backs up its return. `options` (2,): the exploration constant, and whether
     edges average returns (1) or take the expectation over their outcomes (0).
     """
-    width = model.dynamics.branch.shape[2] * ENUMERATE
+    width, scratch = model.dynamics.branch.shape[2] * ENUMERATE, evaluator.scratch
+    plans, tabled = evaluator.plans, evaluator.table.value.shape[0] > 0
     for done in range(simulations):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
         draw_object(model.percepts, sampled, rng)
-        _restart(evaluator.scratch, sampled.counts)
+        _restart(scratch, sampled.counts)
         node, depth, value = done * 0, 0, 0.0
         while depth < DEPTH:
+            x = tree.node[node].x
             if tree.node[node].visits == 0:
+                if not tabled:
+                    evaluate_plans(model, plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
                 _open_node(model, evaluator, tree, node)
             tree.node[node].visits += 1
             a, value = _select(model, tree, node, options[0]), tree.node[node].stop
@@ -61,25 +65,23 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
             new = tree.edge[node, a].first < 0
             if new:
                 _expand(model, evaluator, tree, node, a, rng)
+                forget_errors(scratch)
+                for child in range(tree.edge[node, a].first, tree.size[0]):
+                    leaf = tree.node[child]
+                    _arrive(model, evaluator, tree, child, a)
+                    if not tabled:
+                        leaf.value = evaluate_plans(
+                            model, plans, leaf.x, tree.prob[child], scratch, leaf.stop, x < 0
+                        )
+                    _count_percept(scratch, tree.level[child], a, -1.0)
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0], sampled.path[depth, 1] = node, a
-            x, total = tree.node[node].x, evaluator.scratch.total
-            sampled.reward[depth] = _step_reward(model, x, a, sampled.truth, total)
+            sampled.reward[depth] = _step_reward(model, x, a, sampled.truth, scratch.total)
             node = _execute(model, evaluator, tree, sampled, node, a, rng)
             depth, value = depth + 1, tree.node[node].value
             if new:
                 break
-        for t in range(depth - 1, -1, -1):
-            node, a = sampled.path[t, 0], sampled.path[t, 1]
-            step = model.dynamics.step[tree.node[node].x, a]
-            value = sampled.reward[t] + step.discount * value
-            _back_up(model, tree, node, a, value, options[1])
-        if depth > 0:
-            a = sampled.path[0, 1]
-            last = (tree.edge[0, a].visits - 1) % KEPT  # whose rows a decision shows
-            for i in range(sampled.latent.shape[0]):
-                for z in range(sampled.rows.shape[2]):
-                    sampled.kept[a, last, i, z] = sampled.rows[a, i, z]
+        _back_up(model, tree, sampled, depth, value, options[1])
     return simulations
 
 
@@ -112,11 +114,9 @@ def _select(model, tree, node, exploration):
 def _expand(model, evaluator, tree, node, a, rng):
     """Create the children of an edge: every outcome, or a sample where there are too many.
 
-    Percepts without information on an attribute are one outcome. A child is valued by ending now,
-    the best plan, or the table.
+    Percepts without information on an attribute are one outcome.
     """
-    scratch, table, x = evaluator.scratch, evaluator.table, tree.node[node].x
-    forget_errors(scratch)
+    scratch, x = evaluator.scratch, tree.node[node].x
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
@@ -140,21 +140,9 @@ def _expand(model, evaluator, tree, node, a, rng):
                 _perceive(model, evaluator, tree, node, a, outcome if listed else -1, rng)
             else:
                 child.p = branch.p if outcome == 0 else 0.0
-            if child.p <= 0.0:
-                continue
-            tree.size[0] += 1
-            child.x, child.visits, child.stop = branch.x, 0, stop_value(model, prob)
-            _count_percept(scratch, level, a, 1.0)
-            for i in range(level.shape[0]):
-                scratch.shown[i] = level[i] + 1
-                scratch.chance[i] = true_chance(model.percepts, prob, i)
-            if table.value.shape[0] > 0:
-                child.value = max(child.stop, _estimate(model, evaluator, child.x, -tree.size[0]))
-            else:
-                child.value = evaluate_plans(
-                    model, evaluator.plans, child.x, prob, scratch, child.stop, child.x < 0
-                )
-            _count_percept(scratch, level, a, -1.0)
+            if child.p > 0.0:
+                child.x, child.visits, child.stop = branch.x, 0, stop_value(model, prob)
+                tree.size[0] += 1
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
@@ -181,15 +169,25 @@ def _perceive(model, evaluator, tree, node, a, outcome, rng):
 
 
 @kernel
+def _arrive(model, evaluator, tree, child, a):
+    """Count the percept that led to a child; value it by the table, if there is one."""
+    node, level = tree.node[child], tree.level[child]
+    scratch, table = evaluator.scratch, evaluator.table
+    _count_percept(scratch, level, a, 1.0)
+    for i in range(level.shape[0]):
+        scratch.shown[i] = level[i] + 1
+        scratch.chance[i] = true_chance(model.percepts, tree.prob[child], i)
+    if table.value.shape[0] > 0:
+        node.value = max(node.stop, _estimate(model, evaluator, node.x, -table.size[0]))
+
+
+@kernel
 def _open_node(model, evaluator, tree, node):
     """Create the edges of a visited node; values are -inf where a behavior cannot help."""
     x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
     tabled = table.value.shape[0] > 0
-    if tabled:
-        for i in range(scratch.chance.shape[0]):
-            scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
-    else:
-        evaluate_plans(model, evaluator.plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
+    for i in range(scratch.chance.shape[0]):
+        scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
     for a in range(tree.edge.shape[1]):
         value = -np.inf if tabled else scratch.value[a]
         if tabled and model.dynamics.step[x, a].legal and not is_idle(model, x, a, scratch.total):
@@ -270,18 +268,29 @@ def _execute(model, evaluator, tree, sampled, node, a, rng):
 
 
 @kernel
-def _back_up(model, tree, node, a, returned, averaged):
-    """Update an edge by a return, or by the expectation over its children; node value = best."""
-    edge = tree.edge[node, a]
-    if averaged > 0.0:
-        edge.value += (returned - edge.value) / edge.visits
-    else:
-        mean = 0.0
-        for child in range(edge.first, edge.first + edge.count):
-            mean += tree.node[child].p * tree.node[child].value
-        step = model.dynamics.step[tree.node[node].x, a]
-        edge.value = edge.reward + step.discount * mean
-    best = tree.node[node].stop
-    for other in range(tree.edge.shape[1]):
-        best = max(best, tree.edge[node, other].value)
-    tree.node[node].value = best
+def _back_up(model, tree, sampled, depth, value, averaged):
+    """Update the edges of a simulation's path; the value of a node is that of its best action.
+
+    By the returns, averaged, or by the expectation over an edge's children.
+    """
+    for t in range(depth - 1, -1, -1):
+        node, a = sampled.path[t, 0], sampled.path[t, 1]
+        edge, step = tree.edge[node, a], model.dynamics.step[tree.node[node].x, a]
+        value = sampled.reward[t] + step.discount * value
+        if averaged > 0.0:
+            edge.value += (value - edge.value) / edge.visits
+        else:
+            mean = 0.0
+            for child in range(edge.first, edge.first + edge.count):
+                mean += tree.node[child].p * tree.node[child].value
+            edge.value = edge.reward + step.discount * mean
+        best = tree.node[node].stop
+        for other in range(tree.edge.shape[1]):
+            best = max(best, tree.edge[node, other].value)
+        tree.node[node].value = best
+    if depth > 0:  # a decision shows the rows of its last simulations
+        a = sampled.path[0, 1]
+        last = (tree.edge[0, a].visits - 1) % KEPT
+        for i in range(sampled.latent.shape[0]):
+            for z in range(sampled.rows.shape[2]):
+                sampled.kept[a, last, i, z] = sampled.rows[a, i, z]
