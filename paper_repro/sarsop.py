@@ -17,8 +17,7 @@ from meal_bayes import processes
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.momdp import MOMDP, answer_value, initial_belief
-from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.momdp import MOMDP, answer_value, initial_belief, write_pomdpx
 from meal_bayes.planners import Decision, History
 from meal_bayes.planners.solver import choose
 from meal_bayes.untrusted import read_bytes

@@ -43,8 +43,7 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
     from meal_bayes.files import check_output
-    from meal_bayes.momdp.pomdp_file import write_pomdp
-    from meal_bayes.momdp.pomdpx_file import write_pomdpx
+    from meal_bayes.momdp import write_pomdp, write_pomdpx
 
     kind = options["format"] or file.suffix.removeprefix(".")
     if kind not in _FORMATS:

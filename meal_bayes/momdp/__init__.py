@@ -18,9 +18,8 @@ from meal_bayes.momdp.belief import (
 from meal_bayes.momdp.build import Objective, build_momdp
 from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
-from meal_bayes.momdp.pomdp_file import write_pomdp
-from meal_bayes.momdp.pomdpx_file import write_pomdpx
 from meal_bayes.momdp.shaping import ITRS, observation_entropy, shape_reward
+from meal_bayes.momdp.solver_files import write_pomdp, write_pomdpx
 
 __all__ = [
     "ITRS",

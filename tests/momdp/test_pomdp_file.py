@@ -9,8 +9,7 @@ from planner_reference import load_reference
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.errors import OutputError, SettingsError
-from meal_bayes.momdp import FlatPOMDP, build_momdp, flatten
-from meal_bayes.momdp.pomdp_file import write_pomdp
+from meal_bayes.momdp import FlatPOMDP, build_momdp, flatten, write_pomdp
 
 
 def momdp_of(name, n, levels=2, seed=0, **options):
@@ -211,7 +210,7 @@ def test_a_broken_off_file_never_gets_its_name(tmp_path, monkeypatch):
         yield "discount: 0.9"
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("meal_bayes.momdp.pomdp_file._lines", broken)
+    monkeypatch.setattr("meal_bayes.momdp.solver_files._pomdp", broken)
     with pytest.raises(KeyboardInterrupt):
         write_pomdp(momdp_of("toy", 1), path)
     assert path.read_text() == "what was there"

@@ -10,8 +10,7 @@ import pytest
 from planner_reference import load_reference
 
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.momdp import build_momdp, flatten
-from meal_bayes.momdp.pomdpx_file import write_pomdpx
+from meal_bayes.momdp import build_momdp, flatten, write_pomdpx
 
 
 def momdp_of(name, n, levels=2, seed=0, **options):
