@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import Knowledge, knowledge_without
+from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import load_percepts
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
@@ -53,13 +53,6 @@ def test_every_other_object_does_enter(table, make):
         assert np.array_equal(before, after) == (other == HELD_OUT)
 
 
-def leaky_labels(table):
-    """Base rates of all objects, the held-out one among them."""
-    knowledge = knowledge_without(table, HELD_OUT)
-    positive = (table.labels == 1).sum(axis=0)
-    return replace(knowledge, base_rates=(positive + 1) / (len(table.objects) + 2))
-
-
 def leaky_counts(table):
     """Training-side counts of another held-out object, in which this one counts."""
     knowledge = knowledge_without(table, HELD_OUT)
@@ -67,20 +60,8 @@ def leaky_counts(table):
     return replace(knowledge, posterior=ConfusionPosterior.from_objects(counts))
 
 
-def leaky_recordings(table):
-    """Confusion of all held-out outputs, the object's own among them."""
-    knowledge = knowledge_without(table, HELD_OUT)
-    yes = np.nan_to_num(table.log_odds, nan=0.0) > 0  # (O,R,E,P)
-    truth = table.labels[:, None, None, :] == 1
-    counts = np.stack(
-        [[(said & is_v).sum(axis=(0, 1)) for said in (~yes, yes)] for is_v in (~truth, truth)]
-    ).transpose(3, 2, 0, 1)  # (P,E,2,K)
-    return replace(knowledge, posterior=ConfusionPosterior.from_counts(counts))
-
-
-@pytest.mark.parametrize("leak", [leaky_labels, leaky_counts, leaky_recordings])
-def test_a_leak_would_be_found(table, make, leak):
-    assert not is_held_out(leak, table, make.change_object)
+def test_a_leak_would_be_found(table, make):
+    assert not is_held_out(leaky_counts, table, make.change_object)
 
 
 def test_base_rates_are_laplace_s_of_the_known_labels(table):
@@ -109,10 +90,3 @@ def test_ours_lets_objects_differ(table):
     knowledge = knowledge_without(table, HELD_OUT)
     assert np.isfinite(knowledge.posterior.dispersion).all()
     assert 0.1 <= knowledge.trait.sd <= 2.0
-
-
-def test_knowledge_cannot_be_written_to(table):
-    knowledge = knowledge_without(table, 0)
-    assert isinstance(knowledge, Knowledge)
-    with pytest.raises(ValueError, match="read-only"):
-        knowledge.base_rates[0] = 1.0

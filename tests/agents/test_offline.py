@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from meal_bayes.agents import AGENTS, Agent, load_agent
-from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, update_belief
 from meal_bayes.planners import POMCP, Predefined, RandomLegal
 
@@ -197,19 +196,7 @@ def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
     assert trial.cost > 0
 
 
-def test_percepts_are_one_of_two_kinds(table, make):
-    with pytest.raises(SettingsError, match="Unknown percepts 'imagined'"):
-        make.learner(table, fast("random"), percepts="imagined")
-
-
 class TestNames:
-    def test_unknown_agents_are_told_the_nearest(self):
-        with pytest.raises(SettingsError, match="did you mean 'bayes'"):
-            load_agent("bayess")
-
-    def test_names_are_their_own(self):
-        assert all(agent.name == name for name, agent in AGENTS.items())
-
     @pytest.mark.parametrize(("n", "budget"), [(1, 50), (2, 80), (3, 80), (9, 80)])
     def test_random_legal_s_budget_goes_by_the_attributes(self, make, n, budget):
         table = make.table("ispy32")

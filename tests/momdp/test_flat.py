@@ -81,16 +81,6 @@ def test_rewards_are_equation_4():
     np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
 
 
-@pytest.mark.parametrize("name", ["toy", "roc36_published"])
-def test_illegal_behaviors_end_below_every_report(name):
-    momdp = momdp_of(name, 1)
-    flat, illegal = flatten(momdp), np.repeat(~momdp.legal[:-1], 2, axis=0)
-    behaviors = flat.reward[:-1, : momdp.n_behaviors]
-    assert (behaviors[illegal] < momdp.incorrect).all()
-    np.testing.assert_array_equal(flat.transition[: momdp.n_behaviors, :-1, -1].T[illegal], 1.0)
-    assert (behaviors[~illegal] >= -momdp.cost.max()).all()
-
-
 def test_abstaining_is_the_last_action_and_worth_nothing():
     momdp = replace(momdp_of("toy", 2), abstain=True)
     flat = flatten(momdp)

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import dirichlet_multinomial
 
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.planners.kernels import entry_kernel
@@ -47,23 +44,6 @@ def test_infinite_precision_is_equation_8():
     mean, _, counts = urns(0)
     rows = predictive(mean, np.inf, counts, counts.sum(axis=1, keepdims=True))
     np.testing.assert_array_equal(rows, mean)
-
-
-@given(
-    st.lists(st.floats(0.02, 1.0), min_size=3, max_size=3),
-    st.floats(1e-3, 1e4),
-    st.lists(st.integers(0, 2), min_size=1, max_size=12),
-)
-def test_a_sequence_has_the_dirichlet_multinomial_probability(cells, precision, percepts):
-    """In any order: the probability of the counts, over the orders that they can come in."""
-    mean, counts, log_prob = np.array(cells) / sum(cells), np.zeros(3, int), 0.0
-    for z in percepts:
-        log_prob += np.log(predictive(mean[z], precision, counts[z], counts.sum()))
-        counts[z] += 1
-    orders = np.log(np.arange(1, counts.sum() + 1)).sum()
-    orders -= sum(np.log(np.arange(1, n + 1)).sum() for n in counts)
-    exact = dirichlet_multinomial.logpmf(counts, precision * mean, counts.sum())
-    assert log_prob + orders == pytest.approx(exact, abs=1e-8)
 
 
 @pytest.mark.statistical

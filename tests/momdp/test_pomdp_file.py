@@ -8,7 +8,7 @@ import pytest
 from planner_reference import load_reference
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.errors import OutputError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import FlatPOMDP, build_momdp, flatten, write_pomdp
 
 
@@ -120,18 +120,6 @@ def test_every_observation_tells_x(tmp_path, name):
     assert (ours.observation[reinit, :, 0, -1] == 1).all()  # back at x0
 
 
-def test_illegal_behaviors_are_worth_less_than_any_report(tmp_path):
-    momdp = momdp_of("roc36_published", 1)
-    ours, e = written(momdp, tmp_path), momdp.n_behaviors
-    illegal = np.repeat(~momdp.legal[:-1], 2, axis=0)  # (S-1,E)
-    assert (ours.reward[:-1, :e][illegal] < ours.reward[:-1, e:].min()).all()
-    assert (ours.transition[:, :-1, -1].T[:, :e][illegal] == 1).all()
-    flat = flatten(momdp)
-    np.testing.assert_array_equal(ours.reward[:-1, :e][~illegal], flat.reward[:-1, :e][~illegal])
-    legal = np.nonzero(~illegal.T)
-    np.testing.assert_array_equal(ours.transition[:e, :-1][legal], flat.transition[:e, :-1][legal])
-
-
 @pytest.mark.parametrize(
     ("momdp", "found"),
     [
@@ -215,14 +203,6 @@ def test_a_broken_off_file_never_gets_its_name(tmp_path, monkeypatch):
         write_pomdp(momdp_of("toy", 1), path)
     assert path.read_text() == "what was there"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_folders_are_made_and_no_place_is_told(tmp_path):
-    write_pomdp(momdp_of("toy", 1), tmp_path / "new" / "own.pomdp")
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["own.pomdp"]
-    (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_pomdp(momdp_of("toy", 1), tmp_path / "file" / "own.pomdp")
 
 
 def test_a_file_is_written_line_by_line(tmp_path):

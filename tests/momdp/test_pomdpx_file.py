@@ -138,16 +138,6 @@ def test_actions_and_hidden_values_stand_in_our_order(tmp_path):
     np.testing.assert_allclose(ours.y0, prior, atol=1e-15)
 
 
-def test_illegal_behaviors_end_the_trial_below_any_report(tmp_path):
-    momdp = momdp_of("roc36_published", 2)
-    ours, e = written(momdp, tmp_path), momdp.n_behaviors
-    illegal = ~momdp.legal[:-1].T  # (E,X-1)
-    assert (ours.reward[:e, :-1][illegal] < ours.reward[e:].min()).all()
-    assert (ours.x[:e, :-1, -1][illegal] == 1).all()
-    legal = momdp.transition[:, :-1][~illegal]
-    np.testing.assert_array_equal(ours.x[:e, :-1][~illegal], legal)
-
-
 def test_a_branching_diagram_is_written_as_x_is_observed(tmp_path):
     """What .pomdp has to refuse: two x' that look alike."""
     momdp = momdp_of("toy", 1)
