@@ -22,20 +22,10 @@ from meal_bayes.cache import compile_kernel
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 _INLINED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
-_ROOTS = (Path(__file__).parent, Path(__file__).parents[1] / "momdp" / "observation.py")
-
-
-def source_digest(roots: tuple[Path, ...] = _ROOTS) -> str:
-    """Compute a digest of the Python files under some folders (or of single files)."""
-    digest = hashlib.blake2b(digest_size=8)
-    for root in roots:
-        for path in [root] if root.is_file() else sorted(root.rglob("*.py")):
-            digest.update(path.relative_to(root.parent).as_posix().encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-_DIGEST = source_digest()
+_OBSERVATION = Path(__file__).parents[1] / "momdp" / "observation.py"
+_DIGEST = hashlib.blake2b(digest_size=8)
+for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
+    _DIGEST.update(_path.read_bytes())
 
 
 def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -51,7 +41,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if held is not None:  # None where nothing is cached
-        held._version = f"{held._version} {_DIGEST}"
+        held._version = f"{held._version} {_DIGEST.hexdigest()}"
     return compiled
 
 

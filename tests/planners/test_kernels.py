@@ -1,9 +1,6 @@
 """How kernels are built: small, few arguments, one signature each, and a cache that sees edits."""
 
-import importlib
-import inspect
 import os
-import pkgutil
 import shutil
 import subprocess
 import sys
@@ -12,8 +9,6 @@ from pathlib import Path
 import pytest
 
 import meal_bayes
-from meal_bayes import planners
-from meal_bayes.planners.kernels import source_digest
 
 
 def run(script, cwd=None, **environment):
@@ -28,16 +23,6 @@ def run(script, cwd=None, **environment):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def kernels():
-    """Every compiled function of the room, by name."""
-    found = {}
-    for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
-        for name, value in vars(importlib.import_module(info.name)).items():
-            if hasattr(value, "py_func"):
-                found[f"{value.py_func.__module__}.{name}"] = value
-    return found
 
 
 def test_planning_leaves_the_settings_of_numba_alone():
@@ -94,21 +79,6 @@ def copy_of_the_package(folder):
     ignored = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(meal_bayes.__file__).parent, package, ignore=ignored)
     return package
-
-
-def test_an_edit_of_any_kernel_file_changes_the_digest(tmp_path):
-    package = copy_of_the_package(tmp_path)
-    roots = package / "planners", package / "momdp" / "observation.py"
-    before = source_digest(roots)
-    files = {Path(inspect.getfile(kernel.py_func)) for kernel in kernels().values()}
-    assert len({path.parent for path in files}) >= 4
-    for path in files:
-        copy = package / path.relative_to(Path(meal_bayes.__file__).parent)
-        text = copy.read_text(encoding="utf-8")
-        copy.write_text(f"{text}#", encoding="utf-8")
-        assert source_digest(roots) != before, path
-        copy.write_text(text, encoding="utf-8")
-    assert source_digest(roots) == before
 
 
 TABLE = """

@@ -78,18 +78,6 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     assert first.momdp.bonus[0, 1, 0] == 60.0  # the policy itself is as it was
 
 
-def test_shared_plans_are_judged_by_the_percepts_of_the_new_problem(small):
-    momdp = small.momdp("toy", small.rates, limit=4)
-    first = POMCP(0).solve(momdp, None)
-    same = first.sharing_plans(momdp).plans
-    np.testing.assert_array_equal(same.table[same.row], first.plans.table[first.plans.row])
-    blind = small.momdp("toy", {"red": {"look": (0.5, 0.5)}}, limit=4)
-    shared = first.sharing_plans(blind).plans
-    np.testing.assert_array_equal(shared.observation_counts, first.plans.observation_counts)
-    stop = shared.table[shared.row[:, 0]]  # whatever is executed, an even rule errs by a half
-    np.testing.assert_allclose(stop.mean(axis=2), 0.5)
-
-
 def test_a_bonus_that_is_worth_its_cost_is_fetched(small):
     rates = {"red": {"look": (0.5, 0.5)}}  # nothing tells of the query
     momdp = small.momdp("toy", rates, limit=4)

@@ -65,21 +65,6 @@ def test_rounding_does_not_abstain(small, monkeypatch, error):
     assert reports > 0
 
 
-def test_eighty_one_attributes(small):
-    domain = load_domain("ispy32")
-    prior = np.where(np.arange(81) % 3 == 0, 0.9999, 0.0001)
-    momdp = small.ispy32(81, prior=prior, limit=5)
-    decision = small.search(momdp, 50)
-    assert decision.simulations == 50
-    assert np.isfinite(decision.values[[0, -1]]).all()
-    assert decision.values[-1] == pytest.approx(-500 + 1000 * 0.9999**81)
-    certain = small.ispy32(81, prior=np.round(prior), limit=5)
-    report = small.search(certain, 50).action
-    found = certain.query.values_of(report - certain.n_behaviors)
-    np.testing.assert_array_equal(found, np.arange(81) % 3 == 0)
-    assert len(domain.attributes) == 81
-
-
 def test_known_attributes_cost_a_query_nothing(small):
     """80 certain attributes beside an open one: the problem of the open one."""
     prior = np.array([0.5, *[1.0] * 80])
