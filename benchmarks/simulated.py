@@ -31,11 +31,12 @@ from meal_bayes.experiments.simulated import (
     outcomes_of,
     record_objects,
     save_recordings,
+    to_dataset,
     training_recordings,
 )
 from meal_bayes.learner import Learner
 from meal_bayes.perception import build_percept_table
-from meal_bayes.robots.simulated_arm import ObjectParameters, to_dataset
+from meal_bayes.robots.simulated_arm import ObjectParameters
 from meal_bayes.seeds import stream
 
 AGENTS = ("bayes", "morc")

@@ -4,38 +4,124 @@
 `learn_live` lets it learn while it answers, from nothing if it knows nothing.
 """
 
-import hashlib
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
+from importlib import metadata, resources
 from pathlib import Path
 
+from numpy.typing import ArrayLike
+
 from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
-from meal_bayes.domain import Query, load_domain
+from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.store import digest_of
 from meal_bayes.learner import Learner
 from meal_bayes.robots.simulated_arm import (
     ObjectParameters,
     OnFrame,
-    Recorded,
     SimulatedArm,
     attributes_of,
     draw_object,
-    record_object,
-    to_dataset,
 )
+from meal_bayes.robots.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Trial
 
 DOMAIN = "simulated_arm"
 TRAINING_SEED = 0
+ORDER = ("look", "press", "grasp", "lift", "hold", "lower", "shake", "drop", "push")
+ATTEMPTS = 4  # at each behavior of a recording
+FAULT = "fault"
+
+_TOWARDS = {READY: "grasp", GRASPED: "lift"}  # what comes nearer to `LIFTED`
 
 Progress = Callable[[int, int], None]
-Happened = Counter[tuple[str, str, str]]
+Recording = Mapping[tuple[str, str], ArrayLike]  # (behavior, modality) -> (D,)
+Happened = Counter[tuple[str, str, str]]  # (state, behavior, state after, or `FAULT`)
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """The recordings of one object.
+
+    Attributes
+    ----------
+    name : str
+        Of the object.
+    parameters : ObjectParameters
+        Of the object.
+    recordings : tuple[Recording, ...]
+        The features of each recording, without the behaviors that never succeeded.
+    happened : Happened
+        Counts of (state, behavior, next state).
+    """
+
+    name: str
+    parameters: ObjectParameters
+    recordings: tuple[Recording, ...]
+    happened: Happened
+
+
+def record_object(
+    number: int,
+    *,
+    recordings: int,
+    seed: int,
+    population: str = "training",
+    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
+) -> Recorded:
+    """Record every behavior on the object of that number in a population.
+
+    Parameters
+    ----------
+    alter : Callable[[ObjectParameters], ObjectParameters] | None
+        Changes what was drawn, for experiments on one parameter.
+    """
+    parameters, happened = draw_object(seed, population, number), Happened()
+    if alter is not None:
+        parameters = alter(parameters)
+    rows = tuple(
+        _record(SimulatedArm(parameters, seed, population, number, "recording", row), happened)
+        for row in range(recordings)
+    )
+    return Recorded(f"object_{number:03d}", parameters, rows, happened)
+
+
+def _record(arm: SimulatedArm, happened: Happened) -> Recording:
+    """Execute every behavior; what fails is tried again."""
+    recording: dict[tuple[str, str], ArrayLike] = {}
+    state = arm.start()
+    for behavior in ORDER:
+        for _ in range(ATTEMPTS):
+            state, features = _attempt(arm, state, behavior, happened)
+            if features is not None:
+                recording |= {(behavior, modality): row for modality, row in features.items()}
+                break
+    return recording
+
+
+def _attempt(
+    arm: SimulatedArm, state: str, behavior: str, happened: Happened
+) -> tuple[str, Mapping[str, ArrayLike] | None]:
+    """Execute a behavior once it is legal; return the state, and the features of a success."""
+    while True:
+        legal, step = state in LEGAL[behavior], behavior
+        if not legal:  # go towards a state where it is
+            step = "reinit" if READY in LEGAL[behavior] else _TOWARDS.get(state, "reinit")
+        try:
+            outcome = arm.execute(step)
+        except RobotError:
+            happened[state, step, FAULT] += 1
+            return arm.start(), None
+        happened[state, step, outcome.state] += 1
+        slipped = step in _TOWARDS.values() and outcome.state not in (GRASPED, LIFTED)
+        state = outcome.state
+        if legal or slipped:
+            return state, outcome.features if legal else None
 
 
 def record_objects(
@@ -52,22 +138,41 @@ def record_objects(
 
     Parameters
     ----------
-    alter : changes objects that were drawn; see `record_object`.
-    progress : called with (objects recorded, objects in all).
+    alter : Callable[[ObjectParameters], ObjectParameters] | None
+        Changes objects that were drawn; see `record_object`.
+    progress : Progress
+        Called with (objects recorded, objects in all).
     """
     work = partial(
         record_object, recordings=recordings, seed=seed, population=population, alter=alter
     )
-    found = []
+    done = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
-        found.append(recorded)
-        progress(len(found), objects)
-    return sorted(found, key=lambda one: one.name)
+        done.append(recorded)
+        progress(len(done), objects)
+    return sorted(done, key=lambda recorded: recorded.name)
 
 
 def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
     """Sum the outcomes of each behavior."""
-    return sum((one.happened for one in recorded), Happened())
+    return sum((entry.happened for entry in recorded), Happened())
+
+
+def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
+    """Join the recordings of objects, labeled by what their parameters make true.
+
+    Where a behavior never succeeded, the object has fewer recordings of it.
+    """
+    features = {
+        context: {
+            entry.name: rows
+            for entry in recorded
+            if (rows := [row[context] for row in entry.recordings if context in row])
+        }
+        for context in [(b.name, modality) for b in domain.behaviors for modality in b.modalities]
+    }
+    labels = {entry.name: attributes_of(entry.parameters) for entry in recorded}
+    return Dataset.from_frames(domain, features, labels)
 
 
 def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
@@ -90,28 +195,19 @@ def training_recordings(
 
     They are recorded once and kept in the cache folder, under a name with a digest of the physics.
     """
-    name = f"{DOMAIN}-{objects}x{recordings}-{_physics_digest()}"
+    room = Path(str(resources.files("meal_bayes.robots.simulated_arm")))
+    sources = sorted(file for file in room.iterdir() if file.suffix in (".py", ".xml"))
+    digest = digest_of(metadata.version("mujoco"), *sources, Path(__file__))
+    name = f"{DOMAIN}-{objects}x{recordings}-{digest[:8]}"
     folder = cache_folder() / name
     if not folder.is_dir():
-        made = record_objects(objects, recordings, TRAINING_SEED, jobs=jobs, progress=progress)
+        recorded = record_objects(objects, recordings, TRAINING_SEED, jobs=jobs, progress=progress)
         cache_folder().mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=cache_folder(), prefix=f"{name}.") as unfinished:
-            save_recordings(made, Path(unfinished) / name)
+            save_recordings(recorded, Path(unfinished) / name)
             if not folder.is_dir():  # another process may have been quicker
                 (Path(unfinished) / name).replace(folder)
     return load_dataset(DOMAIN, root=folder)
-
-
-def _physics_digest() -> str:
-    """Compute a digest of the simulator: the package's files and the version of MuJoCo."""
-    from importlib.metadata import version  # noqa: PLC0415  costs as much as the rest
-
-    digest = hashlib.sha256(version("mujoco").encode())
-    files = resources.files("meal_bayes.robots.simulated_arm").iterdir()
-    for file in sorted(files, key=lambda file: file.name):
-        if file.name.endswith((".py", ".xml")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:8]
 
 
 def ask_new(
@@ -129,7 +225,8 @@ def ask_new(
 
     Raises
     ------
-    RobotError : a fault of the robot; the trial is logged as far as it went.
+    RobotError
+        A fault of the robot; the trial is logged as far as it went.
     """
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
@@ -145,11 +242,14 @@ class LiveTrial:
 
     Attributes
     ----------
-    number : of the object, from 1.
-    agent : who decided.
-    attribute : what was asked.
-    trial : None where the robot failed.
-    fault : why it did.
+    number : int
+        Of the object, from 1.
+    agent, attribute : str
+        Who decided, and what was asked.
+    trial : Trial | None
+        None where the robot failed.
+    fault : str
+        Why it did.
     """
 
     number: int
@@ -173,23 +273,17 @@ def learn_live(
         Of the simulated arm; it may have learned nothing.
     trials, seed : int
         How many, of which objects.
-    logs : path, optional
+    logs : Path | None
         Folder of the logs; None logs nothing.
     """
     for number in range(1, trials + 1):
-        yield _live_trial(learner, seed, number, logs)
-
-
-def _live_trial(learner: Learner, seed: int, number: int, logs: Path | None) -> LiveTrial:
-    """Ask, and give feedback."""
-    rng = stream(seed, "simulated questions", number)
-    attribute = str(rng.choice(learner.domain.attributes))
-    log = None if logs is None else logs / f"{number:05d}.mcap"
-    try:
-        trial = ask_new(
-            learner, Query((attribute,)), seed, number, population="live", log=log, learn=True
-        )
-    except RobotError as fault:
-        return LiveTrial(number, learner.agent.name, attribute, None, str(fault))
-    learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
-    return LiveTrial(number, learner.agent.name, attribute, trial)
+        rng = stream(seed, "simulated questions", number)
+        attribute = str(rng.choice(learner.domain.attributes))
+        log, query = None if logs is None else logs / f"{number:05d}.mcap", Query((attribute,))
+        try:
+            trial = ask_new(learner, query, seed, number, population="live", log=log, learn=True)
+        except RobotError as fault:
+            yield LiveTrial(number, learner.agent.name, attribute, None, str(fault))
+            continue
+        learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
+        yield LiveTrial(number, learner.agent.name, attribute, trial)

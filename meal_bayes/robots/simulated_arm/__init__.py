@@ -1,11 +1,11 @@
 """An arm in physics (MuJoCo, extra `sim`): a robot that touches objects without limit.
 
 In: a seed, which draws objects, where they lie, and the noise of the sensors. Out: `SimulatedArm`,
-a `Robot` that executes behaviors by name, and data sets of its features. No behavior reads a
+a `Robot` that executes behaviors by name. No behavior reads a
 parameter or a label of its object: features come from the physics and the sensors' noise alone.
 
-`objects` says what an object is, `model` builds its physics, `physics` steps it, `behaviors` holds
-the motions, `sensors` and `camera` make features, `arm` is the robot, `record` repeats behaviors.
+`objects` says what an object is and builds its physics, `physics` steps it, `sensors` and `camera`
+make features, `arm` is the robot with its behaviors.
 """
 
 from importlib.util import find_spec
@@ -20,15 +20,11 @@ if find_spec("mujoco") is None:
 from meal_bayes.robots.simulated_arm.arm import SimulatedArm
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
 from meal_bayes.robots.simulated_arm.physics import OnFrame
-from meal_bayes.robots.simulated_arm.record import Recorded, record_object, to_dataset
 
 __all__ = [
     "ObjectParameters",
     "OnFrame",
-    "Recorded",
     "SimulatedArm",
     "attributes_of",
     "draw_object",
-    "record_object",
-    "to_dataset",
 ]

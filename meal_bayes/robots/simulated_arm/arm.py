@@ -1,22 +1,79 @@
-"""The robot: executes behaviors by name in the physics, and returns their outcomes."""
+"""The robot: executes behaviors by name in the physics, and returns their outcomes.
+
+A behavior is the arm's motions, some recorded, and the states that it may end in.
+"""
+
+from collections import Counter
 
 import numpy as np
 
 from meal_bayes.domain import TERMINAL, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import RobotError, SettingsError
 from meal_bayes.robots.robot import Outcome
-from meal_bayes.robots.simulated_arm.behaviors import (
-    BEHAVIORS,
-    LEGAL,
-    READY,
-    SUCCEEDED,
-    observe_state,
-)
 from meal_bayes.robots.simulated_arm.camera import picture_features
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
-from meal_bayes.robots.simulated_arm.physics import OnFrame, Scene
+from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, OnFrame, Scene
 from meal_bayes.robots.simulated_arm.sensors import features_of
 from meal_bayes.seeds import stream
+
+READY, GRASPED, LIFTED, MOVED = STATES = ("ready", "grasped", "lifted", "moved")
+
+_HIGH, _LOW = 0.25, 0.035  # m, of the fingertips
+_UP = _LOW + 0.10
+
+BEHAVIORS: dict[str, tuple[Motion, ...]] = {
+    "look": (Motion(0.5),),
+    "press": (
+        Motion(0.4, z=_HIGH),
+        Motion(0.4, y=0.0, width=0.0),
+        Motion(1.2, z=0.03, press=8.0, recorded=True),
+        Motion(0.5, z=_HIGH),
+    ),
+    "push": (
+        Motion(0.5, z=_HIGH),
+        Motion(0.5, y=-0.10, width=0.0),
+        Motion(0.5, z=0.025),
+        Motion(0.25, y=-0.01, recorded=True),
+        Motion(0.75, recorded=True),
+        Motion(0.5, y=-0.06, z=_HIGH),
+    ),
+    "grasp": (
+        Motion(0.6, z=_HIGH, y=0.0),
+        Motion(0.2, width=OPEN),
+        Motion(0.7, z=_LOW),
+        Motion(1.0, width=0.0, recorded=True),
+    ),
+    "lift": (Motion(1.2, z=_UP, recorded=True), Motion(0.3)),
+    "hold": (Motion(1.0, recorded=True),),
+    "shake": (Motion(0.2), Motion(1.5, wave=(0.025, 4.0), recorded=True), Motion(0.3)),
+    "lower": (Motion(1.2, z=_LOW, recorded=True), Motion(0.3)),
+    "drop": (
+        Motion(0.6, z=_LOW + 0.03),
+        Motion(0.1, width=OPEN, recorded=True),
+        Motion(0.5, recorded=True),
+        Motion(0.3),
+    ),
+    "reinit": (Motion(1.0, width=OPEN), Motion(1.0, z=_HIGH, y=0.0), Motion(4.0)),
+}
+
+LEGAL: dict[str, tuple[str, ...]] = {  # the states that a behavior may start from
+    **dict.fromkeys(("look", "press", "push", "grasp"), (READY,)),
+    "lift": (GRASPED,),
+    **dict.fromkeys(("hold", "shake", "lower", "drop"), (LIFTED,)),
+    "reinit": (GRASPED, LIFTED, MOVED),
+}
+SUCCEEDED: dict[str, tuple[str, ...]] = {  # the states that a success ends in
+    **dict.fromkeys(("look", "press", "reinit"), (READY,)),
+    "push": (MOVED,),
+    "drop": (READY, MOVED),
+    **dict.fromkeys(("grasp", "lower"), (GRASPED,)),
+    **dict.fromkeys(("lift", "hold", "shake"), (LIFTED,)),
+}
+
+_AT_PLACE = 0.008  # m, along x and y, where a grasp still reaches it
+_UPRIGHT = 0.98  # cosine of the tilt
+_OFF_TABLE = 0.01  # m, lifted
+_JAMMED = 0.01  # m, by which a finger misses its commanded opening
 
 
 class SimulatedArm:
@@ -43,11 +100,9 @@ class SimulatedArm:
         on_frame: OnFrame | None = None,
     ) -> None:
         self._parameters, self._seed, self._path = parameters, seed, path
-        self._on_frame = on_frame
-        self._starts = 0
+        self._on_frame, self._starts = on_frame, 0
         self._scene: Scene | None = None
-        self._state = READY
-        self._executed: dict[str, int] = {}
+        self._executed = Counter[str]()
 
     @property
     def scene(self) -> Scene:
@@ -61,7 +116,7 @@ class SimulatedArm:
         placing = stream(self._seed, *self._path, "placing", self._starts)
         self._scene = Scene(self._parameters, placing, self._on_frame)
         self._starts += 1
-        self._executed = {}
+        self._executed.clear()
         self._state = observe_state(self._scene)
         return self._state
 
@@ -78,7 +133,8 @@ class SimulatedArm:
         scene = self.scene
         if self._state not in LEGAL[behavior]:
             return Outcome(TERMINAL, None)
-        count = self._executed[behavior] = self._executed.get(behavior, 0) + 1
+        self._executed[behavior] += 1
+        count = self._executed[behavior]
         rng = stream(self._seed, *self._path, "sensors", self._starts, behavior, count)
         pieces = [(motion, scene.move(motion)) for motion in BEHAVIORS[behavior]]
         if behavior == "reinit":
@@ -91,3 +147,21 @@ class SimulatedArm:
         recorded = [channels for motion, channels in pieces if motion.recorded]
         features = features_of(behavior, np.concatenate(recorded), rng) if recorded else None
         return Outcome(self._state, features)
+
+
+def observe_state(scene: Scene) -> str:
+    """Return the state, by the fingertips' switches and the tracker of the object's pose.
+
+    Raises
+    ------
+    RobotError
+        The gripper jams.
+    """
+    place, home = scene.object_place, scene.home
+    if scene.held():
+        return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
+    commanded, width = scene.opening
+    if commanded - width > _JAMMED:
+        raise RobotError(f"the gripper jams: {width:.3f} m open, commanded {commanded:.3f} m")
+    near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE
+    return READY if near and scene.upright > _UPRIGHT else MOVED

@@ -1,17 +1,11 @@
-"""The camera: a picture by casting rays, so that it needs no display, no GPU and no GL library."""
-
-from typing import TYPE_CHECKING
+"""What is seen: the camera's pictures by casting rays, without display or GPU, and frames."""
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from meal_bayes.robots.simulated_arm.model import SHELL_GROUP
-
-if TYPE_CHECKING:
-    from meal_bayes.robots.simulated_arm.physics import Scene
-
-Floats = NDArray[np.float64]
+from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.simulated_arm.objects import SHELL_GROUP
+from meal_bayes.robots.simulated_arm.physics import Floats, Scene
 
 SIZE = (48, 64)  # rows and columns of what the robot sees
 PIXEL_NOISE = 0.05  # standard deviation, of intensities in [0, 1]
@@ -21,7 +15,7 @@ _DIFFERENT = 0.25  # by which a pixel with the object differs from one without
 _FAR = 5.0  # m
 
 
-def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = False) -> Floats:
+def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = False) -> Floats:
     """Return the picture of the front camera, (rows, columns, 3) in [0, 1], without noise.
 
     Parameters
@@ -55,7 +49,7 @@ def take_picture(scene: "Scene", size: tuple[int, int] = SIZE, *, empty: bool = 
     return picture
 
 
-def picture_features(scene: "Scene", rng: np.random.Generator) -> dict[str, Floats]:
+def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats]:
     """Return the object's mean color, (3,), and its height, width and area in pixels, (3,).
 
     The object is where a noisy picture differs from the memory of the empty table.
@@ -70,3 +64,30 @@ def picture_features(scene: "Scene", rng: np.random.Generator) -> dict[str, Floa
         "color": color,
         "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float),
     }
+
+
+def frame_of(scene: Scene) -> Frame:
+    """Return the present frame for the viewer: boxes and balls, contact forces, the picture."""
+    model, data = scene.model, scene.data
+    ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    shell = model.geom_group == SHELL_GROUP
+    places, forces, wrench = [], [], np.empty(6)
+    for number in range(data.ncon):
+        mujoco.mj_contactForce(model, data, number, wrench)
+        contact = data.contact[number]
+        places.append(contact.pos.copy())
+        forces.append(wrench[:3] @ contact.frame.reshape(3, 3))
+    turns = np.empty((model.ngeom, 4))
+    for turn, matrix in zip(turns, data.geom_xmat, strict=True):
+        mujoco.mju_mat2Quat(turn, matrix)  # w, x, y, z
+    return Frame(
+        scene.seconds,
+        data.geom_xpos.astype(np.float32),
+        np.where(ball[:, None], model.geom_size[:, :1], model.geom_size).astype(np.float32),
+        np.roll(turns, -1, axis=1).astype(np.float32),
+        model.geom_rgba[:, :3].astype(np.float32),
+        np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
+        np.array(places, np.float32).reshape(-1, 3),
+        np.array(forces, np.float32).reshape(-1, 3),
+        take_picture(scene).astype(np.float32),
+    )

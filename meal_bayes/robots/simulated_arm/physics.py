@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import RobotError
-from meal_bayes.robots.simulated_arm.model import build_model
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters
+from meal_bayes.robots.simulated_arm.objects import ObjectParameters, build_model
 
 Floats = NDArray[np.float64]
 
@@ -75,10 +74,7 @@ class Scene:
     """
 
     def __init__(
-        self,
-        parameters: ObjectParameters,
-        rng: np.random.Generator,
-        on_frame: OnFrame | None = None,
+        self, parameters: ObjectParameters, rng: np.random.Generator, on_frame: OnFrame | None
     ) -> None:
         self.model = build_model(parameters)
         self.data = mujoco.MjData(self.model)

@@ -4,11 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meal_bayes.robots.simulated_arm.physics import CHANNELS
-
-Floats = NDArray[np.float64]
+from meal_bayes.robots.simulated_arm.physics import CHANNELS, Floats
 
 BINS = 10
 
@@ -18,10 +15,8 @@ class Noise(NamedTuple):
 
     Attributes
     ----------
-    white : float
-        Of each sample, 500 a second.
-    bias : float
-        Of an error that is constant during one behavior.
+    white, bias : float
+        Of each sample, 500 a second; of an error that is constant during one behavior.
     """
 
     white: float
@@ -58,8 +53,7 @@ def _in_bins(values: Floats, statistic: Callable[[Floats], float] = np.mean) -> 
 
 
 def _from_first(values: Floats) -> Floats:
-    bins = _in_bins(values)
-    change: Floats = bins - bins[0]
+    change: Floats = _in_bins(values) - _in_bins(values)[0]
     return change
 
 
@@ -80,10 +74,6 @@ def _depth(sensed: Channels) -> Floats:
     return _in_bins(np.maximum(height[touched] - height, 0.0) * (np.arange(len(height)) > touched))
 
 
-def _flow(sensed: Channels) -> Floats:
-    return _from_first(sensed["object_y"])
-
-
 def _vibration(sensed: Channels) -> Floats:
     """Compute the standard deviation of the force about its moving average, (10,) N."""
     force = sensed["force"]
@@ -97,7 +87,10 @@ MODALITIES: dict[str, dict[str, Callable[[Channels], Floats]]] = {
         "height": lambda sensed: _in_bins(sensed["height"]),
         "force": _force,
     },
-    "push": {"force": lambda sensed: _in_bins(sensed["push"]), "flow": _flow},
+    "push": {
+        "force": lambda sensed: _in_bins(sensed["push"]),
+        "flow": lambda sensed: _from_first(sensed["object_y"]),
+    },
     "grasp": {"fingers": lambda sensed: _in_bins(sensed["fingers"])},
     "lift": {"force": _force, "slip": _slip},
     "hold": {"force": _force, "slip": _slip},

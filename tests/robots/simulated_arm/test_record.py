@@ -1,5 +1,7 @@
 """Recordings: whole where the physics allows, ragged where an object slips again and again."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,17 @@ from meal_bayes.errors import RobotError
 
 
 @pytest.fixture(scope="module")
-def made(sim):
-    return [sim.record_object(number, recordings=2, seed=8) for number in range(2)]
+def room(sim):
+    return import_module("meal_bayes.experiments.simulated")
 
 
-def test_a_recording_holds_every_context_of_the_domain(sim, made):
-    data = sim.to_dataset(load_domain("simulated_arm"), made)
+@pytest.fixture(scope="module")
+def made(room):
+    return [room.record_object(number, recordings=2, seed=8) for number in range(2)]
+
+
+def test_a_recording_holds_every_context_of_the_domain(room, sim, made):
+    data = room.to_dataset(load_domain("simulated_arm"), made)
     assert data.objects == ("object_000", "object_001")
     assert data.recordings == 2
     senses = [bool(kind.modalities) for kind in data.domain.behaviors]
@@ -29,8 +36,8 @@ def test_what_happened_counts_every_execution(made):
     assert happened["grasped", "lift", "lifted"] >= 8  # before hold, and after lower
 
 
-def test_equal_numbers_record_equal_features(sim, made):
-    again = sim.record_object(1, recordings=2, seed=8)
+def test_equal_numbers_record_equal_features(room, made):
+    again = room.record_object(1, recordings=2, seed=8)
     for first, second in zip(made[1].recordings, again.recordings, strict=True):
         assert first.keys() == second.keys()
         for context in first:
@@ -38,21 +45,21 @@ def test_equal_numbers_record_equal_features(sim, made):
     assert again.happened == made[1].happened
 
 
-def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(sim, make_object):
+def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room, make_object):
     slippery = make_object(shell_mass=0.4, friction=0.25)
-    one = sim.record_object(0, recordings=1, seed=8, alter=lambda _: slippery)
+    one = room.record_object(0, recordings=1, seed=8, alter=lambda _: slippery)
     contexts = set(one.recordings[0])
     assert not {context for context in contexts if context[0] == "shake"}
     failed = {key: n for key, n in one.happened.items() if key[1] == "shake"}
-    assert sum(failed.values()) == sim.record.ATTEMPTS
-    assert {behavior for behavior, _ in contexts} == set(sim.record.ORDER) - {"shake"}
-    other = sim.record_object(1, recordings=1, seed=8)
-    data = sim.to_dataset(load_domain("simulated_arm"), [one, other])
+    assert sum(failed.values()) == room.ATTEMPTS
+    assert {behavior for behavior, _ in contexts} == set(room.ORDER) - {"shake"}
+    other = room.record_object(1, recordings=1, seed=8)
+    data = room.to_dataset(load_domain("simulated_arm"), [one, other])
     shake = data.domain.behavior_index("shake")
     assert data.recording_counts[:, shake].tolist() == [0, 1]
 
 
-def test_a_fault_starts_the_object_anew_and_is_counted(sim, monkeypatch):
+def test_a_fault_starts_the_object_anew_and_is_counted(room, sim, monkeypatch):
     execute, broken = sim.SimulatedArm.execute, []
 
     def breaking(arm, behavior):
@@ -62,6 +69,6 @@ def test_a_fault_starts_the_object_anew_and_is_counted(sim, monkeypatch):
         return execute(arm, behavior)
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", breaking)
-    one = sim.record_object(0, recordings=1, seed=8)
-    assert one.happened["ready", "push", sim.record.FAULT] == 1
+    one = room.record_object(0, recordings=1, seed=8)
+    assert one.happened["ready", "push", room.FAULT] == 1
     assert ("push", "flow") in one.recordings[0]
