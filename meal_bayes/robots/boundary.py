@@ -15,6 +15,7 @@ from meal_bayes.robots.robot import Outcome
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
+_NONE: Sizes = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +26,9 @@ class Execution:
     ----------
     next_x : int
         Index of the next state.
-    instance : Instance or None
+    instance : Instance | None
         What can be perceived; None where the behavior failed or its features are invalid.
-    answers : mapping or None
+    answers : Mapping[str, bool] | None
         A person's answers, by attribute.
     warning : str
         Why features or answers of the robot are invalid; empty where all are valid.
@@ -53,15 +54,16 @@ class Boundary:
 
     Parameters
     ----------
-    domain : its states, behaviors and modalities.
-    object_index : of the object in the data set, -1 for an object of which nothing is recorded.
-    sizes : number of features of each (behavior, modality) that is known.
+    domain : Domain
+        Its states, behaviors and modalities.
+    object_index : int
+        Of the object in the data set, -1 for an object of which nothing is recorded.
+    sizes : Sizes
+        Number of features of each (behavior, modality) that is known.
     """
 
-    def __init__(
-        self, domain: Domain, *, object_index: int = -1, sizes: Sizes | None = None
-    ) -> None:
-        self._domain, self._object, self._sizes = domain, object_index, sizes or {}
+    def __init__(self, domain: Domain, *, object_index: int = -1, sizes: Sizes = _NONE) -> None:
+        self._domain, self._object, self._sizes = domain, object_index, sizes
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._n_sensed, self._warned = 0, set[str]()
 
@@ -70,7 +72,8 @@ class Boundary:
 
         Raises
         ------
-        RobotError : a state that the domain does not know.
+        RobotError
+            A state that the domain does not know.
         """
         self._n_sensed = 0
         return self._index(state, "start()")
@@ -80,7 +83,8 @@ class Boundary:
 
         Raises
         ------
-        RobotError : no `Outcome`, or a state that the domain does not know.
+        RobotError
+            No `Outcome`, or a state that the domain does not know.
         """
         spec = self._domain.behaviors[behavior]
         if not isinstance(outcome, Outcome):
@@ -118,29 +122,28 @@ class Boundary:
         features, faults = None, list[str]()
         if outcome.features is not None:
             features, faults = self._features(spec, outcome.features)
-        recording = outcome.recording
+        recording, warning = outcome.recording, ""
         if recording is None:
             if features is None:
                 return Execution(next_x)
             recording, self._n_sensed = self._n_sensed, self._n_sensed + 1
-        warning = ""
         if faults:
-            warning = f"percept of {spec.name} by {', '.join(features or ())} alone: "
-            warning += "; ".join(faults)
+            used = ", ".join(features or ())
+            warning = f"percept of {spec.name} by {used} alone: {'; '.join(faults)}"
             if spec.name not in self._warned:  # a person sees it once a trial
                 warnings.warn(warning, stacklevel=2)
                 self._warned.add(spec.name)
         instance = Instance(self._object, spec.name, recording, features)
         return Execution(next_x, instance, warning=warning)
 
-    def _features(self, spec: Behavior, given: object) -> tuple[Features, list[str]]:
+    def _features(self, spec: Behavior, sensed: object) -> tuple[Features, list[str]]:
         """Return the valid features, and what is wrong with the others."""
-        if not isinstance(given, Mapping):
-            raise _NoPercept(f"features are {type(given).__name__}, not {{modality: numbers}}")
+        if not isinstance(sensed, Mapping):
+            raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
         features, faults = Features(), list[str]()
         for name in spec.modalities:  # what the domain does not know of is left aside
             try:
-                features[name] = self._checked(spec.name, name, given)
+                features[name] = self._checked(spec.name, name, sensed)
             except _NoPercept as fault:
                 faults.append(str(fault))
         if not features:
@@ -148,12 +151,12 @@ class Boundary:
         return features, faults
 
     def _checked(
-        self, behavior: str, modality: str, given: Mapping[str, ArrayLike]
+        self, behavior: str, modality: str, sensed: Mapping[str, ArrayLike]
     ) -> NDArray[np.float32]:
-        if modality not in given:
-            raise _NoPercept(f"{modality} is not among {sorted(map(str, given))}")
+        if modality not in sensed:
+            raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
         try:
-            values = real_values(given[modality])
+            values = real_values(sensed[modality])
         except (TypeError, ValueError, OverflowError) as fault:
             raise _NoPercept(f"{modality} does not hold numbers") from fault
         size = self._sizes.get((behavior, modality), values.size)

@@ -13,14 +13,16 @@ class Frame(NamedTuple):
 
     Attributes
     ----------
-    seconds : s, since the trial began.
-    centers, half_sizes : (B,3) m, of the boxes and balls.
-    quaternions : (B,4), x, y, z, w.
-    colors : (B,3) in [0, 1].
-    shapes : (B,) `SOLID` (a box), `SHELL` (a transparent box) or `BALL`.
-    contacts : (C,3) m, points of contact.
-    forces : (C,3) N, that act there.
-    picture : (rows, columns, 3) in [0, 1], of the robot's camera.
+    seconds : float
+        s, since the trial began.
+    centers, half_sizes, quaternions, colors : NDArray[np.float32]
+        Of the boxes and balls: (B,3) m, (B,3) m, (B,4) x, y, z, w, and (B,3) in [0, 1].
+    shapes : NDArray[np.int8]
+        (B,) `SOLID` (a box), `SHELL` (a transparent box) or `BALL`.
+    contacts, forces : NDArray[np.float32]
+        (C,3) m, points of contact, and (C,3) N, what acts there.
+    picture : NDArray[np.float32]
+        (rows, columns, 3) in [0, 1], of the robot's camera.
     """
 
     seconds: float

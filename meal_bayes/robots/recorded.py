@@ -1,41 +1,53 @@
 """A robot that replays recordings: failures from the diagram, percepts from a data set."""
 
+import bisect
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.domain import Domain
+from meal_bayes.domain import Domain, TransitionDiagram, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.robots.diagram_simulator import DiagramSimulator
 from meal_bayes.robots.robot import Outcome
 
 Order = list[list[int]]  # (E,) lists of the recordings to come, the next one last
+_Rows = list[list[list[float]]]  # (E,X,X)
 
 ANSWERED = -1  # the recording of a percept that a person answers
+_BLOCK = 16  # executions of each behavior whose uniform draws are made at once
 
 
 class RecordedRobot:
     """A robot that replays an object's recordings in random order, none twice in a trial.
 
     A failed execution uses no recording; when all are used, behaviors still change x and cost
-    time, but sense nothing. The order of recordings and the failures are the same for every agent:
-    the k-th execution of a behavior has its own uniform draws.
+    time, but sense nothing. The k-th execution of a behavior has the same uniform draws whatever
+    else was executed before: agents that are compared meet the same failures and the same order of
+    recordings (common random numbers).
 
     Parameters
     ----------
-    domain : behaviors and diagram.
-    object_index : the object in front of the robot.
-    recordings : how many of each behavior there are, (E,) or one number.
-    order : generator of the order of recordings at each `start`, or the order itself: (E,) lists
-        of the recordings to come, the next one last.
-    failures : generator of failures.
-    dataset : whose features an outcome has; without it only the recording's number, by which a
-        perceiver looks percepts up.
-    repeats : recordings never run out, each is drawn anew from all (for percepts that are drawn
-        from tables).
-    person : answers behaviors that ask, with this accuracy; without one a perceiver does.
+    domain : Domain
+        Behaviors and diagram.
+    object_index : int
+        The object in front of the robot.
+    recordings : ArrayLike
+        How many of each behavior there are, (E,) or one number.
+    order : np.random.Generator | Order
+        Of the order of recordings at each `start`, or the order itself: (E,) lists of the
+        recordings to come, the next one last.
+    failures : np.random.Generator
+        Of failures, and of nothing else: it draws blocks for all behaviors at once.
+    dataset : Dataset | None
+        Whose features an outcome has; without it only the recording's number, by which a perceiver
+        looks percepts up.
+    repeats : bool
+        Recordings never run out, each is drawn anew from all (for percepts that are drawn from
+        tables).
+    person : Callable[[float], Mapping[str, bool]] | None
+        Answers behaviors that ask, with this accuracy; without one a perceiver does.
     """
 
     def __init__(
@@ -59,8 +71,9 @@ class RecordedRobot:
             raise SettingsError(f"Object {object_index} is not in the data set.")
         self._domain, self._dataset, self._object = domain, dataset, object_index
         self._recordings, self._repeats = counts, repeats
-        self._order, self._person = order, person
-        self._simulator = DiagramSimulator(domain, failures)
+        self._order, self._failures, self._person = order, failures, person
+        self._reach, self._shows = _compile(domain.diagram, domain.behavior_names)
+        self._x: int | None = None
         self._left: Order = []
 
     @property
@@ -79,31 +92,62 @@ class RecordedRobot:
             ]
         else:
             self._left = [list(recordings) for recordings in self._order]
-        return self._simulator.start()
+        diagram, names = self._domain.diagram, self._domain.behavior_names
+        self._x, self._executed = diagram.states.index(diagram.start), dict.fromkeys(names, 0)
+        self._blocks = list[NDArray[np.float64]]()  # (E,_BLOCK,3) each
+        return diagram.start
 
     def execute(self, behavior: str) -> Outcome:
         """Execute a behavior; a success senses its next recording, if one is left."""
-        move = self._simulator.move(behavior)
-        if not move.perceivable:
-            return Outcome(move.state)
-        e = self._domain.behavior_index(behavior)
+        e, shown, uniform = self._move(behavior)
+        outcome = Outcome(self._domain.diagram.states[self._x or 0])
+        if not shown:
+            return outcome
+        accuracy = self._domain.behaviors[e].answer_accuracy
         if not self._domain.behaviors[e].modalities:
-            accuracy = self._domain.behaviors[e].answer_accuracy
             if self._person is not None and accuracy is not None:
-                return Outcome(move.state, answers=self._person(accuracy))
-            return Outcome(move.state, recording=ANSWERED)
+                return Outcome(outcome.state, answers=self._person(accuracy))
+            return Outcome(outcome.state, recording=ANSWERED)
         if self._repeats and not isinstance(self._order, np.random.Generator):
             self._left[e].insert(0, recording := self._left[e].pop())  # in their order, for ever
         elif self._repeats:
-            recording = int(move.uniform * self._recordings.max())
+            recording = int(uniform * self._recordings.max())
         elif self._left[e]:
             recording = self._left[e].pop()
         else:
-            return Outcome(move.state)
+            return outcome
         if self._dataset is None:
-            return Outcome(move.state, recording=recording)
+            return Outcome(outcome.state, recording=recording)
         instance = self._dataset.instance(self._object, behavior, recording)
-        return Outcome(move.state, instance.features, recording=recording)
+        return Outcome(outcome.state, instance.features, recording=recording)
+
+    def _move(self, behavior: str) -> tuple[int, bool, float]:
+        """Change x; return the behavior's place, whether it senses, and a uniform draw for it."""
+        if self._x is None:
+            raise SettingsError("The robot is in no trial yet; call start() first.")
+        if behavior not in self._executed:
+            raise SettingsError(unknown("behavior", behavior, self._executed))
+        e = self._domain.behavior_index(behavior)
+        block, place = divmod(self._executed[behavior], _BLOCK)
+        while len(self._blocks) <= block:
+            self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
+        self._executed[behavior] += 1
+        moved, shown, uniform = self._blocks[block][e, place].tolist()
+        x, self._x = self._x, bisect.bisect_right(self._reach[e][self._x], moved)
+        senses = self._domain.behaviors[e].senses and shown < self._shows[e][x][self._x]
+        return e, senses, uniform
+
+
+@lru_cache(maxsize=16)
+def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> tuple[_Rows, _Rows]:
+    """Return the cumulative Pr(x' | x, behavior) over x', and Pr(a percept comes), each (E,X,X).
+
+    Lists, as a single number is read ten times faster from them than from an array.
+    """
+    arrays = diagram.compile(behaviors)
+    reach = arrays.transition.cumsum(axis=2)
+    reach[reach > 1 - 1e-12] = 1.0  # rounding must not leave room for impossible states
+    return reach.tolist(), arrays.observation_probability.tolist()
 
 
 def replayable(dataset: Dataset | PerceptTable) -> NDArray[np.int64]:

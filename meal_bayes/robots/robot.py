@@ -15,12 +15,12 @@ class Outcome:
     ----------
     state : str
         The observed state x after it, one of the domain's diagram.
-    features : mapping, optional
+    features : Mapping[str, ArrayLike] | None
         The features (D,) of each of the behavior's modalities; None where nothing was sensed
         (the behavior failed, or has no modalities).
-    answers : mapping, optional
+    answers : Mapping[str, bool] | None
         Of a behavior that asks a person: what the person said, by attribute.
-    recording : int, optional
+    recording : int | None
         Of a robot that replays stored percepts: which of them this is. A real robot leaves it out.
     """
 
