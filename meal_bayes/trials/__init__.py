@@ -6,7 +6,6 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.session import Recorder, Session, run_trial
-from meal_bayes.trials.streams import Streams
 from meal_bayes.trials.text import (
     percept_labels,
     steps_frame,
@@ -14,7 +13,7 @@ from meal_bayes.trials.text import (
     truth_text,
     verdict_text,
 )
-from meal_bayes.trials.trial import Step, Task, Trial, truth_of
+from meal_bayes.trials.trial import Step, Streams, Task, Trial, truth_of
 
 __all__ = [
     "BatchOutcomes",

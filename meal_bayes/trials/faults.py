@@ -28,8 +28,9 @@ def faults_of(
         The problem.
     history : History
         The trial so far.
-    expected : (E,X,X) array, optional
-        Pr(x' | x, behavior) that says how often behaviors fail by chance; the problem's by default.
+    expected : NDArray[np.float64] | None
+        (E,X,X) Pr(x' | x, behavior) that says how often behaviors fail by chance; the problem's by
+        default.
 
     Returns
     -------
@@ -79,7 +80,7 @@ class FaultTolerant:
         Of the problem.
     solve : Callable[[MOMDP], Policy]
         Makes the policy of the problem without them.
-    expected : (E,X,X) array, optional
+    expected : NDArray[np.float64] | None
         See `faults_of`.
     """
 

@@ -48,25 +48,31 @@ class TrialOutcomes:
 
     Attributes
     ----------
-    behaviors : names of the E behaviors.
-    agent : (n,) names of agents.
-    key : (n,) what names the task, in JSON; trials of two agents are paired by it.
-    object_index : (n,) places in the data set; -1 of an object without recordings.
-    object_name : (n,) names of objects, the clusters of standard errors.
-    attribute : (n,N) names of the attributes asked.
-    truth : (n,N) 1 true, 0 false, -1 unknown.
-    report : (n,N) 1 true, 0 false; -1 where the agent abstained.
-    positive : (n,N) final belief in "true".
-    cost : (n,) s, Eq. 6.
-    reward : (n,) unshaped and undiscounted; NaN where it is unknown.
-    ended : (n,) why a trial was broken off; "" where it was not.
-    steps : (n,) actions, a report included.
-    executed : (n,E) executions of each behavior.
-    failed : (n,E) executions of these without a percept.
+    behaviors : tuple[str, ...]
+        Names of the E behaviors.
+    agent, key, object_name, ended : Texts
+        (n,) names of agents; what names the task, in JSON, by which trials of two agents are
+        paired; names of objects, the clusters of standard errors; why a trial was broken off, ""
+        where it was not.
+    object_index : NDArray[np.int64]
+        (n,) places in the data set; -1 of an object without recordings.
+    attribute : Texts
+        (n,N) names of the attributes asked.
+    truth, report : NDArray[np.int8]
+        (n,N) 1 true, 0 false, -1 unknown, or where the agent abstained.
+    positive : NDArray[np.float64]
+        (n,N) final belief in "true".
+    cost, reward : NDArray[np.float64]
+        (n,) s, Eq. 6; unshaped and undiscounted, NaN where it is unknown.
+    steps : NDArray[np.int64]
+        (n,) actions, a report included.
+    executed, failed : NDArray[np.int64]
+        (n,E) executions of each behavior, and of these without a percept.
 
     Raises
     ------
-    SettingsError : columns that do not fit each other, or values that no trial has.
+    SettingsError
+        Columns that do not fit each other, or values that no trial has.
     """
 
     behaviors: tuple[str, ...]
@@ -130,12 +136,7 @@ class TrialOutcomes:
         return cls(behaviors=behaviors, **whole)
 
     def rows(self, chosen: Any) -> "TrialOutcomes":
-        """Return some rows.
-
-        Parameters
-        ----------
-        chosen : a mask (n,), a slice, or indices.
-        """
+        """Return some rows, by a mask (n,), a slice, or indices."""
         columns = {name: getattr(self, name)[chosen] for name in _SHAPES}
         return TrialOutcomes(self.behaviors, **columns)
 
@@ -180,9 +181,11 @@ class TrialOutcomes:
         size = {"n": len(self), "e": len(self.behaviors)}
         size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
         for name, shape in _SHAPES.items():
-            found, expected = getattr(self, name).shape, tuple(size[letter] for letter in shape)
-            if found != expected:
-                raise SettingsError(f"{name} has shape {found}, expected {expected}.")
+            expected = tuple(size[letter] for letter in shape)
+            if getattr(self, name).shape != expected:
+                raise SettingsError(
+                    f"{name} has shape {getattr(self, name).shape}, expected {expected}."
+                )
         asked = self.attribute != ""
         answered = self.report >= 0
         wrong = {

@@ -7,7 +7,6 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
@@ -18,8 +17,7 @@ from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_bel
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots import Boundary, Execution, Outcome, Robot
-from meal_bayes.trials.streams import Streams
-from meal_bayes.trials.trial import Step, Task, Trial, truth_of
+from meal_bayes.trials.trial import Step, Streams, Task, Trial, truth_of
 
 MAX_STEPS = 100
 
@@ -57,7 +55,7 @@ class Session:
         What is asked, of which object.
     momdp : MOMDP
         The decision problem.
-    policy : Policy or None
+    policy : Policy | None
         Decides; None where somebody else commands, by `command`.
     boundary : Boundary
         Checks what the robot returns.
@@ -67,19 +65,19 @@ class Session:
         Random streams of the trial.
     agent : str
         Name of the agent.
-    truth : mapping or array, optional
+    truth : Mapping[str, bool] | ArrayLike | None
         See `truth_of`; compared with the report only, neither policy nor belief sees it.
-    counts : (N,E,2,K) array, optional
-        Labeled percepts behind the MOMDP, for the record alone; see `Trial`.
+    counts : NDArray[np.float64] | None
+        (N,E,2,K) labeled percepts behind the MOMDP, for the record alone; see `Trial`.
     max_steps : int
         Behaviors, after which the best answer is given.
-    max_cost : float, optional
+    max_cost : float | None
         s; the best answer is given before a behavior that would exceed it.
-    on_step : callable, optional
+    on_step : Callable[[Step], None] | None
         Called after every step.
-    recorder : Recorder, optional
+    recorder : Recorder | None
         Records every step before the next behavior is named.
-    on_end : callable, optional
+    on_end : Callable[[Trial], None] | None
         Called with the trial, once, however it ended.
     """
 
@@ -159,7 +157,8 @@ class Session:
 
         Raises
         ------
-        RobotError : a state that the domain does not know.
+        RobotError
+            A state that the domain does not know.
         """
         if self.over or self.steps or self._decision is not None:
             raise SettingsError("This trial has begun; ask again for another.")
@@ -173,14 +172,21 @@ class Session:
 
         Raises
         ------
-        SettingsError : no behavior is under way.
-        RobotError : a state that the domain does not know.
+        SettingsError
+            No behavior is under way.
+        RobotError
+            A state that the domain does not know.
         """
         if self._decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
-        self._at = "robot"
-        execution = self._boundary.execute(self._decision.action, outcome)
-        self._append(self._executed(self._decision, execution))
+        self._at, action = "robot", self._decision.action
+        execution = self._boundary.execute(action, outcome)
+        self._at, x, cost = "perceiver", self.belief.x, float(self.momdp.cost[action])
+        percept, warning = self._perceive(execution)
+        transition = Transition(action, execution.next_x, percept)
+        after = update_belief(self.belief, self.momdp, transition)
+        decision, next_x = self._decision, execution.next_x
+        self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning))
         self._decide()
 
     def fail(self) -> None:
@@ -197,7 +203,8 @@ class Session:
 
         Raises
         ------
-        SettingsError : the trial is over, or the problem does not have the action or allow it.
+        SettingsError
+            The trial is over, or the problem does not have the action or allow it.
         """
         if self.over:
             raise SettingsError("This trial is over; ask again for another.")
@@ -214,7 +221,8 @@ class Session:
 
         Raises
         ------
-        LogError : the policy decides otherwise than it did then.
+        LogError
+            The policy decides otherwise than it did then.
         """
         for number, step in enumerate(steps):
             if self._decision is None or self._decision.action != step.decision.action:
@@ -228,16 +236,10 @@ class Session:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self.over:
-            return
+    def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
         if fault is None:
-            self._end("left before the answer")
+            self.cancel("left before the answer")
+        if self.over or fault is None:
             return
         self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
         if self._recorder is not None:
@@ -250,21 +252,18 @@ class Session:
         if self._policy is None or self.over:
             return
         self._at, momdp = "planner", self.momdp
-        decision = self._policy.decide(self.history, self.streams.planner)
-        limit = self._limit(decision.action) if decision.action < momdp.n_behaviors else ""
+        decision, limit = self._policy.decide(self.history, self.streams.planner), ""
+        if decision.action < momdp.n_behaviors:
+            if self.history.cost + float(momdp.cost[decision.action]) > self.max_cost:
+                limit = f"max_cost = {self.max_cost:g} s"
+            if len(self.steps) >= self.max_steps:
+                limit = f"max_steps = {self.max_steps}"
         if limit:
             best = unvalued(momdp, best_answer(momdp, self.belief))
             self._append(self._answered(best, f"the best answer when {limit} was reached"))
             return
         self.command(decision)
         self._at = "robot"
-
-    def _limit(self, behavior: int) -> str:
-        """Return the limit that allows no such behavior any more; empty where both do."""
-        if len(self.steps) >= self.max_steps:
-            return f"max_steps = {self.max_steps}"
-        spent = self.history.cost + float(self.momdp.cost[behavior])
-        return f"max_cost = {self.max_cost:g} s" if spent > self.max_cost else ""
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""
@@ -298,27 +297,19 @@ class Session:
         last = self.belief.at(momdp.terminal)
         return Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning)
 
-    def _executed(self, decision: Decision, execution: Execution) -> Step:
-        action, belief, momdp = decision.action, self.belief, self.momdp
-        self._at = "perceiver"
-        observation, warning = self._perceive(execution)
-        transition = Transition(action, execution.next_x, observation)
-        after = update_belief(belief, momdp, transition)
-        cost = float(momdp.cost[action])
-        return Step(belief.x, decision, execution.next_x, observation, cost, -cost, after, warning)
-
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
         query, answers = self.task.query, execution.answers
         if execution.instance is not None:
-            seen = self._perceiver.observe(execution.instance, query, self.streams.percepts)
-            return seen, execution.warning
+            levels = self._perceiver.observe(execution.instance, query, self.streams.percepts)
+            return levels, execution.warning
         if answers is None:
             return None, execution.warning
         missing = [name for name in query.attributes if name not in answers]
         if missing:
             return None, f"no percept: the person did not answer about {missing}"
-        return _levels(query.attributes, answers, self.momdp.levels), ""
+        sure = (0, self.momdp.levels - 1)  # the two extreme levels
+        return np.array([sure[bool(answers[name])] for name in query.attributes], np.int8), ""
 
 
 def run_trial(session: Session, robot: Robot) -> Trial:
@@ -329,15 +320,11 @@ def run_trial(session: Session, robot: Robot) -> Trial:
 
     Raises
     ------
-    RobotError : the robot came to a state that the domain does not know.
+    RobotError
+        The robot came to a state that the domain does not know.
     """
     with session:
         session.start(robot.start())
         while (behavior := session.behavior) is not None:
             session.observe(robot.execute(behavior))
     return session.trial
-
-
-def _levels(names: Sequence[str], answers: Mapping[str, bool], levels: int) -> NDArray[np.int8]:
-    """Return the percepts (N,) of a person's answers: the two extreme levels."""
-    return np.array([levels - 1 if answers[name] else 0 for name in names], np.int8)

@@ -30,8 +30,8 @@ def percept_labels(
 
     Parameters
     ----------
-    observation : (N,) levels.
-    silent : stands for percepts without information.
+    silent : str
+        Stands for percepts without information.
     """
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
@@ -131,10 +131,15 @@ def trial_card(trial: "Trial") -> str:
 
 def trial_html(trial: "Trial") -> str:
     """Return a trial as an HTML table: a row a step, a bar a belief."""
-    names = trial.task.query.attributes
+    names, levels = trial.task.query.attributes, level_names(trial.momdp.levels)
     header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
-    first = ("", "", "", "before", *map(bar_html, trial.first_belief.positive))
-    rows = [first, *(_row(trial, number, step) for number, step in enumerate(trial.steps, start=1))]
+    rows = [("", "", "", "before", *map(bar_html, trial.first_belief.positive))]
+    for number, step in enumerate(trial.steps, start=1):
+        action, percept = trial.momdp.action_name(step.decision.action), ""
+        if step.observation is not None:
+            percept = ", ".join(levels[z] for z in step.observation)
+        cells = (str(number), escape(action), f"{step.cost:.1f}", escape(percept))
+        rows.append((*cells, *map(bar_html, step.belief.positive)))
     facts = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in _facts(trial).items() if k != "steps")
     return f"{table_html(_title(trial), header, rows)}<p>{facts}</p>"
 
@@ -143,25 +148,24 @@ def trial_frame(trial: "Trial") -> Any:
     """Return a trial as a pandas data frame, a row a step; percepts are missing where none came."""
     import pandas as pd  # noqa: PLC0415  takes half a second
 
-    rows = []
+    rows, momdp = [], trial.momdp
+    percepts = [f"percept_{name}" for name in trial.task.query.attributes]
+    beliefs = [f"belief_{name}" for name in trial.task.query.attributes]
     for number, step in enumerate(trial.steps, start=1):
-        row: dict[str, object] = {
+        levels = [None] * len(percepts) if step.observation is None else step.observation.tolist()
+        rows.append({
             "step": number,
-            "state": trial.momdp.x_names[step.x],
-            "action": trial.momdp.action_name(step.decision.action),
-            "next_state": trial.momdp.x_names[step.next_x],
+            "state": momdp.x_names[step.x],
+            "action": momdp.action_name(step.decision.action),
+            "next_state": momdp.x_names[step.next_x],
             "cost_s": step.cost,
             "reward": step.reward,
             "gap": step.decision.gap,
-        }
-        for i, name in enumerate(trial.task.query.attributes):
-            row[f"percept_{name}"] = None if step.observation is None else int(step.observation[i])
-        beliefs = zip(trial.task.query.attributes, step.belief.positive.tolist(), strict=True)
-        row |= {f"belief_{name}": belief for name, belief in beliefs}
-        rows.append({**row, "warning": step.warning})
-    frame = pd.DataFrame(rows)
-    percepts = [name for name in frame.columns if name.startswith("percept_")]
-    return frame.astype(dict.fromkeys(percepts, "Int8"))
+            **dict(zip(percepts, levels, strict=True)),
+            **dict(zip(beliefs, step.belief.positive.tolist(), strict=True)),
+            "warning": step.warning,
+        })  # fmt: skip
+    return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
 
 
 def trials_frame(trials: Iterable["Trial"]) -> Any:
@@ -173,8 +177,26 @@ def trials_frame(trials: Iterable["Trial"]) -> Any:
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 
-    frame = pd.DataFrame([_summary(trial) for trial in trials])
-    return frame.astype({"success": "boolean"}) if len(frame) else frame
+    rows = []
+    for trial in trials:
+        query, truth = trial.task.query, trial.truth
+        rows.append({
+            "agent": trial.agent,
+            "task": trial.task.name,
+            "object": trial.task.object_name,
+            "query": ", ".join(query.attributes),
+            "report": None if trial.report is None else query.report_name(trial.report),
+            "truth": query.report_name(truth == 1) if (truth >= 0).all() else None,
+            "success": trial.success,
+            "abstained": trial.report is None,
+            "cost_s": trial.cost,
+            "reward": trial.reward,
+            "steps": len(trial.steps),
+            "certainty": trial.last_belief.certainty,
+            "warnings": "; ".join(warnings_of(trial)),
+        })  # fmt: skip
+    frame = pd.DataFrame(rows)
+    return frame.astype({"success": "boolean"}) if rows else frame
 
 
 def steps_frame(trials: Iterable["Trial"]) -> Any:
@@ -188,25 +210,6 @@ def steps_frame(trials: Iterable["Trial"]) -> Any:
         for trial in trials
     ]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
-
-
-def _summary(trial: "Trial") -> dict[str, object]:
-    query = trial.task.query
-    return {
-        "agent": trial.agent,
-        "task": trial.task.name,
-        "object": trial.task.object_name,
-        "query": ", ".join(query.attributes),
-        "report": None if trial.report is None else query.report_name(trial.report),
-        "truth": query.report_name(trial.truth == 1) if (trial.truth >= 0).all() else None,
-        "success": trial.success,
-        "abstained": trial.report is None,
-        "cost_s": trial.cost,
-        "reward": trial.reward,
-        "steps": len(trial.steps),
-        "certainty": trial.last_belief.certainty,
-        "warnings": "; ".join(warnings_of(trial)),
-    }
 
 
 def _title(trial: "Trial") -> str:
@@ -229,15 +232,3 @@ def _facts(trial: "Trial") -> dict[str, str]:
         "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
         **({"warnings": listed(warned, 3)} if warned else {}),
     }
-
-
-def _row(trial: "Trial", number: int, step: "Step") -> tuple[str, ...]:
-    action = escape(trial.momdp.action_name(step.decision.action))
-    percept = escape(_percept(step.observation, trial.momdp.levels))
-    bars = map(bar_html, step.belief.positive)
-    return (str(number), action, f"{step.cost:.1f}", percept, *bars)
-
-
-def _percept(observation: NDArray[np.int8] | None, levels: int) -> str:
-    names = level_names(levels)
-    return "" if observation is None else ", ".join(names[level] for level in observation)

@@ -1,8 +1,8 @@
 """Records of a trial: its task, its steps, what came of it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from operator import add
 from typing import Any
 
@@ -15,6 +15,7 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
+from meal_bayes.seeds import stream
 from meal_bayes.trials.text import trial_card, trial_frame, trial_html
 
 
@@ -24,11 +25,16 @@ class Task:
 
     Attributes
     ----------
-    name : of the task.
-    query : what is asked.
-    object_index : in the data set; -1: an object of which nothing is recorded.
-    object_name : the object's name.
-    key : names every random stream of the trial.
+    name : str
+        Of the task.
+    query : Query
+        What is asked.
+    object_index : int
+        In the data set; -1: an object of which nothing is recorded.
+    object_name : str
+        The object's name.
+    key : tuple[str | int, ...]
+        Names every random stream of the trial.
     """
 
     name: str
@@ -38,20 +44,52 @@ class Task:
     key: tuple[str | int, ...]
 
 
+class Streams:
+    """The random streams of one trial, each made when it is first drawn from.
+
+    Parameters
+    ----------
+    seed : int
+        Names, with the key, the streams of the trial.
+    key : Sequence[str | int]
+        Of the task.
+    agent : str
+        Names, with these, the stream of the planner.
+    """
+
+    def __init__(self, seed: int, key: Sequence[str | int], agent: str) -> None:
+        self._seed, self._key, self._agent = seed, key, agent
+
+    @cached_property
+    def percepts(self) -> np.random.Generator:
+        """Of percepts that are drawn from tables; the same for every agent."""
+        return stream(self._seed, "percepts", *self._key)
+
+    @cached_property
+    def planner(self) -> np.random.Generator:
+        """Of the agent."""
+        return stream(self._seed, "planner", self._agent, *self._key)
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
     """One executed action.
 
     Attributes
     ----------
-    x, next_x : states before and after.
-    decision : the action and its values.
-    observation : (N,) percept levels, None = "none".
-    cost : of this step, s.
-    reward : true (unshaped) reward of this step; nan where the truth is not known.
-    belief : after the step.
-    warning : why sensor data of the robot were not used as a percept, or which limit brought the
-        answer; empty: neither.
+    x, next_x : int
+        States before and after.
+    decision : Decision
+        The action and its values.
+    observation : NDArray[np.int8] | None
+        (N,) percept levels, None = "none".
+    cost, reward : float
+        Of this step, s; the true (unshaped) reward, nan where the truth is not known.
+    belief : Belief
+        After the step.
+    warning : str
+        Why sensor data of the robot were not used as a percept, or which limit brought the answer;
+        empty: neither.
     """
 
     x: int
@@ -72,15 +110,24 @@ class Trial:
 
     Attributes
     ----------
-    task : what is asked, of which object.
-    agent : name of the agent.
-    momdp : the decision problem.
-    first_belief : before the first step.
-    steps : in order.
-    truth : (N,) 1 true, 0 false, -1 not known.
-    report : (N,) bool; None: the agent abstained.
-    ended : why the trial was broken off, such as "robot error: ..."; empty: it was not.
-    counts : (N,E,2,K) labeled percepts behind the rows of the MOMDP; None where they are not known.
+    task : Task
+        What is asked, of which object.
+    agent : str
+        Name of the agent.
+    momdp : MOMDP
+        The decision problem.
+    first_belief : Belief
+        Before the first step.
+    steps : tuple[Step, ...]
+        In order.
+    truth : NDArray[np.int8]
+        (N,) 1 true, 0 false, -1 not known.
+    report : NDArray[np.bool_] | None
+        (N,); None: the agent abstained.
+    ended : str
+        Why the trial was broken off, such as "robot error: ..."; empty: it was not.
+    counts : NDArray[np.float64] | None
+        (N,E,2,K) labeled percepts behind the rows of the MOMDP, where they are known.
     """
 
     task: Task
@@ -149,12 +196,15 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
 
     Parameters
     ----------
-    query : what is asked.
-    truth : by attribute, or (N,) in the query's order; None where nothing is known.
+    query : Query
+        What is asked.
+    truth : Mapping[str, bool] | ArrayLike | None
+        By attribute, or (N,) in the query's order; None where nothing is known.
 
     Raises
     ------
-    QueryError : another number of values, or one that is no label.
+    QueryError
+        Another number of values, or one that is no label.
     """
     if truth is None:
         return np.full(len(query), -1, np.int8)
