@@ -3,20 +3,9 @@
 In: a config. Out: logs under logs/, which `evaluation` reads.
 """
 
-from meal_bayes.experiments.offline import (
-    DEFAULT_AGENTS,
-    OfflineConfig,
-    OfflineRun,
-    run_offline,
-    warm_up_offline,
-)
-from meal_bayes.experiments.online import (
-    OnlineRun,
-    run_online,
-    run_online_until,
-    warm_up_online,
-)
-from meal_bayes.experiments.online_config import OnlineConfig
+from meal_bayes.experiments.config import DEFAULT_AGENTS, OfflineConfig, OnlineConfig
+from meal_bayes.experiments.offline import OfflineRun, run_offline, warm_up_offline
+from meal_bayes.experiments.online import OnlineRun, run_online, run_online_until, warm_up_online
 from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [

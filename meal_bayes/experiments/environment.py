@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from meal_bayes.domain import Domain
-from meal_bayes.experiments.online_config import OnlineConfig
+from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.protocol import Protocol, Recordings
 from meal_bayes.learner import Feedback, Learner
 from meal_bayes.learner.percepts import record_step

@@ -1,8 +1,7 @@
 """ONLINE-MEAL (Sect. 7.3): agents that learn from their own trials, tested after every batch."""
 
 import dataclasses
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -13,21 +12,14 @@ from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Query
+from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.environment import Environment, true_dynamics
-from meal_bayes.experiments.online_config import OnlineConfig
 from meal_bayes.experiments.protocol import ASKED, Protocol, learnable, restricted
-from meal_bayes.experiments.sources import agent_digest
-from meal_bayes.experiments.store import Store, fingerprint, is_whole
-from meal_bayes.experiments.units import run_units
-from meal_bayes.files import file_name
+from meal_bayes.experiments.sources import agent_digests
+from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.units import run_units, timed
 from meal_bayes.learner import Learner
-from meal_bayes.trial_log import (
-    TrialWriter,
-    log_info,
-    read_outcomes,
-    read_trials,
-    write_trials,
-)
+from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
@@ -55,8 +47,8 @@ class OnlineRun:
 
     def training(self, agent: str) -> list[TrialOutcomes]:
         """Return the outcomes of an agent's training trials, in order, one entry a repeat."""
-        (own,) = (one for one in self.config.agents if one.name == agent)
-        units = [_unit(self.config, own, k, self.folder) for k in _repeats(self.config)]
+        (chosen,) = (value for value in self.config.agents if value.name == agent)
+        units = [_unit(self.config, chosen, k, self.folder) for k in _repeats(self.config)]
         batches = range(1, self.config.batches + 1)
         return [
             TrialOutcomes.join([read_outcomes(unit.log(b, "train")) for b in batches])
@@ -77,16 +69,16 @@ class _Unit:
     def agent(self) -> Agent:
         """Who runs, with the config's weights of Eq. 11."""
         agent: Agent = self.config.agents[0]
-        bonus, given = agent.exploration, {"alpha": self.config.alpha, "beta": self.config.beta}
+        bonus, weights = agent.exploration, {"alpha": self.config.alpha, "beta": self.config.beta}
         if not isinstance(bonus, ITRSBonus):
             return agent
-        weights = {name: value for name, value in given.items() if value is not None}
-        return dataclasses.replace(agent, exploration=dataclasses.replace(bonus, **weights))
+        bonus = dataclasses.replace(bonus, **{k: v for k, v in weights.items() if v is not None})
+        return dataclasses.replace(agent, exploration=bonus)
 
     @property
     def path(self) -> Path:
         """Folder of its logs."""
-        return self.folder / file_name(self.agent.name, 200) / f"repeat-{self.repeat:03d}"
+        return agent_folder(self.folder, self.agent.name) / f"repeat-{self.repeat:03d}"
 
     @property
     def size(self) -> int:
@@ -107,14 +99,48 @@ class _Unit:
 
     def run(self) -> None:
         """Run what is not finished."""
-        _run_unit(self)
+        config, protocol = self.config, _protocol(self.config, self.repeat)
+        learner, environment = _learner(self, protocol), Environment(config, protocol)
+        tests = protocol.tests()
+        for batch in range(config.batches + 1):
+            train = config.batches > batch and not self.has(batch + 1, "train")
+            test = not self.has(batch, "test")
+            if test or train:
+                learner.refit()
+            if test:
+                pretrained = [protocol.dataset.objects[o] for o in protocol.split.pre]
+                facts: dict[str, object] = {} if batch else {"pretrained": pretrained}
+                self._write(batch, "test", partial(environment.test, learner), tests, facts)
+            if train:
+                tasks = protocol.training(batch + 1, config.trials)
+                self._write(batch + 1, "train", partial(environment.train, learner), tasks, {})
+            elif batch < config.batches:
+                for trial in read_trials(self.log(batch + 1, "train")):
+                    environment.repeat(learner, trial)
+
+    def _write(
+        self, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task],
+        facts: dict[str, object],
+    ) -> None:  # fmt: skip
+        """Run trials and log them; with the whole log that part of the batch is done."""
+        path, trials = self.log(batch, part), timed(run, tasks)
+        header = {
+            "config": self.config.as_dict(), "seed": self.config.seed, "agent": self.agent.name,
+            "repeat": self.repeat, "batch": batch, "part": part, **facts,
+        }  # fmt: skip
+        if part == "test" and self.config.log == "compact":
+            made, seconds = zip(*trials, strict=True)
+            write_trials(path, [TrialOutcomes.of(made)], header=header, seconds=seconds)
+            return
+        with TrialWriter(path, header) as log:
+            for trial, taken in trials:
+                log.write(trial, seconds=taken)
 
 
 def _unit(
     config: OnlineConfig, agent: Agent, repeat: int, folder: Path, fresh: bool = False
 ) -> _Unit:
-    own = dataclasses.replace(config, agents=(agent,))
-    return _Unit(own, repeat, folder, fresh)
+    return _Unit(dataclasses.replace(config, agents=(agent,)), repeat, folder, fresh)
 
 
 def run_online(
@@ -133,35 +159,35 @@ def run_online(
 
     Parameters
     ----------
-    config : what to run; objects, tasks, failures and recordings are the same for all its agents.
-    logs : folder for the trials; on a cluster, one that all its machines see.
-    jobs : processes.
-    cluster : address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
-    fresh : run again what is there already; it is replaced batch by batch.
-    on_progress : called with (batches done, batches in all).
-    on_note : called with a line that says which other process is waited for; logged by default.
+    config : OnlineConfig
+        What to run; objects, tasks, failures and recordings are the same for all its agents.
+    logs, jobs, cluster, on_note : Any
+        As of `run_offline`.
+    fresh : bool
+        Run again what is there already; it is replaced batch by batch.
+    on_progress : Callable[[int, int], None] | None
+        Called with (batches done, batches in all).
     """
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
     true_dynamics(domain, dict(config.success))  # the same
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
-    store = Store.of(logs, f"online-{domain.name}-n{config.attributes}", _shared(config))
-    folder = store.folder.absolute()  # a cluster's workers live elsewhere
+    # What every unit depends on; repeats and agents name its folders.
+    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
+    shared["data"] = fingerprint(config.dataset, config.root)
+    shared["sources"] = agent_digests(config.agents)
+    folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", shared)
     units = [
-        _unit(config, agent, repeat, folder, fresh)
+        _unit(config, agent, repeat, folder.absolute(), fresh)  # a cluster's workers live elsewhere
         for repeat in _repeats(config)
         for agent in config.agents
     ]
     run_units(
-        units,
-        lambda _: warm_up_online(config),
-        jobs=jobs,
-        cluster=cluster,
-        on_progress=on_progress,
-        on_note=on_note,
-    )
-    return OnlineRun(config, store.folder)
+        units, lambda _: warm_up_online(config), jobs=jobs, cluster=cluster,
+        on_progress=on_progress, on_note=on_note,
+    )  # fmt: skip
+    return OnlineRun(config, folder)
 
 
 def run_online_until(
@@ -171,9 +197,12 @@ def run_online_until(
 
     Parameters
     ----------
-    config : what to run; its repeats are the most that are run.
-    decided : of the results so far.
-    options : of `run_online`.
+    config : OnlineConfig
+        What to run; its repeats are the most that are run.
+    decided : Callable[[list[BatchOutcomes]], bool]
+        Of the results so far.
+    options : Any
+        Of `run_online`.
     """
     repeats = min(_STEP, config.repeats)
     while True:
@@ -195,14 +224,6 @@ def _repeats(config: OnlineConfig) -> range:
     return range(config.first, config.first + config.repeats)
 
 
-def _shared(config: OnlineConfig) -> dict[str, object]:
-    """Return what every unit depends on; repeats and agents name its folders."""
-    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
-    digests = {agent.name: agent_digest(agent) for agent in config.agents}
-    sources = {name: digest for name, digest in digests.items() if digest}
-    return {**shared, "data": fingerprint(config.dataset, config.root), "sources": sources}
-
-
 @lru_cache(maxsize=2)
 def _loaded(name: str, root: str | None, content: str) -> Dataset:
     dataset = load_dataset(name, root=root)
@@ -212,8 +233,7 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 
 
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
-    content = fingerprint(config.dataset, config.root)
-    data = (config.dataset, config.root, content)
+    data = config.dataset, config.root, fingerprint(config.dataset, config.root)
     return _drawn(data, config.attributes, config.seed, repeat, config.split)
 
 
@@ -227,40 +247,14 @@ def _drawn(
     )
 
 
-def _run_unit(unit: _Unit) -> None:
-    config, protocol = unit.config, _protocol(unit.config, unit.repeat)
-    learner, environment = _learner(unit, protocol), Environment(config, protocol)
-    tests = protocol.tests()
-    for batch in range(config.batches + 1):
-        train = config.batches > batch and not unit.has(batch + 1, "train")
-        test = not unit.has(batch, "test")
-        if test or train:
-            learner.refit()
-        if test:
-            known = [protocol.dataset.objects[o] for o in protocol.split.pre] if batch == 0 else []
-            _write(unit, batch, "test", partial(environment.test, learner), tests, pretrained=known)
-        if train:
-            tasks = protocol.training(batch + 1, config.trials)
-            _write(unit, batch + 1, "train", partial(environment.train, learner), tasks)
-        elif batch < config.batches:
-            for trial in read_trials(unit.log(batch + 1, "train")):
-                environment.repeat(learner, trial)
-
-
 def _learner(unit: _Unit, protocol: Protocol) -> Learner:
     """Return the learner of a unit, pretrained: every behavior once, and all labels, of a part."""
     config, dataset, split = unit.config, protocol.dataset, protocol.split
     learner = Learner(
-        dataset.domain,
-        agent=unit.agent,
-        seed=config.seed,
-        reward=config.reward,
-        refit_every=None,
-        learn_success=config.learn_success,
-        horizon=config.horizon,
-        trust=min(TRUST, 1.0 - config.error),
-        logs=None,
-    )
+        dataset.domain, agent=unit.agent, seed=config.seed, reward=config.reward, refit_every=None,
+        learn_success=config.learn_success, horizon=config.horizon,
+        trust=min(TRUST, 1.0 - config.error), logs=None,
+    )  # fmt: skip
     counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
     learner.fits.settings = dataclasses.replace(
         learner.fits.settings,
@@ -270,33 +264,3 @@ def _learner(unit: _Unit, protocol: Protocol) -> Learner:
         **dict(config.learning),
     )
     return learner.fit(protocol.pretraining())
-
-
-def _write(
-    unit: _Unit, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task], *,
-    pretrained: Sequence[str] = (),
-) -> None:  # fmt: skip
-    """Run trials and log them; with the whole log that part of the batch is done.
-
-    Parameters
-    ----------
-    pretrained : objects on which every behavior was executed before, all their labels given.
-    """
-    path = unit.log(batch, part)
-    header = {
-        "config": unit.config.as_dict(), "seed": unit.config.seed, "agent": unit.agent.name,
-        "repeat": unit.repeat, "batch": batch, "part": part,
-        **({"pretrained": list(pretrained)} if pretrained else {}),
-    }  # fmt: skip
-    if part == "test" and unit.config.log == "compact":
-        trials, seconds = zip(*(_timed(run, task) for task in tasks), strict=True)
-        write_trials(path, [TrialOutcomes.of(trials)], header=header, seconds=seconds)
-    else:
-        with TrialWriter(path, header) as whole:
-            for trial, took in (_timed(run, task) for task in tasks):
-                whole.write(trial, seconds=took)
-
-
-def _timed(run: Callable[[Task], Trial], task: Task) -> tuple[Trial, float]:
-    start = time.perf_counter()
-    return run(task), time.perf_counter() - start

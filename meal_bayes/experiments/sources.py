@@ -10,6 +10,7 @@ import hashlib
 import inspect
 import sys
 import uuid
+from collections.abc import Iterable
 from functools import partial
 from modulefinder import ModuleFinder
 from pathlib import Path
@@ -33,6 +34,11 @@ def is_own(module: ModuleType) -> bool:
         and top not in {"meal_bayes", *sys.stdlib_module_names}
         and not _INSTALLED & {*Path(file).parts}
     )
+
+
+def agent_digests(agents: Iterable[Agent]) -> dict[str, str]:
+    """Return the digest of each agent that goes by the user's code, by its name."""
+    return {agent.name: digest for agent in agents if (digest := agent_digest(agent))}
 
 
 def agent_digest(agent: Agent) -> str:

@@ -5,8 +5,7 @@ import json
 import logging
 import platform
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -20,48 +19,35 @@ from meal_bayes.trial_log import log_info
 
 log = logging.getLogger("meal_bayes.experiments")
 
-UNIT = 100  # trials of one agent in a file
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
 
-@dataclass(frozen=True, slots=True)
-class Store:
-    """The folder of one experiment, named by its settings and the code that ran it.
+def run_folder(root: str | Path, name: str, config: Mapping[str, object]) -> Path:
+    """Name the folder of an experiment under `root` by any text, its settings and its code.
 
-    The name changes with either, so a run that is called again finds its own units, whole, and
-    nobody else's.
+    It changes with either, so a run that is called again finds its own units, whole, and nobody
+    else's.
     """
+    digest = digest_of(dict(config), environment())
+    return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
 
-    folder: Path
 
-    @classmethod
-    def of(cls, root: str | Path, name: str, config: Mapping[str, object]) -> "Store":
-        """Name the folder of a configuration under `root`; `name` may be any text."""
-        digest = digest_of(dict(config), environment())
-        return cls(Path(root) / f"{file_name(name, 200)}-{digest[:8]}")
-
-    def unit(self, agent: str, index: int) -> Path:
-        """Return the path of one unit's file."""
-        return self.folder / file_name(agent, 200) / f"unit-{index:04d}.mcap"
+def agent_folder(folder: Path, agent: str) -> Path:
+    """Name the folder of an agent's units."""
+    return folder / file_name(agent, 200)
 
 
 def is_whole(path: Path, *, trials: int | None = None) -> bool:
-    """Check a unit's log to its end; what is damaged is warned of.
-
-    Parameters
-    ----------
-    trials : int | None
-        How many it must hold; any number by default.
-    """
+    """Check a unit's log of so many trials to its end; what is damaged is warned of."""
     if not path.is_file():
         return False
     try:
-        found = log_info(path).trials
+        held = log_info(path).trials
     except LogError as fault:
         log.warning("%s; it is made again", str(fault).partition(";")[0])
         return False
-    if trials is not None and found != trials:
-        log.warning("%s holds %d trials, expected %d; it is made again", path, found, trials)
+    if trials is not None and held != trials:
+        log.warning("%s holds %d trials, expected %d; it is made again", path, held, trials)
         return False
     return True
 
@@ -76,7 +62,12 @@ def digest_of(*parts: object) -> str:
     """
     digest = hashlib.sha256()
     for part in parts:
-        for piece in _pieces(part):
+        pieces = [] if isinstance(part, Path) else [json.dumps(part, sort_keys=True).encode()]
+        if isinstance(part, Path):
+            files = [part] if part.is_file() else sorted(p for p in part.rglob("*") if p.is_file())
+            for file in files:
+                pieces += [file.relative_to(part).as_posix().encode(), file.read_bytes()]
+        for piece in pieces:
             digest.update(hashlib.sha256(piece).digest())
     return digest.hexdigest()
 
@@ -86,11 +77,9 @@ def fingerprint(dataset: str, root: str | None = None) -> str:
 
     A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
     """
-    parts: list[object] = []
-    if Path(dataset).suffix == ".npz" and Path(dataset).is_file():
-        parts.append(Path(dataset))
-    elif Path(dataset).suffix == ".toml" and Path(dataset).is_file():
-        parts.append(domain_table(load_domain(dataset)))
+    parts, path = list[object](), Path(dataset)
+    if path.is_file() and path.suffix in (".npz", ".toml"):
+        parts.append(path if path.suffix == ".npz" else domain_table(load_domain(dataset)))
     if root is not None and Path(root).is_dir():
         data = load_domain(dataset).data
         folder = find_folder(data, Path(root)) if data in SOURCES else None
@@ -112,13 +101,3 @@ def environment() -> dict[str, str]:
     versions = {name: metadata.version(name) for name in _LIBRARIES}
     python = {"python": platform.python_version(), "system": sys.platform}
     return {"meal_bayes": code_digest(), **python, **versions}
-
-
-def _pieces(part: object) -> Iterator[bytes]:
-    if isinstance(part, Path):
-        files = [part] if part.is_file() else sorted(p for p in part.rglob("*") if p.is_file())
-        for file in files:
-            yield file.relative_to(part).as_posix().encode()
-            yield file.read_bytes()
-    else:
-        yield json.dumps(part, sort_keys=True).encode()

@@ -11,7 +11,7 @@ import logging
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -22,6 +22,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import check_folder
 from meal_bayes.trial_log import remove_drafts
+from meal_bayes.trials import Task, Trial
 
 log = logging.getLogger("meal_bayes.experiments")
 
@@ -129,6 +130,14 @@ def _run_claimed(numbered: tuple[int, Unit]) -> tuple[int, str | None]:
     return number, None
 
 
+def timed(run: Callable[[Task], Trial], tasks: Iterable[Task]) -> Iterator[tuple[Trial, float]]:
+    """Run trials one by one; yield each with the wall-clock seconds that it took."""
+    for task in tasks:
+        start = time.perf_counter()
+        trial = run(task)
+        yield trial, time.perf_counter() - start
+
+
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[str | bool]:
     """Lock a path while the block runs.
@@ -143,7 +152,10 @@ def claimed(path: Path) -> Iterator[str | bool]:
     try:
         lock.acquire()
     except Timeout:
-        yield _holder(file)
+        holder = ""
+        with contextlib.suppress(OSError):  # it is done by now
+            holder = file.read_text(encoding="utf-8")
+        yield holder or "another process"
         return
     except OSError as fault:
         log.info("no locks on this file system (%s)", fault)
@@ -157,13 +169,6 @@ def claimed(path: Path) -> Iterator[str | bool]:
     finally:
         file.unlink(missing_ok=True)  # before the lock goes, as then it may be another's
         lock.release()
-
-
-def _holder(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8") or "another process"
-    except OSError:  # it is done by now
-        return "another process"
 
 
 def _is_held(unit: Unit) -> bool:

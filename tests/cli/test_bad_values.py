@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig
-from meal_bayes.experiments.online import OnlineConfig
+from meal_bayes.experiments import OfflineConfig, OnlineConfig
 
 OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")

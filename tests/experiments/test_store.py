@@ -4,7 +4,7 @@ import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.experiments import OfflineConfig, run_offline, store
-from meal_bayes.experiments.store import Store, digest_of, fingerprint, is_whole
+from meal_bayes.experiments.store import digest_of, fingerprint, is_whole, run_folder
 
 CONFIG = OfflineConfig("roc36", 2, 3, ("random",), seed=5)
 OWN = 'extends = "{parent}"\nname = "own"\ndata = "roc36"\n'
@@ -103,9 +103,9 @@ def test_public_recordings_of_ones_own_mirror_are_another_run(tmp_path):
 
 
 def test_versions_of_libraries_are_another_run(tmp_path, monkeypatch):
-    folders = [Store.of(tmp_path, "run", {"seed": 1}).folder for _ in range(2)]
+    folders = [run_folder(tmp_path, "run", {"seed": 1}) for _ in range(2)]
     monkeypatch.setattr(store.metadata, "version", lambda name: "0.1")
-    folders.append(Store.of(tmp_path, "run", {"seed": 1}).folder)
+    folders.append(run_folder(tmp_path, "run", {"seed": 1}))
     assert len(set(folders)) == 2
 
 

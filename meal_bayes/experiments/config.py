@@ -1,0 +1,201 @@
+"""What a run is: its settings, checked."""
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from meal_bayes.agents import Agent, as_agent, distinct
+from meal_bayes.datasets import Dataset, PerceptTable
+from meal_bayes.display import short_repr
+from meal_bayes.domain import unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.percepts import kept_table
+from meal_bayes.learner import Feedback
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.untrusted import LARGEST
+
+DEFAULT_AGENTS = (
+    "random",
+    "random_legal",
+    "predefined",
+    "predefined_plus",
+    "greedy",
+    "morc",
+    "bayes",
+)
+_CHOICES = {"log": ("compact", "full"), "normalizer": ("paper", "all")}
+
+
+@dataclass(frozen=True, slots=True)
+class OfflineConfig:
+    """Settings of an offline run.
+
+    Attributes
+    ----------
+    dataset : Any
+        A shipped data set, a percept table or its path, or recordings.
+    attributes, trials : int
+        N, asked at a time; of each agent.
+    agents : tuple[Any, ...]
+        Names or values (see `as_agent`), made `Agent`s.
+    seed : int
+        Of all random streams.
+    percepts, perception : str
+        "recorded" or "model"; "default" or "paper".
+    reward : float | None
+        r+ = -r-, the domain's by default.
+
+    Raises
+    ------
+    SettingsError
+        An agent that is unknown or named twice, a negative seed, a reward that is not positive and
+        finite.
+    """
+
+    dataset: Any
+    attributes: int = 2
+    trials: int = 400
+    agents: tuple[Any, ...] = DEFAULT_AGENTS
+    seed: int = 0
+    percepts: str = "recorded"
+    perception: str = "default"
+    reward: float | None = None
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
+        if isinstance(self.dataset, Dataset | PerceptTable):
+            object.__setattr__(self, "dataset", kept_table(self.dataset))
+        if not isinstance(self.dataset, str):
+            raise SettingsError(
+                f"dataset is {self.dataset!r:.40}; give the name of a data set, a percept table, "
+                "its path, or recordings (`load_dataset`, `Dataset.from_frames`)."
+            )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values, for headers and JSON."""
+        return _plain(self)
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineConfig:
+    """Settings of an online run.
+
+    Attributes
+    ----------
+    dataset : str
+        A shipped domain, or the path of one's own (TOML).
+    attributes : int
+        N, asked at a time.
+    root : str | None
+        Folder of the recordings; of public ones, found or downloaded.
+    agents : tuple[Any, ...]
+        Names or values (see `as_agent`), made `Agent`s.
+    batches, trials : int
+        Of training, and trials in a batch.
+    repeats, first : int
+        Repeats are first .. first + repeats - 1.
+    seed : int
+        Of all random streams.
+    split : tuple[int, int, int] | tuple[tuple[str, ...], ...]
+        Shares of objects for pretraining, training, tests; or their names, in three tuples.
+    reward : float | None
+        r+ = -r-; by default 300 on public data (Sect. 7.3), else the domain's.
+    alpha, beta : float | None
+        Of morc_itrs; the agent's own by default.
+    answers : str
+        Of `Feedback`.
+    error : float
+        Of `Feedback`.
+    success : tuple[tuple[str, float], ...]
+        True success probabilities, as pairs (behavior, probability).
+    learn_success : bool
+        Whether agents learn success probabilities.
+    learning : tuple[tuple[str, Any], ...]
+        Other settings of the learner, as pairs (field of `LearnerSettings`, value).
+    percepts : str
+        "recorded", or "model": drawn from the learned tables, without end.
+    normalizer : str
+        Of Eq. 10: "paper", experience in training; "all", in pretraining too.
+    horizon : int
+        Queries to come, for which exploring is valued.
+    log : str
+        "compact", logs of test trials hold outcomes only; or "full".
+
+    Raises
+    ------
+    SettingsError
+        What is unknown, named twice, or out of range.
+    """
+
+    dataset: str
+    attributes: int = 1
+    root: str | None = None
+    agents: tuple[Any, ...] = ("iterative_morc", "morc_itrs", "bayes", "bayes_memory")
+    batches: int = 10
+    trials: int = 40
+    repeats: int = 1
+    seed: int = 0
+    first: int = 0
+    split: tuple[int, int, int] | tuple[tuple[str, ...], ...] = (33, 33, 34)
+    reward: float | None = None
+    alpha: float | None = None
+    beta: float | None = None
+    answers: str = "verdict"
+    error: float = 0.0
+    success: tuple[tuple[str, float], ...] = ()
+    learn_success: bool = False
+    learning: tuple[tuple[str, Any], ...] = ()
+    percepts: str = "recorded"
+    normalizer: str = "paper"
+    horizon: int = 1000
+    log: str = "compact"
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
+        for name in ("attributes", "batches", "trials", "repeats", "horizon"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
+        if self.first < 0:
+            raise SettingsError(f"first is {self.first}; give a whole number, 0 or more.")
+        sizes = [part if isinstance(part, int) else len(part) for part in self.split]
+        if len(sizes) != 3 or min(sizes) < 1:
+            raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise SettingsError(unknown(name, getattr(self, name), choices))
+        for name in ("alpha", "beta"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= LARGEST:
+                raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
+        Feedback(self.answers, self.error)
+        settings = [field.name for field in dataclasses.fields(LearnerSettings)]
+        for name, _ in self.learning:
+            if name not in settings:
+                raise SettingsError(unknown("setting of learners", name, settings))
+        LearnerSettings(percepts=self.percepts)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values, for headers and JSON."""
+        pairs = {name: list(map(list, getattr(self, name))) for name in ("learning", "success")}
+        return {**_plain(self), "split": list(self.split), **pairs}
+
+
+def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:
+    """Return the agents of values; raise where they, seed or reward are none."""
+    if seed < 0:
+        raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
+    if reward is not None and not 0 < reward <= LARGEST:
+        raise SettingsError(
+            f"reward is {reward}; give a finite number above 0, at most {LARGEST:g}."
+        )
+    return distinct(as_agent(value) for value in agents)
+
+
+def _plain(config: OfflineConfig | OnlineConfig) -> dict[str, object]:
+    fields = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+    return {**fields, "agents": [agent.name for agent in config.agents]}
