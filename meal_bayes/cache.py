@@ -11,7 +11,6 @@ import functools
 import logging
 import os
 import shutil
-import socket
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
@@ -19,8 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from platformdirs import user_cache_path
-
-from meal_bayes.processes import alive
 
 log = logging.getLogger("meal_bayes.cache")
 
@@ -61,17 +58,8 @@ def scratch_folder(name: str) -> Path:
 
 @contextlib.contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a folder for files of the block, which goes with it.
-
-    It lies in the user's cache folder, where there is one; then what killed processes of this
-    machine left there is removed first.
-    """
-    base, machine = cache_folder("temporary"), socket.gethostname()
-    for left in base.glob(f"{machine}-*") if base is not None else ():
-        pid = left.name.removeprefix(f"{machine}-").partition("-")[0]
-        if pid.isdecimal() and not alive(int(pid)):
-            shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(dir=base, prefix=f"{machine}-{os.getpid()}-") as name:
+    """Yield a folder for files of the block, which goes with it."""
+    with tempfile.TemporaryDirectory(prefix="meal_bayes-") as name:
         yield Path(name)
 
 
@@ -115,23 +103,23 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
     folder = configured if usable else cache_folder("numba")
     config.CACHE_DIR = str(folder or "")
     try:
-        made: Callable[..., Any] = njit(cache=folder is not None, **options)(function)
+        kernel: Callable[..., Any] = njit(cache=folder is not None, **options)(function)
     finally:
         config.CACHE_DIR = configured
-    disk = getattr(made, "_cache", None)  # numba has no public way to it
+    disk = getattr(kernel, "_cache", None)  # numba has no public way to it
     if disk is not None:
-        disk.load_overload = functools.partial(_loaded, disk, disk.load_overload)
-    return made
+        load = disk.load_overload
 
+        def load_or_forget(*signature: Any) -> Any:
+            """Load a compiled kernel; forget those of this function where a file is torn."""
+            try:
+                return load(*signature)
+            except Exception as fault:  # whatever unpickling torn bytes may raise
+                log.info("compiled code cannot be read (%s); compiling anew", fault)
+                disk.flush()
 
-def _loaded(disk: Any, load: Callable[..., Any], *signature: Any) -> Any:
-    """Load a compiled kernel; forget those of this function where a file is torn."""
-    try:
-        return load(*signature)
-    except Exception as fault:  # whatever unpickling torn bytes may raise
-        log.info("compiled code cannot be read (%s); compiling anew", fault)
-        disk.flush()
-        return None
+        disk.load_overload = load_or_forget
+    return kernel
 
 
 def _prepare(folder: Path) -> None:

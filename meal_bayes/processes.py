@@ -71,17 +71,6 @@ def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([*guard, *command], **options)
 
 
-def alive(pid: int) -> bool:
-    """Return whether a process of this machine runs; one of another user counts as running."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
-
-
 def _run_and_end(parent: int | None, target: Callable[..., object], args: tuple[Any, ...]) -> None:
     end_with_parent(parent)
     target(*args)

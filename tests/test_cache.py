@@ -125,20 +125,3 @@ def test_a_log_is_told_of_without_any_cache(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "5 trials" in done.stdout
     assert done.stderr.count("\n") <= 1
-
-
-def test_a_temporary_folder_goes_with_the_block_or_at_the_next_start(home):
-    script = """
-import os, signal
-from meal_bayes.cache import temporary_folder
-with temporary_folder() as folder:
-    (folder / "a.rrd").write_text("x")
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-    subprocess.run([sys.executable, "-c", script], check=False, env={**os.environ})
-    base = home / "meal_bayes" / "temporary"
-    (base / "of another program").mkdir()
-    assert len(list(base.iterdir())) == 2
-    with cache.temporary_folder() as folder, cache.temporary_folder() as other:
-        assert sorted(base.iterdir()) == sorted([folder, other, base / "of another program"])
-    assert list(base.iterdir()) == [base / "of another program"]

@@ -115,11 +115,3 @@ def test_elsewhere_a_guard_ends_the_program(running, eventually):
         parent.kill()
         parent.wait()
         eventually(lambda: not running(child))
-
-
-def test_alive():
-    child = subprocess.Popen(["/bin/sleep", "1000"])
-    assert processes.alive(child.pid)
-    child.kill()
-    child.wait()
-    assert not processes.alive(child.pid)

@@ -147,10 +147,11 @@ def test_ask_tells_what_is_wrong(change, kind, found):
         meal_bayes.ask(**{"question": "heavy", **QUESTION, **change})
 
 
-# Not these yet: experiments, posterior, robots, trials.
+# Not yet: posterior.
 TYPED = {"agents", "archive", "arrays", "cache", "cli", "datasets", "display", "domain",
-         "evaluation", "files", "gym", "learner", "momdp", "perception", "planners", "processes",
-         "seeds", "trial_log", "untrusted", "viewer"}  # fmt: skip
+         "evaluation", "experiments", "files", "gym", "learner", "momdp", "perception", "planners",
+         "processes", "robots", "seeds", "trial_log", "trials", "untrusted",
+         "viewer"}  # fmt: skip
 
 
 def test_docstrings_hold_types_where_numpydoc_has_them():

@@ -63,25 +63,25 @@ def in_parallel(
         If Dask is not installed, if the cluster does not answer, or if a worker has other code.
     """
     pieces = list(work)
-    if cluster is not None:
-        yield from _on_cluster([_pickled(function, piece) for piece in pieces], cluster)
-    elif min(jobs, len(pieces)) <= 1:
+    jobs = min(jobs, len(pieces))
+    if cluster is None and jobs <= 1:
         yield from map(function, pieces)
-    else:
-        jobs = min(jobs, len(pieces))
-        yield from _here([_pickled(function, piece) for piece in pieces], jobs)
+        return
+    calls = [_pickled(function, piece) for piece in pieces]
+    yield from _here(calls, jobs) if cluster is None else _on_cluster(calls, cluster)
 
 
 def _pickled(function: Callable[[Work], Result], piece: Work) -> bytes:
     """Return a call as bytes that a process can make which has none of the user's modules."""
-    loaded = {m.__name__: m for m in [*sys.modules.values()] if is_own(m)}
-    own = [loaded[name] for name in loaded.keys() - cloudpickle.list_registry_pickle_by_value()]
-    for module in own:
+    registered = cloudpickle.list_registry_pickle_by_value()
+    users = (m for m in [*sys.modules.values()] if is_own(m) and m.__name__ not in registered)
+    modules = {module.__name__: module for module in users}.values()  # each once
+    for module in modules:
         cloudpickle.register_pickle_by_value(module)
     try:
         return bytes(cloudpickle.dumps((function, piece)))
     finally:
-        for module in own:
+        for module in modules:
             cloudpickle.unregister_pickle_by_value(module)
 
 
@@ -136,11 +136,11 @@ def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
         try:
             from meal_bayes.experiments.store import environment as of_worker  # noqa: PLC0415
 
-            found = of_worker()
+            versions = of_worker()
         except ImportError as fault:
             return platform.node(), {"meal_bayes": str(fault)}, None
-        function, piece = cloudpickle.loads(call) if found == expected else (id, None)
-        return platform.node(), found, function(piece)
+        function, piece = cloudpickle.loads(call) if versions == expected else (id, None)
+        return platform.node(), versions, function(piece)
 
     expected = environment()
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -149,10 +149,15 @@ def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
         for future in futures:
             future.add_done_callback(ended.put)
         for _ in calls:
-            machine, found, result = _next(ended, client, address)
-            if found != expected:
+            machine, versions, result = _next(ended, client, address)
+            if versions != expected:
+                others = ", ".join(
+                    f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
+                    for name in expected | versions
+                    if versions.get(name) != expected.get(name)
+                )
                 raise SettingsError(
-                    f"A worker on {machine} has other code: {_difference(found, expected)}; "
+                    f"A worker on {machine} has other code: {others}; "
                     "install the same versions on all machines of the cluster."
                 )
             yield result
@@ -178,11 +183,3 @@ def _next(ended: "queue.SimpleQueue[Any]", client: Any, address: str) -> tuple[A
             f"The Dask scheduler at {address} has ended or does not answer; start it again, and "
             "then the same command: what is finished is not run again."
         )
-
-
-def _difference(found: dict[str, str], expected: dict[str, str]) -> str:
-    names = [name for name in expected | found if found.get(name) != expected.get(name)]
-    return ", ".join(
-        f"{name} {found.get(name, 'missing')} (here {expected.get(name, 'missing')})"
-        for name in names
-    )

@@ -15,7 +15,7 @@ from meal_bayes.datasets import (
 )
 from meal_bayes.datasets.percept_file import domain_of
 from meal_bayes.datasets.sources import SOURCES
-from meal_bayes.domain import Domain, load_domain, unknown
+from meal_bayes.domain import load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.experiments.store import digest_of, fingerprint
 from meal_bayes.files import file_name
@@ -66,15 +66,19 @@ def percepts_for(
     path = table_path(dataset, perception, root=root)
     if path is None:
         return load_percepts(dataset)
-    if not _readable(path, domain):
-        own = dataset.endswith(".toml")
-        recordings = load_dataset(dataset, root=root) if own else load_dataset(domain.data)
-        (on_note or log.info)(
-            f"computing the {perception} percepts of {domain.name} from its recordings, once; "
-            f"kept in {path}"
-        )
-        table = build_percept_table(recordings, perception=perception, progress=on_progress)
-        save_percepts(table, path)
+    if path.is_file():
+        try:
+            return load_percepts(path, domain=domain)
+        except DataError as fault:
+            log.warning("%s; it is computed again", fault)
+    mine = dataset.endswith(".toml")
+    recordings = load_dataset(dataset, root=root) if mine else load_dataset(domain.data)
+    (on_note or log.info)(
+        f"computing the {perception} percepts of {domain.name} from its recordings, once; "
+        f"kept in {path}"
+    )
+    table = build_percept_table(recordings, perception=perception, progress=on_progress)
+    save_percepts(table, path)
     return load_percepts(path, domain=domain)
 
 
@@ -98,10 +102,20 @@ def table_path(
     It is named by the recordings and the domain, by the package and its perception's code.
     """
     if dataset.endswith(".npz"):
-        _check_table(dataset, perception, root)
+        if root is not None:
+            raise SettingsError(f"{dataset} is a percept table already; leave root out.")
+        method = ""
+        if perception != "default":  # the method comes first
+            method = load_percepts(dataset).provenance.get("perception", "").split(" ")[0]
+        if perception != "default" and f"={perception}," not in method:
+            raise SettingsError(
+                f"{dataset} is a percept table of another method; leave perception out, or make "
+                "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "
+                f"--perception {perception}`."
+            )
         return None
-    domain, own = load_domain(dataset), dataset.endswith(".toml")
-    if root is not None and not own:
+    domain, mine = load_domain(dataset), dataset.endswith(".toml")
+    if root is not None and not mine:
         raise SettingsError(
             f"The percepts of {dataset!r} need no folder of recordings; leave root out, or give "
             "the path of a domain of your own (TOML)."
@@ -109,7 +123,7 @@ def table_path(
     if domain.data in SOURCES and root is None:
         if perception == "default":
             return None
-    elif not own or root is None:
+    elif not mine or root is None:
         raise SettingsError(
             f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
             "folder of its CSV files, or a percept table (.npz)."
@@ -118,27 +132,3 @@ def table_path(
     name = f"{file_name(domain.data)}-{perception}-{package_version()}-{code}"
     print_of = fingerprint(dataset, None if root is None else str(root))[:12]
     return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
-
-
-def _check_table(dataset: str, perception: str, root: str | Path | None) -> None:
-    if root is not None:
-        raise SettingsError(f"{dataset} is a percept table already; leave root out.")
-    if perception != "default":
-        settings = load_percepts(dataset).provenance.get("perception", "")
-        if f"={perception}," not in settings.split(" ")[0]:  # the method comes first
-            raise SettingsError(
-                f"{dataset} is a percept table of another method; leave perception out, or make "
-                "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "
-                f"--perception {perception}`."
-            )
-
-
-def _readable(path: Path, domain: Domain) -> bool:
-    if not path.is_file():
-        return False
-    try:
-        load_percepts(path, domain=domain)
-    except DataError as fault:
-        log.warning("%s; it is computed again", fault)
-        return False
-    return True

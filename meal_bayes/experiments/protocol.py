@@ -26,26 +26,18 @@ def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
     held-out percepts. The choice is the protocol's; agents do not see these rates.
     """
     truth = table.labels
-    enough = (
-        np.atleast_1d(np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)))
-        >= 3 * _POSITIVES
-    )
+    enough = np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)) >= 3 * _POSITIVES
     if enough.sum() < count:
         raise SettingsError(
             f"Only {enough.sum()} attributes of {table.domain.name} have {3 * _POSITIVES} objects "
             f"with and without; {count} are asked."
         )
-    yes = (table.log_odds > 0).mean(axis=1)  # (O,E,P) fraction of recordings
-    recorded: NDArray[np.bool_] = np.asarray(~np.isnan(table.log_odds).any(axis=1))
+    recorded = ~np.isnan(table.log_odds).any(axis=1)
+    yes = np.where(recorded, (table.log_odds > 0).mean(axis=1), 0.5)  # (O,E,P) of recordings
     best = np.full(truth.shape[1], -1.0)
     for p in np.flatnonzero(enough):
-        rates = [
-            np.where(recorded[truth[:, p] == v, :, p], yes[truth[:, p] == v, :, p], 0.5).mean(
-                axis=0
-            )
-            for v in (0, 1)
-        ]
-        best[p] = (rates[1] - rates[0]).max()
+        false, true = (yes[truth[:, p] == value, :, p].mean(axis=0) for value in (0, 1))
+        best[p] = (true - false).max()
     chosen = np.sort(np.argsort(-best, kind="stable")[:count])
     return tuple(table.domain.attributes[p] for p in chosen)
 
@@ -55,11 +47,7 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     if attributes == dataset.domain.attributes:
         return dataset
     columns = dataset.domain.columns(attributes)
-    groups = {
-        name: members
-        for name, members in dataset.domain.groups.items()
-        if set(members) <= set(attributes)
-    }
+    groups = {k: v for k, v in dataset.domain.groups.items() if set(v) <= set(attributes)}
     synonyms = {a: b for a, b in dataset.domain.synonyms.items() if b in attributes}
     domain = replace(dataset.domain, attributes=attributes, groups=groups, synonyms=synonyms)
     return Dataset(domain, dataset.objects, dataset.features, dataset.labels[:, columns])
@@ -72,8 +60,8 @@ class Recordings:
 
     Attributes
     ----------
-    counts : (O,E) int array
-        Recordings of the data set.
+    counts : NDArray[np.int64]
+        (O,E) recordings of the data set.
     """
 
     def __init__(self, dataset: Dataset, rng: np.random.Generator) -> None:
@@ -103,10 +91,14 @@ class Protocol:
 
     Attributes
     ----------
-    dataset : recordings and labels.
-    split : objects for pretraining, training, tests.
-    attributes : N, asked at a time.
-    seed, repeat : name the random streams.
+    dataset : Dataset
+        Recordings and labels.
+    split : ObjectSplit
+        Objects for pretraining, training, tests.
+    attributes : int
+        N, asked at a time.
+    seed, repeat : int
+        Name the random streams.
     """
 
     dataset: Dataset
@@ -117,58 +109,51 @@ class Protocol:
 
     @classmethod
     def of(
-        cls,
-        dataset: Dataset,
-        *,
-        attributes: int,
-        seed: int,
-        repeat: int,
+        cls, dataset: Dataset, *, attributes: int, seed: int, repeat: int,
         shares: tuple[int, int, int] | tuple[tuple[str, ...], ...],
-    ) -> "Protocol":
+    ) -> "Protocol":  # fmt: skip
         """Split the objects; three of every attribute in each part, or as many as can be.
 
         Parameters
         ----------
-        shares : of the objects in each part, or their names.
+        shares : tuple[int, int, int] | tuple[tuple[str, ...], ...]
+            Of the objects in each part, or their names.
 
         Raises
         ------
-        SettingsError : shares that do not fit, an unknown object, or nothing to ask in training or
-            in tests.
+        SettingsError
+            Shares that do not fit, an unknown object, or nothing to ask in training or in tests.
         """
         if not 1 <= attributes <= len(dataset.domain.attributes):
             raise SettingsError(
                 f"attributes is {attributes}; {dataset.domain.name} has "
                 f"{len(dataset.domain.attributes)}, give a number from 1 to that."
             )
-        count, index = len(dataset.objects), {name: o for o, name in enumerate(dataset.objects)}
+        index = {name: o for o, name in enumerate(dataset.objects)}
         if not isinstance(shares[0], int):
             for name in itertools.chain.from_iterable(shares):
                 if name not in index:
                     raise SettingsError(unknown("object", name, dataset.objects))
             split = ObjectSplit(*(np.array([index[name] for name in part]) for part in shares))
-            return cls(dataset, split, attributes, seed, repeat)._checked()
-        ends = np.round(np.cumsum(shares) / sum(shares) * count).astype(int)
-        sizes = np.diff([0, *ends]).tolist()
-        fault: SettingsError | None = None
-        for minimum in range(_POSITIVES, -1, -1):
-            rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
-            try:
-                split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum)
-            except SettingsError as found:
-                fault = found
-            else:
-                return cls(dataset, split, attributes, seed, repeat)._checked()
-        raise fault or SettingsError("no split")
-
-    def _checked(self) -> "Protocol":
-        for name, part in (("train", self.split.train), ("test", self.split.test)):
-            if not self._pairs(part):
+        else:
+            ends = np.round(np.cumsum(shares) / sum(shares) * len(index)).astype(int)
+            sizes = np.diff([0, *ends]).tolist()
+            for minimum in range(_POSITIVES, -1, -1):
+                rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
+                try:
+                    split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum)
+                    break
+                except SettingsError:
+                    if minimum == 0:
+                        raise
+        protocol = cls(dataset, split, attributes, seed, repeat)
+        for name, part in (("train", split.train), ("test", split.test)):
+            if not protocol._pairs(part):
                 raise SettingsError(
-                    f"Of no object of the {name} part are {self.attributes} attributes known; "
+                    f"Of no object of the {name} part are {attributes} attributes known; "
                     "add labels, or ask fewer at a time."
                 )
-        return self
+        return protocol
 
     def pretraining(self) -> Dataset:
         """Return recording 1 of each behavior, and all labels, of the objects known before."""
@@ -206,16 +191,7 @@ class Protocol:
         ]
 
     def _task(self, part: str, batch: int, index: int, pair: tuple[int, tuple[str, ...]]) -> Task:
-        o, attributes = pair
+        (o, attributes), data = pair, self.dataset.domain.data
         name = self.dataset.objects[o]
-        key: tuple[str | int, ...] = (
-            self.dataset.domain.data,
-            part,
-            self.repeat,
-            batch,
-            index,
-            name,
-            *attributes,
-        )
-        title = f"{part} {batch:02d} {index:03d} {name}"
-        return Task(title, Query(attributes), o, name, key)
+        key: tuple[str | int, ...] = (data, part, self.repeat, batch, index, name, *attributes)
+        return Task(f"{part} {batch:02d} {index:03d} {name}", Query(attributes), o, name, key)

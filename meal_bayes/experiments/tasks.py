@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
@@ -35,7 +34,8 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
 
     Raises
     ------
-    SettingsError : more attributes than can be asked or than any object has labels of, no trials.
+    SettingsError
+        More attributes than can be asked or than any object has labels of, no trials.
     """
     names = askable(table)
     if not 1 <= n_attributes <= len(names):
@@ -53,31 +53,23 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
             "of those that can be asked; ask fewer, or label more."
         )
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
-    groups = list(table.domain.groups.values())
+    groups, objects = list(table.domain.groups.values()), range(len(table.objects))
+    count = len(objects) * math.comb(len(names), n_attributes)
     if groups and n_attributes <= len(groups):
         pairs = _grouped(table, groups, n_attributes, rng)
+    elif count > _LISTED:
+        pairs = _draws(len(objects), names, n_attributes, count, rng)
     else:
-        pairs = _uniform(table, names, n_attributes, rng)
-    return [_task(table, index, pair) for index, pair in enumerate(itertools.islice(pairs, trials))]
-
-
-def _task(table: PerceptTable, index: int, pair: _Pair) -> Task:
-    held_out, attributes = pair
-    name = table.objects[held_out]
-    key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
-    return Task(f"{index:05d} {name}", Query(attributes), held_out, name, key)
-
-
-def _uniform(
-    table: PerceptTable, names: tuple[str, ...], n: int, rng: np.random.Generator
-) -> Iterator[_Pair]:
-    objects = range(len(table.objects))
+        queries = itertools.combinations(names, n_attributes)
+        pairs = _rounds(list(itertools.product(objects, queries)), rng)
     known = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
-    pairs = len(objects) * math.comb(len(names), n)
-    if pairs > _LISTED:
-        return _labelled(_draws(len(objects), names, n, pairs, rng), known)
-    listed = list(itertools.product(objects, itertools.combinations(names, n)))
-    return _labelled(_rounds(listed, rng), known)
+    labelled_pairs = (pair for pair in pairs if all(known[name][pair[0]] for name in pair[1]))
+    tasks = []
+    for index, (o, attributes) in enumerate(itertools.islice(labelled_pairs, trials)):
+        name = table.objects[o]
+        key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
+        tasks.append(Task(f"{index:05d} {name}", Query(attributes), o, name, key))
+    return tasks
 
 
 def _draws(
@@ -96,30 +88,25 @@ def _draws(
             drawn.clear()
 
 
-def _labelled(pairs: Iterator[_Pair], known: dict[str, NDArray[np.bool_]]) -> Iterator[_Pair]:
-    return (pair for pair in pairs if all(known[name][pair[0]] for name in pair[1]))
-
-
 def _grouped(
     table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
 ) -> Iterator[_Pair]:
     """Yield queries that describe the object and queries that do not, in turn (ROC36)."""
-    own: list[_Pair] = []
-    other: list[_Pair] = []
+    true, false = list[_Pair](), list[_Pair]()
     labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
-    for held_out in range(len(table.objects)):
+    for o in range(len(table.objects)):
         for chosen in itertools.combinations(groups, n):
             for attributes in itertools.product(*chosen):
-                values = [int(labels[name][held_out]) for name in attributes]
+                values = [int(labels[name][o]) for name in attributes]
                 if min(values) >= 0:
-                    (own if all(values) else other).append((held_out, attributes))
-    if not own and not other:
+                    (true if all(values) else false).append((o, attributes))
+    if not true and not false:
         raise SettingsError(
             f"No object has labels of an attribute of each of {n} groups; label more."
         )
-    if not own or not other:
-        return _rounds(own + other, rng)
-    both = zip(_rounds(own, rng), _rounds(other, rng), strict=True)
+    if not true or not false:
+        return _rounds(true + false, rng)
+    both = zip(_rounds(true, rng), _rounds(false, rng), strict=True)
     return itertools.chain.from_iterable(both)
 
 

@@ -45,16 +45,16 @@ def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
     data : str
         The data set's name.
     """
-    found = []
+    memory = []
     for path in sorted(Path(folder).glob(_NAMES)):
         try:
             header = read_header(path)
             facts = header.get("labels")
             if isinstance(facts, dict) and header.get("data") == data:
-                found.append(_labels(facts, path))
+                memory.append(_labels(facts, path))
         except LogError as fault:
             log.warning("left out of the memory: %s (move the file away to silence this)", fault)
-    return sorted(found, key=lambda labels: labels.number)
+    return sorted(memory, key=lambda labels: labels.number)
 
 
 def forget(memory: Sequence[ObjectLabels]) -> int:
@@ -86,8 +86,8 @@ def _labels(facts: Mapping[str, object], path: Path) -> ObjectLabels:
 
 def _rewrite(path: Path, facts: Mapping[str, object]) -> None:
     """Write a log anew with other labels in its header; of a torn one its whole trials."""
-    kept = {k: v for k, v in read_header(path).items() if k not in ("labels", "versions")}
+    header = {k: v for k, v in read_header(path).items() if k not in ("labels", "versions")}
     trials = list(salvage(path))
     if not trials:
         raise LogCorruptError(f"{path} holds no whole trial")
-    write_trials(path, trials, header={**kept, **facts}, seconds=read_seconds(path))
+    write_trials(path, trials, header={**header, **facts}, seconds=read_seconds(path))
