@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,26 +11,25 @@ from mcap.records import DataEnd
 from meal_bayes.errors import LogError, LogVersionError
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.logs import outcome_digests, run_digest
 from meal_bayes.trial_log.names import log_files, stem_of
 from meal_bayes.trial_log.schema import FULL, SUFFIX
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials import Trial
 
 
 class Follower:
     """Follows a file, or every file of a folder, from its beginning on.
 
     `poll` yields what has been flushed since the last call. A file that gets its final name while
-    it is read stays open, so nothing of it is missed or read twice; a trial that several files
-    hold is yielded once. A damaged file is noted in `problems` and followed no further; a compact
-    log, which holds no steps, is passed over.
+    it is read stays open, so nothing of it is missed or read twice; what an earlier draft of a log
+    held is not yielded again. A damaged file is noted in `problems` and followed no further; a
+    compact log, which holds no steps, is passed over.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.problems: list[str] = []
         self._tails: dict[tuple[int, int], _Tail] = {}  # by device and inode, whatever its name
-        self._seen: dict[bytes, _Tail] = {}  # where each trial was first
+        self._yielded = Counter[Path]()  # trials of each log
 
     @property
     def header(self) -> dict[str, object] | None:
@@ -56,9 +56,8 @@ class Follower:
         for tail in self._tails.values():
             try:
                 for trial in tail.poll():
-                    ((_, content),) = outcome_digests(TrialOutcomes.of([trial]))
-                    identity = run_digest(tail.builder.header or {}) + content
-                    if self._seen.setdefault(identity, tail) is tail:
+                    if tail.builder.read.trials > self._yielded[tail.name]:
+                        self._yielded[tail.name] += 1
                         yield trial
             except LogVersionError as fault:
                 tail.file.close()

@@ -1,18 +1,15 @@
 """The logs of a run, read as far as they can be: what a viewer or a report wants."""
 
 import contextlib
-import hashlib
+import filecmp
 import json
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.trial_log.names import log_files
+from meal_bayes.trial_log.names import log_files, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, without_steps
 from meal_bayes.trial_log.schema import ACTIVE
 from meal_bayes.trials import Trial, TrialOutcomes
@@ -27,7 +24,7 @@ class Group(NamedTuple):
 
     header: dict[str, object]
     file: Path
-    places: tuple[int, ...]  # of each trial in the file
+    places: Sequence[int]  # of each trial in the file
     outcomes: TrialOutcomes
     trials: tuple[Trial, ...]  # none of a compact log
 
@@ -35,7 +32,7 @@ class Group(NamedTuple):
 class Logs:
     """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
-    A trial that several files hold, such as a draft and a later run of the same unit, is read once.
+    A unit that several files hold, such as a draft and a later run of it, is read once.
 
     Parameters
     ----------
@@ -76,10 +73,16 @@ class Logs:
         LogVersionError
             A file of another format version.
         """
-        self._check_data_sets()
-        seen: dict[bytes, tuple[bytes, Path]] = {}
-        for file, header in zip(self.files, self._headers, strict=True):
-            yield from self._read(file, header, seen)
+        for file, header in self._distinct():
+            scan = Scan(file, tolerant=True)
+            for place, outcomes, trials in grouped(scan):
+                places = range(place, place + len(outcomes))
+                yield Group(header, file, places, outcomes, trials)
+            if file.name.endswith(ACTIVE):
+                why = f" ({scan.problems[0]})" if scan.problems else ""
+                self.problems.append(f"{file} was not finished by its writer{why}")
+            else:
+                self.problems += [f"{file}: {problem}" for problem in scan.problems]
 
     def trials(self) -> Iterator[Trial]:
         """Yield the trials of all files; compact logs, which hold no steps, are noted.
@@ -114,79 +117,30 @@ class Logs:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
         raise LogError(f"{self.files[0]} holds no trial yet.")
 
-    def _check_data_sets(self) -> None:
-        """Check that the files are of one data set, as objects are known by their numbers."""
-        first: dict[str, Path] = {}
+    def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
+        """Return the files but for copies; check that they are of one data set, and of one run."""
+        first, units = dict[str, Path](), dict[tuple[str, str, str], Path]()
+        files = []
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")
+            if isinstance(config, dict):
+                settings = {name: value for name, value in header.items() if name not in _LATER}
+                settings["config"] = {k: v for k, v in config.items() if k not in _APART}
+                text = json.dumps(settings, sort_keys=True, default=str)
+                other = units.setdefault((text, file.parent.name, stem_of(file)), file)
+                if other is not file:
+                    if filecmp.cmp(file, other, shallow=False):
+                        continue
+                    raise LogError(
+                        f"{other} and {file} hold different trials under equal settings, as other "
+                        "code or other recordings make them; name the logs of one run."
+                    )
+            files.append((file, header))
             name = config.get("dataset") if isinstance(config, dict) else None
-            name = name or header.get("data")
+            name = name or header.get("data")  # objects are known by their numbers in it
             if isinstance(name, str):
                 first.setdefault(name, file)
         if len(first) > 1:
             named = ", ".join(f"{name} (such as {file})" for name, file in first.items())
             raise LogError(f"These logs are of {len(first)} data sets: {named}; name one's logs.")
-
-    def _read(
-        self, file: Path, header: dict[str, object], seen: dict[bytes, tuple[bytes, Path]]
-    ) -> Iterator[Group]:
-        """Read a file's trials that no file before has."""
-        scan, run = Scan(file, tolerant=True), run_digest(header)
-        settled = "config" in header  # then equal tasks make equal trials
-        times = Counter[bytes]()  # a file may hold equal trials, which are different ones
-        for place, outcomes, trials in grouped(scan):
-            new = list[int]()
-            for row, (task, content) in enumerate(outcome_digests(outcomes)):
-                identity = run + (task if settled else content)
-                times[identity] += 1
-                identity += str(times[identity]).encode()
-                held = seen.setdefault(identity, (content, file))
-                if held[0] != content:
-                    raise LogError(
-                        f"{held[1]} and {file} hold different trials of one task under equal "
-                        "settings, as other code or other recordings make them; name the logs of "
-                        "one run."
-                    )
-                if held[1] is file:
-                    new.append(row)
-            if new:
-                unseen = outcomes.rows(new) if len(new) < len(outcomes) else outcomes
-                places = tuple(place + row for row in new)
-                yield Group(header, file, places, unseen, tuple(trials[i] for i in new if trials))
-        if file.name.endswith(ACTIVE):
-            why = f" ({scan.problems[0]})" if scan.problems else ""
-            self.problems.append(f"{file} was not finished by its writer{why}")
-        else:
-            self.problems += [f"{file}: {problem}" for problem in scan.problems]
-
-
-def outcome_digests(outcomes: TrialOutcomes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield digests of each trial's task and of what came of it, whatever file it is in."""
-    numbers = np.column_stack(
-        [outcomes.positive, outcomes.cost, outcomes.reward, outcomes.steps, outcomes.truth,
-         outcomes.report]
-    )  # fmt: skip
-    asked = outcomes.attribute != ""
-    single = np.ones((len(outcomes), 3), np.bool_)
-    kept = np.column_stack([asked, single, asked, asked])
-    names = (outcomes.agent, outcomes.key, outcomes.object_name, outcomes.ended, outcomes.attribute)
-    texts = zip(*(column.tolist() for column in names), strict=True)
-    for values, mask, (agent, key, name, ended, asked_names) in zip(
-        numbers, kept, texts, strict=True
-    ):
-        task = f"{agent}\0{key}"
-        content = "\0".join([task, name, ended, *filter(None, asked_names)])
-        yield _digest(task.encode()), _digest(content.encode() + values[mask].tobytes())
-
-
-def _digest(content: bytes) -> bytes:
-    return hashlib.blake2b(content, digest_size=16).digest()
-
-
-def run_digest(header: dict[str, object]) -> bytes:
-    """Compute a digest of the run's settings and of the log's place in it."""
-    settings = {name: value for name, value in header.items() if name not in _LATER}
-    if isinstance(config := settings.get("config"), dict):
-        settings["config"] = {name: value for name, value in config.items() if name not in _APART}
-    text = json.dumps(settings, sort_keys=True, default=str)
-    return _digest(text.encode())
+        return files

@@ -65,8 +65,8 @@ def remove_drafts(path: Path) -> None:
 def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all of a folder in order of their names.
 
-    A file that is still being written is among them, under the name it has. A recovered file is
-    left out where what it was recovered from is there.
+    A log that is not whole yet is there by its largest draft, under the name it has, or else by
+    what was recovered from one.
 
     Raises
     ------
@@ -79,20 +79,18 @@ def log_files(path: str | Path) -> list[Path]:
             if file.is_file():
                 return [file]
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
-    logs = [
-        file
-        for file in sorted(path.rglob("*"))
-        if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file()
-    ]
-    if not logs:
+    best = dict[Path, tuple[tuple[int, int], Path]]()  # of each log
+    for file in path.rglob(f"*{SUFFIX}*"):
+        if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file():
+            recovered = file.name.endswith(_RECOVERED + SUFFIX)
+            kind = 0 if recovered else 1 if file.name.endswith(ACTIVE) else 2
+            with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
+                rank = (kind, file.stat().st_size), file
+                log = file.with_name(stem_of(file))
+                best[log] = max(best.get(log, rank), rank)
+    if not best:
         raise LogError(f"{path} holds no log (*{SUFFIX}).")
-    recovered = {file for file in logs if file.name.endswith(_RECOVERED + SUFFIX)}
-    sources = {file.with_name(stem_of(file)) for file in logs if file not in recovered}
-    return [
-        file
-        for file in logs
-        if file not in recovered or file.with_name(stem_of(file)) not in sources
-    ]
+    return sorted(file for _, file in best.values())
 
 
 def _bare(path: Path) -> str:

@@ -30,7 +30,7 @@ def test_the_logs_of_a_folder_in_order(make, tmp_path):
         (problem,) = found.problems
         assert "not finished by its writer" in problem
     groups = Logs(tmp_path / "run").groups()
-    found = [(group.header["unit"], group.places) for group in groups]
+    found = [(group.header["unit"], tuple(group.places)) for group in groups]
     assert found == [(0, (0, 1)), (1, (0, 1)), (2, (0, 1))]
 
 

@@ -41,24 +41,26 @@ def killed(make, tmp_path):
 
 def test_recovered_and_unfinished_files_do_not_count_twice(killed, make):
     folder, draft, saved, trials = killed
-    assert saved not in log_files(folder)
-    for remove in ((), (draft,), (saved,)):
-        for file in remove:
-            file.unlink()
-        assert all(map(make.equal, Logs(folder).trials(), trials))
-        assert len(list(Logs(folder).trials())) == len(trials)
-    assert log_files(folder) == [folder / "unit-0000.mcap"]
-    assert len(list(Logs(folder, folder).trials())) == len(trials)
-    (folder / "unit-0000.mcap").rename(folder / "unit-0000.recovered.mcap")  # all there is
-    assert len(list(Logs(folder).trials())) == len(trials)
+    whole = folder / "unit-0000.mcap"
+    smaller = torn(whole, trials[:2])
+    for best, count in ((whole, 6), (draft, 4), (smaller, 2), (saved, 4)):
+        assert log_files(folder) == [best]
+        for logs in (Logs(folder), Logs(folder, folder)):
+            found = list(logs.trials())
+            assert all(map(make.equal, found, trials))
+            assert len(found) == count
+        best.unlink()
 
 
 def test_a_follower_gives_each_trial_once(killed, make):
-    folder, draft, _, trials = killed
+    folder, draft, saved, trials = killed
+    for file in (saved, folder / "unit-0000.mcap"):
+        file.unlink()
     follower = Follower(folder)
-    seen = list(follower.poll())
-    assert len(seen) == len(trials)
+    assert len(list(follower.poll())) == 4
     assert not follower.finished  # for all it knows, the draft goes on
+    write_trials(folder / "unit-0000.mcap", trials, header=CONFIG)
+    assert all(map(make.equal, follower.poll(), trials[4:]))
     draft.unlink()
     assert list(follower.poll()) == []
     assert follower.finished
@@ -72,10 +74,13 @@ def test_equal_trials_of_one_file_are_different_trials(make, tmp_path):
 
 
 @pytest.mark.parametrize(("entry", "trials"), [("seed", 6), ("agents", 3)])
-def test_settings_tell_trials_apart_but_not_the_agents_of_a_run(make, tmp_path, entry, trials):
+def test_settings_tell_units_apart_but_not_the_agents_of_a_run(make, tmp_path, entry, trials):
     for value in (1, 2):
         header = {"config": {**CONFIG["config"], entry: value}}
-        write_trials(tmp_path / f"{value}.mcap", make.trials(3), header=header)
+        path = tmp_path / str(value) / "bayes" / "unit.mcap"
+        write_trials(path, make.trials(3), header=header)
+    if entry == "agents":  # a copy, but for who else was in the run
+        path.write_bytes((tmp_path / "1" / "bayes" / "unit.mcap").read_bytes())
     assert len(list(Logs(tmp_path).trials())) == trials
 
 
@@ -93,8 +98,8 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
     (trial,) = make.trials(1)
     other = dataclasses.replace(trial, truth=1 - trial.truth)
     for name, one in (("old", trial), ("new", other)):
-        write_trials(tmp_path / name / "unit.mcap", [one], header=CONFIG)
-    with pytest.raises(LogError, match="different trials of one task under equal settings"):
+        write_trials(tmp_path / name / "bayes" / "unit.mcap", [one], header=CONFIG)
+    with pytest.raises(LogError, match="different trials under equal settings"):
         list(Logs(tmp_path).trials())
 
 

@@ -129,13 +129,6 @@ class TestCompactLogs:
         assert info.trials == 21 * len(trials)
         assert "holds no steps" in (tmp_path / "r.html").read_text()
 
-    def test_a_file_that_is_named_twice_counts_once(self, compact, outcomes):
-        copy = compact.with_name("b.mcap")
-        copy.write_bytes(compact.read_bytes())
-        groups = list(Logs(compact, copy).groups())
-        assert sum(len(group.outcomes) for group in groups) == 20 * len(outcomes)
-        assert {group.file for group in groups} == {compact}
-
 
 def test_messages_that_contradict_themselves_are_refused(outcomes):
     data = encode_outcomes(outcomes, 0)
