@@ -253,32 +253,28 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     if not all(0 < count <= schema.NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
-    classes = _array(message.latent_classes, (n, 2, -1))
     of_group = list(message.group) or [0] * n
     if len(of_group) != n:
         raise LogCorruptError(f"a MOMDP has {len(of_group)} group numbers, expected {n}")
     groups = tuple(
         tuple(i for i in range(n) if of_group[i] == number) for number in sorted({*of_group} - {0})
     )
+    classes = len(message.latent_classes) // (2 * n)
+    size = {"n": n, "e": e, "x": x, "c": classes, "k": -1, "2": 2}
+    arrays: dict[str, Any] = {
+        name: _array(
+            getattr(message, name),
+            [size[axis] for axis in axes],
+            np.bool_ if name == "legal" else np.float64,
+        )
+        for name, axes in schema.MOMDP_ARRAYS.items()
+    }
     momdp = MOMDP(
         query=Query(tuple(message.attributes), groups),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
-        start=message.start,
-        transition=_array(message.transition, (e, x, x)),
-        observation_probability=_array(message.observation_probability, (e, x, x)),
-        legal=_array(message.legal, (x, e), np.bool_),
-        confusion=_array(message.confusion, (n, e, classes.shape[2], -1)),
-        precision=_array(message.precision, (n, e, classes.shape[2])),
-        prior=_array(message.prior, (n,)),
-        cost=_array(message.cost, (e,)),
-        correct=message.correct,
-        incorrect=message.incorrect,
-        bonus=_array(message.bonus, (n, e, 2)),
-        limit=_array(message.limit, (e,)),
-        latent_classes=classes,
-        discount=message.discount,
-        abstain=message.abstain,
+        **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
+        **arrays,
     )
     return momdp, counts
 

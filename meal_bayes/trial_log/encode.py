@@ -22,10 +22,6 @@ from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
 _SHOWN = 6  # attributes in a line of text
 _INFO, _WARNING = 2, 3  # levels of foxglove.Log
-_ARRAYS = (  # of a MOMDP, by the same names in the log
-    "transition", "observation_probability", "legal", "confusion", "precision", "prior",
-    "latent_classes", "cost", "bonus", "limit",
-)  # fmt: skip
 
 
 class Packed(NamedTuple):
@@ -60,14 +56,10 @@ def encode_momdp(trial: Trial) -> bytes:
             attributes=query.attributes,
             x_names=momdp.x_names,
             behavior_names=momdp.behavior_names,
-            start=momdp.start,
-            correct=momdp.correct,
-            incorrect=momdp.incorrect,
-            discount=momdp.discount,
-            abstain=momdp.abstain,
             row_counts=_values(trial.counts),
             group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
-            **{name: _values(getattr(momdp, name)) for name in _ARRAYS},
+            **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
+            **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
         )
     )
 

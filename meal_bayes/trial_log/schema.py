@@ -69,6 +69,13 @@ _FIELDS = {
         "executed:int64* failed:int64*"
     ),
 }
+# Fields of a MOMDP that have its own names; axes of arrays are as in `MOMDP`.
+MOMDP_ARRAYS = {
+    "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
+    "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
+    "limit": "e",
+}  # fmt: skip
+MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")
 _LOG = "timestamp:time level:level message:string name:string file:string line:fixed32"
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
 _TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
@@ -102,17 +109,12 @@ def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescrip
     return file
 
 
-def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
-    file = descriptor_pb2.FileDescriptorProto()
-    file.ParseFromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
-    return file
-
-
+_TIMESTAMP = descriptor_pb2.FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
 _FILES = {name: _file_of("meal_bayes", name, fields) for name, fields in _FIELDS.items()}
 _LOG_FILE = _file_of("foxglove", "Log", _LOG)
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_timestamp_file(), _LOG_FILE, *_FILES.values()):
+for _file in (_TIMESTAMP, _LOG_FILE, *_FILES.values()):
     _POOL.Add(_file)
 
 
@@ -132,11 +134,11 @@ LogMessage = _message_class("foxglove.Log")
 def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
     """Yield topic, schema name and schema data of a form's channels, in the order of their ids."""
     for topic, name in (_TOPICS if form == FULL else _COMPACT_TOPICS).items():
-        own = descriptor_pb2.FileDescriptorSet(file=[_FILES[name]])
-        yield topic, f"meal_bayes.{name}", own.SerializeToString()
+        files = descriptor_pb2.FileDescriptorSet(file=[_FILES[name]])
+        yield topic, f"meal_bayes.{name}", files.SerializeToString()
     if form == FULL:
-        both = descriptor_pb2.FileDescriptorSet(file=[_timestamp_file(), _LOG_FILE])
-        yield LINES, "foxglove.Log", both.SerializeToString()
+        files = descriptor_pb2.FileDescriptorSet(file=[_TIMESTAMP, _LOG_FILE])
+        yield LINES, "foxglove.Log", files.SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:
