@@ -147,10 +147,9 @@ def test_ask_tells_what_is_wrong(change, kind, found):
         meal_bayes.ask(**{"question": "heavy", **QUESTION, **change})
 
 
-# Not yet: posterior.
 TYPED = {"agents", "archive", "arrays", "cache", "cli", "datasets", "display", "domain",
          "evaluation", "experiments", "files", "gym", "learner", "momdp", "perception", "planners",
-         "processes", "robots", "seeds", "trial_log", "trials", "untrusted",
+         "posterior", "processes", "robots", "seeds", "trial_log", "trials", "untrusted",
          "viewer"}  # fmt: skip
 
 

@@ -19,9 +19,10 @@ class Prediction(NamedTuple):
 
     Attributes
     ----------
-    observed : (2,n+1) cases (object, attribute, behavior) by truth and number of yes.
-    predicted : (S,2,n+1) replicates.
-    p_values : (2,) fraction of replicates whose numbers of yes vary at least as much.
+    observed, predicted : NDArray[np.int64]
+        (2,n+1) cases (object, attribute, behavior) by truth and number of yes; (S,2,n+1).
+    p_values : NDArray[np.float64]
+        (2,) fraction of replicates whose numbers of yes vary at least as much.
     """
 
     observed: NDArray[np.int64]
@@ -32,10 +33,8 @@ class Prediction(NamedTuple):
 class Beliefs(NamedTuple):
     """Pr(true) of each object's attributes, learned without the object, beside their truth.
 
-    Attributes
-    ----------
-    each, each_truth : (n,) after all recordings of one behavior, for every behavior.
-    together, together_truth : (m,) after all recordings of all behaviors.
+    `each` (n,) is after all recordings of one behavior, for every behavior; `together` (m,) after
+    all recordings of all behaviors.
     """
 
     each: Array
@@ -49,22 +48,18 @@ def predictive_check(
 ) -> Prediction:
     """Compare the numbers of "yes" of each object with those predicted of new objects.
 
-    Pairs with Youden's J <= 0 are left out.
-
-    Parameters
-    ----------
-    counts : (O,P,E',2,K), which the draws come from.
-    size : replicates.
+    The draws come from counts (O,P,E',2,K); `size` replicates are drawn. Pairs with Youden's J <= 0
+    are left out.
     """
     array = np.asarray(counts)
-    kept = array[:, :, sensing(array)]
-    number = kept.sum(axis=-1)
+    sensed = array[:, :, sensing(array)]
+    number = sensed.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())
-    positive = youden(kept.sum(axis=0).astype(float)) > 0  # (P,E)
+    positive = youden(sensed.sum(axis=0).astype(float)) > 0  # (P,E)
     full = (number == n) & positive[..., None]  # (O,P,E,2)
-    replicated = replicate(draws, array, rng, size=size)
-    observed, variance = _yes(kept, full, n)
-    predicted, variances = zip(*(_yes(one, full, n) for one in replicated), strict=True)
+    replicates = replicate(draws, array, rng, size=size)
+    observed, variance = _yes(sensed, full, n)
+    predicted, variances = zip(*(_yes(percepts, full, n) for percepts in replicates), strict=True)
     p_values = (np.array(variances) >= variance).mean(axis=0)
     return Prediction(observed, np.stack(predicted), p_values)
 
@@ -87,17 +82,12 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
     the posterior, up to the error of importance sampling: it is largest for objects that surprise a
     small data set. The prior is the base rate of the others. Pairs with Youden's J <= 0 are left
-    out.
-
-    Parameters
-    ----------
-    counts : (O,P,E',2,K), which the draws come from.
-    size : draws used, taken evenly.
+    out. Of the draws, which come from counts (O,P,E',2,K), `size` are taken evenly.
     """
     array = np.asarray(counts)
-    kept = array[:, :, sensing(array)]
-    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
-    shown = kept.sum(axis=3).astype(float)  # (O,P,E,K)
+    sensed = array[:, :, sensing(array)]
+    by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
+    shown = sensed.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s, epsilon = rows_of(draws)
     shown[:, youden(mean.mean(axis=0)) <= 0] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
@@ -108,10 +98,10 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     truth, odds = by_truth[..., 1], np.log(others[..., 1] / others[..., 0])
     known = np.asarray(by_truth.any(axis=-1))  # (O,P)
     seen = known[..., None] & (shown.sum(axis=-1) > 0)  # (O,P,E)
-    own = np.broadcast_to(truth[..., None], seen.shape)
+    truths = np.broadcast_to(truth[..., None], seen.shape)
     together = odds + _log_ratio(each.sum(axis=-1), truth, epsilon[picked])
-    single = odds[..., None] + _log_ratio(each, own, epsilon[picked])
-    return Beliefs(expit(single[seen]), own[seen], expit(together[known]), truth[known])
+    single = odds[..., None] + _log_ratio(each, truths, epsilon[picked])
+    return Beliefs(expit(single[seen]), truths[seen], expit(together[known]), truth[known])
 
 
 def _log_ratio(scores: Array, truth: NDArray[np.bool_], epsilon: Array) -> Array:

@@ -45,11 +45,17 @@ class ConfusionPosterior:
 
     Attributes
     ----------
-    prior : (P,E,2,K) Dirichlet parameters before any percept.
-    counts : (P,E,2,K) percepts of labelled instances, as they were counted.
-    concentration : (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
-    dispersion : (P,E,2) s of the objects' rows, inf = all objects alike.
+    prior : NDArray[np.float64]
+        (P,E,2,K) Dirichlet parameters before any percept.
+    counts : NDArray[np.float64]
+        (P,E,2,K) percepts of labelled instances, as they were counted.
+    concentration : NDArray[np.float64]
+        (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
+    dispersion : NDArray[np.float64]
+        (P,E,2) s of the objects' rows, inf = all objects alike.
 
+    Examples
+    --------
     >>> ConfusionPosterior.from_counts([[[[8, 2], [1, 9]]]]).mean[0, 0].round(3).tolist()
     [[0.75, 0.25], [0.167, 0.833]]
     """
@@ -69,17 +75,17 @@ class ConfusionPosterior:
             raise SettingsError(
                 f"Confusion counts have shape {shape}; expected (attributes, behaviors, 2, levels)."
             )
-        found = (self.prior.shape, self.concentration.shape, self.dispersion.shape)
-        if found != (shape, shape, shape[:3]):
-            raise SettingsError(
-                f"prior, concentration, dispersion have shapes {found}; "
-                f"expected {shape}, {shape}, {shape[:3]}, as the counts have."
-            )
         if not (self.counts >= 0).all():
             raise SettingsError("Confusion counts must be numbers >= 0.")
-        for name in ("prior", "concentration", "dispersion"):
-            if not (getattr(self, name) > 0).all():
-                raise SettingsError(f"ConfusionPosterior.{name} must be above 0 everywhere.")
+        for name, expected in (
+            ("prior", shape), ("concentration", shape), ("dispersion", shape[:3])
+        ):  # fmt: skip
+            values = getattr(self, name)
+            if values.shape != expected or not (values > 0).all():
+                raise SettingsError(
+                    f"{name} must be above 0 and of shape {expected}, as the counts have; found "
+                    f"shape {values.shape}."
+                )
 
     @classmethod
     def from_counts(
@@ -89,13 +95,15 @@ class ConfusionPosterior:
 
         Parameters
         ----------
-        counts : (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
-        prior : total weight of a row's flat prior, or Dirichlet parameters (P,E,2,K).
+        counts : ArrayLike or ConfusionCounts
+            (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
+        prior : ArrayLike
+            Total weight of a row's flat prior, or Dirichlet parameters (P,E,2,K).
         """
         array = _array(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
-        before = _prior(prior, total.shape)
-        return cls(before, total, before + total, np.full(total.shape[:3], np.inf))
+        alpha = _prior(prior, total.shape)
+        return cls(alpha, total, alpha + total, np.full(total.shape[:3], np.inf))
 
     @classmethod
     def from_objects(
@@ -105,9 +113,11 @@ class ConfusionPosterior:
 
         Parameters
         ----------
-        counts : object by object, (O,P,E,2,K).
-        prior : as in `from_counts`; by default one for each behavior and truth, learned from what
-            its attributes have in common.
+        counts : ArrayLike or ConfusionCounts
+            Object by object, (O,P,E,2,K).
+        prior : ArrayLike, optional
+            As in `from_counts`; by default one for each behavior and truth, learned from what its
+            attributes have in common.
         """
         return cls.from_folds(_array(counts)[None], prior=prior)[0]
 
@@ -191,12 +201,15 @@ class ConfusionPosterior:
 
         Parameters
         ----------
-        before : (P,E,2,K) percepts of the object that have been counted; zeros for a new object.
-        after : (P,E,2,K) all its percepts.
+        before : ArrayLike
+            (P,E,2,K) percepts of the object that have been counted; zeros for a new object.
+        after : ArrayLike
+            (P,E,2,K) all its percepts.
 
         Raises
         ------
-        SettingsError : counts of another shape or below 0.
+        SettingsError
+            Counts of another shape or below 0.
         """
         old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
         for found in (old, new):
@@ -224,8 +237,10 @@ class ConfusionPosterior:
 
         Parameters
         ----------
-        columns : the queried attributes' positions among the P.
-        exact : treat the mean as known exactly (precision inf): the paper's Eq. 8.
+        columns : Sequence[int]
+            The queried attributes' positions among the P.
+        exact : bool
+            Treat the mean as known exactly (precision inf): the paper's Eq. 8.
         """
         picked = np.asarray(columns, dtype=np.intp)
         alpha, precision = self.concentration[picked], self.precision[picked]
@@ -244,6 +259,5 @@ def _array(counts: "ArrayLike | ConfusionCounts") -> NDArray[np.int64]:
 
 
 def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    given = np.asarray(prior, dtype=float)
-    rows = given / shape[-1] if given.ndim == 0 else given
-    return np.broadcast_to(rows, shape)
+    alpha = np.asarray(prior, dtype=float)
+    return np.broadcast_to(alpha if alpha.ndim else alpha / shape[-1], shape)

@@ -45,10 +45,14 @@ class DispersionFit(NamedTuple):
 
     Attributes
     ----------
-    prior : (...,P,E,2,K) Dirichlet parameters of m before any percept.
-    mean : (...,P,E,2,K) posterior mean of m.
-    dispersion : (...,P,E,2) s, the number that keeps the posterior mean of 1 / (s + 1).
-    weight : (...,P,E,2) A, prior weight + independent percepts that the data are worth.
+    prior : NDArray[np.float64]
+        (...,P,E,2,K) Dirichlet parameters of m before any percept.
+    mean : NDArray[np.float64]
+        (...,P,E,2,K) posterior mean of m.
+    dispersion : NDArray[np.float64]
+        (...,P,E,2) s, the number that keeps the posterior mean of 1 / (s + 1).
+    weight : NDArray[np.float64]
+        (...,P,E,2) A, prior weight + independent percepts that the data are worth.
     """
 
     prior: Array
@@ -58,16 +62,7 @@ class DispersionFit(NamedTuple):
 
 
 class GridPosterior(NamedTuple):
-    """The posterior of S rows on the grid.
-
-    Attributes
-    ----------
-    rows : their statistics.
-    alpha : (S,K) Dirichlet prior of m.
-    prob : (S,G) of each dispersion of the grid.
-    mean : (S,K) E m.
-    dispersion : (S,) s, the number that keeps the mean of 1 / (s + 1).
-    """
+    """The posterior of S rows on the grid: prior `alpha` (S,K), Pr(s) (S,G), E m (S,K) and s."""
 
     rows: RowStatistics
     alpha: Array
@@ -85,8 +80,10 @@ def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> Dispers
 
     Parameters
     ----------
-    counts : (...,O,P,E,2,K) percepts of each object.
-    prior : (P,E,2,K) Dirichlet parameters of m, or what broadcasts to it; learned by default.
+    counts : ArrayLike
+        (...,O,P,E,2,K) percepts of each object.
+    prior : ArrayLike, optional
+        (P,E,2,K) Dirichlet parameters of m, or what broadcasts to it; learned by default.
     """
     rows, alpha, _, mean, s = grid_posterior(counts, prior)
     *outer, _, p, e, truths, levels = np.shape(counts)

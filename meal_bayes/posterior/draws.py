@@ -39,15 +39,7 @@ def draws_of(
     dispersion: ArrayLike,
     misperception: ArrayLike | None = None,
 ) -> xr.Dataset:
-    """Name the dimensions of C chains of S draws.
-
-    Parameters
-    ----------
-    attributes, behaviors : names, (P,) and (E,).
-    mean : (C,S,P,E,2,K) m of each row.
-    dispersion : (C,S,P,E,2) s of each row.
-    misperception : (C,S) epsilon, where the model has one.
-    """
+    """Name the dimensions of C chains of S draws: m (C,S,P,E,2,K), s (C,S,P,E,2), epsilon (C,S)."""
     chains, size, *_, levels = np.shape(mean)
     dims = ("chain", "draw", *ROW)
     variables = {"mean": ((*dims, "level"), mean), "dispersion": (dims, dispersion)}
@@ -87,11 +79,9 @@ def draws_in(idata: Any) -> xr.Dataset:
     """
     try:
         posterior = idata["posterior"]
-        names = {
-            "truth": list(TRUTHS),
-            "level": list(level_names(posterior["mean"].sizes["level"])),
-        }
-        mean = posterior["mean"].transpose("chain", "draw", *ROW, "level").sel(names)
+        levels = list(level_names(posterior["mean"].sizes["level"]))
+        mean = posterior["mean"].transpose("chain", "draw", *ROW, "level")
+        mean = mean.sel(truth=list(TRUTHS), level=levels)
         along = {dim: mean[dim].values for dim in ROW}
         dispersion = posterior["dispersion"].transpose("chain", "draw", *ROW).sel(along)
     except (KeyError, ValueError, AttributeError, TypeError) as fault:
@@ -120,8 +110,7 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     predictive of a second percept equal to the first (s, as on the grid). Where a fraction
     epsilon of objects shows the other truth's row, it is mixed into the row.
     """
-    array = np.asarray(counts)
-    whole = ConfusionPosterior.from_objects(array)
+    whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
     unlike = (1 - (m**2).sum(axis=-1)) * s / (s + 1)  # two percepts of one object differ
     epsilon = misperceived[:, None, None, None]
@@ -130,7 +119,7 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     center, variance = mean.mean(axis=0), mean.var(axis=0).sum(axis=-1)
     weight = (1 - (center**2).sum(axis=-1)) / variance - 1
     ratio = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
-    columns = sensing(array)
+    columns = sensing(counts)
     concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
     concentration[:, columns] = weight[..., None] * center
     dispersion[:, columns] = ratio / (1 - ratio)
@@ -158,15 +147,15 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
             raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
     behaviors = [name for name in domain.behavior_names if name in sensors]
     try:
-        found = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+        percepts = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
     except KeyError as fault:
         raise DataError(f"The percept counts lack what was drawn: {fault}.") from None
-    if not ((found >= 0) & (found % 1 == 0)).all():
+    if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
-    shape = (len(found), len(domain.attributes), len(domain.behaviors), *found.shape[3:])
+    shape = (*percepts.shape[:2], len(domain.behaviors), *percepts.shape[3:])
     counts = np.zeros(shape, np.int64)
-    counts[:, :, [domain.behavior_index(name) for name in behaviors]] = found
-    shown = list(compress(behaviors, sensing(found)))
+    counts[:, :, [domain.behavior_index(name) for name in behaviors]] = percepts
+    shown = list(compress(behaviors, sensing(percepts)))
     return summarize_draws(draws.sel(attribute=list(domain.attributes), behavior=shown), counts)
 
 
@@ -185,10 +174,10 @@ def sensed(
             f"Counts have shape {array.shape}; expected (objects, {len(attributes)} attributes, "
             f"{len(behaviors)} behaviors, 2, levels)."
         )
-    keep = sensing(array)
-    if not keep.any():
+    senses = sensing(array)
+    if not senses.any():
         raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
-    return array[:, :, keep], tuple(attributes), tuple(compress(behaviors, keep))
+    return array[:, :, senses], tuple(attributes), tuple(compress(behaviors, senses))
 
 
 def draw_grid(
@@ -208,22 +197,30 @@ def draw_grid(
 
     Parameters
     ----------
-    counts : (O,P,E',2,K) percepts of each object.
-    prior : as in `fit_dispersion`.
+    counts : ArrayLike
+        (O,P,E',2,K) percepts of each object.
+    rng : np.random.Generator
+        Source of the draws.
+    attributes, behaviors : Sequence[str]
+        Their names, (P,) and (E',).
+    prior : ArrayLike, optional
+        As in `fit_dispersion`.
+    draws, chains : int
+        Draws of each chain, and chains.
     """
-    kept, names, sensors = sensed(counts, attributes, behaviors)
-    *row, levels = kept.shape[1:]
+    percepts, names, sensors = sensed(counts, attributes, behaviors)
+    *row, levels = percepts.shape[1:]
     size = draws * chains
-    rows, alpha, prob, *_ = grid_posterior(kept, prior)
+    rows, alpha, prob, *_ = grid_posterior(percepts, prior)
     mean, dispersion = np.empty((size, *alpha.shape)), np.empty((size, len(alpha)))
-    for r, each in enumerate(prob):
-        steps = rng.choice(len(DISPERSIONS), size=size, p=each)
+    for r, weights in enumerate(prob):
+        steps = rng.choice(len(DISPERSIONS), size=size, p=weights)
         dispersion[:, r] = DISPERSIONS[steps]
         if levels == 2:
             mean[:, r] = _two_levels(rows, alpha, r, steps, rng)
         else:
-            own = rows._replace(totals=rows.totals[r : r + 1])
-            mean[:, r] = draw_dirichlet(rng, alpha[r] + own.effective(dispersion[None, :, r])[0])
+            row_r = rows._replace(totals=rows.totals[r : r + 1])
+            mean[:, r] = draw_dirichlet(rng, alpha[r] + row_r.effective(dispersion[None, :, r])[0])
     shape = (chains, draws, *row)
     return draws_of(names, sensors, mean.reshape(*shape, levels), dispersion.reshape(shape))
 
@@ -244,9 +241,9 @@ def _two_levels(
         score = CubicSpline(t, score)(fine)
         density = np.exp(score - score.max())
         cdf = np.cumsum(density) - density / 2  # a point stands in the middle of its width
-        here = steps == g
-        at = np.interp(rng.random(here.sum()), cdf / density.sum(), log_odds)
-        mean[here] = expit(np.stack([-at, at], axis=-1))
+        draws = steps == g
+        m = np.interp(rng.random(draws.sum()), cdf / density.sum(), log_odds)
+        mean[draws] = expit(np.stack([-m, m], axis=-1))
     return mean
 
 
@@ -260,12 +257,11 @@ def draw_prior(
     """
     attributes, behaviors = (draws[dim].values.tolist() for dim in ROW[:2])
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
-    given, log_weight = hyperparameters()
-    hyper = rng.choice(
-        len(given), size=(size, 1, *alpha.shape[1:3]), p=softmax(log_weight)
-    )  # (S,1,E,2)
+    prob, log_weight = hyperparameters()
+    shape = size, 1, *alpha.shape[1:3]  # (S,1,E,2)
+    hyper = rng.choice(len(prob), size=shape, p=softmax(log_weight))
     place = rng.random((size, *alpha.shape[:3], 1))
-    steps = (place > given.cumsum(axis=1)[hyper]).sum(axis=-1)
+    steps = (place > prob.cumsum(axis=1)[hyper]).sum(axis=-1)
     dispersion = DISPERSIONS[np.minimum(steps, len(DISPERSIONS) - 1)]
     mean = draw_dirichlet(rng, np.broadcast_to(alpha, (size, *alpha.shape)))
     return draws_of(attributes, behaviors, mean[None], dispersion[None])
@@ -274,22 +270,16 @@ def draw_prior(
 def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
     """Compute the log prior density of each draw's rows, and of its dispersions (mu, tau summed).
 
-    Parameters
-    ----------
-    draws : of m and s.
-    prior : (P,E,2,K) Dirichlet parameters of m.
-
-    Returns
-    -------
-    `mean` (chain, draw, attribute, behavior, truth), `dispersion` (chain, draw, behavior, truth).
+    The prior is given by Dirichlet parameters (P,E,2,K) of m. Of `dispersion` attributes are
+    together: (chain, draw, behavior, truth).
     """
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
     mean = np.maximum(draws["mean"].values, _FLOOR)
     rows = ((alpha - 1) * np.log(mean)).sum(axis=-1)
     rows += gammaln(alpha.sum(axis=-1)) - gammaln(alpha).sum(axis=-1)
-    given, log_weight = hyperparameters()
+    prob, log_weight = hyperparameters()
     steps = np.abs(np.log(draws["dispersion"].values)[..., None] - np.log(DISPERSIONS)).argmin(-1)
-    by_hyper = np.log(given.T + _FLOOR)[steps].sum(axis=2) + log_softmax(log_weight)  # (C,S,E,2,Q)
+    by_hyper = np.log(prob.T + _FLOOR)[steps].sum(axis=2) + log_softmax(log_weight)  # (C,S,E,2,Q)
     dims = ("chain", "draw", *ROW)
     return xr.Dataset(
         {"mean": (dims, rows), "dispersion": ((*dims[:2], *ROW[1:]), logsumexp(by_hyper, axis=-1))},
@@ -302,27 +292,22 @@ def replicate(
 ) -> NDArray[np.int64]:
     """Draw percepts of new objects as many as were seen, (size,O,P,E,2,K).
 
-    Each replicate takes one draw of the rows, then an own row theta ~ Dirichlet(s m) for each
-    object, then its percepts; with a misperception, an object shows the other truth's row with
-    that probability, in all its behaviors alike.
-
-    Parameters
-    ----------
-    counts : (O,P,E',2,K), the percepts seen: how many there are, and of which truth.
-    size : replicates, taken evenly from the draws.
+    Each replicate takes one draw of the rows (evenly from all), then an own row
+    theta ~ Dirichlet(s m) for each object, then as many percepts as counts (O,P,E',2,K) hold of
+    each truth; with a misperception, an object shows the other truth's row with that probability,
+    in all its behaviors alike.
     """
     array = np.asarray(counts)
-    kept = array[:, :, sensing(array)]
-    number = kept.sum(axis=-1)  # (O,P,E,2)
+    percepts = array[:, :, sensing(array)]
+    number = percepts.sum(axis=-1)  # (O,P,E,2)
     mean, s, epsilon = rows_of(draws)
-    picked = np.linspace(0, len(mean) - 1, size).astype(int)
-    found = np.empty((size, *kept.shape), dtype=np.int64)
-    for n, index in enumerate(picked):
-        alpha = np.broadcast_to(s[index, ..., None] * mean[index], kept.shape)
-        swap = rng.random(kept.shape[:2]) < epsilon[index]
+    replicates = np.empty((size, *percepts.shape), dtype=np.int64)
+    for n, index in enumerate(np.linspace(0, len(mean) - 1, size).astype(int)):
+        alpha = np.broadcast_to(s[index, ..., None] * mean[index], percepts.shape)
+        swap = rng.random(percepts.shape[:2]) < epsilon[index]
         alpha = np.where(swap[:, :, None, None, None], alpha[..., ::-1, :], alpha)
-        found[n] = rng.multinomial(number, draw_dirichlet(rng, alpha))
-    return found
+        replicates[n] = rng.multinomial(number, draw_dirichlet(rng, alpha))
+    return replicates
 
 
 def draw_dirichlet(rng: np.random.Generator, alpha: Array) -> Array:

@@ -29,10 +29,14 @@ class RowStatistics(NamedTuple):
 
     Attributes
     ----------
-    tails : (S,K,I) #{o: c_ok > i}.
-    sums : (S,J) #{o: n_o > j}.
-    sizes : (U,) distinct n_o.
-    totals : (S,U,K) counts of the objects of each size.
+    tails : NDArray[np.float64]
+        (S,K,I) #{o: c_ok > i}.
+    sums : NDArray[np.float64]
+        (S,J) #{o: n_o > j}.
+    sizes : NDArray[np.float64]
+        (U,) distinct n_o.
+    totals : NDArray[np.float64]
+        (S,U,K) counts of the objects of each size.
     """
 
     tails: Array
@@ -45,10 +49,10 @@ class RowStatistics(NamedTuple):
         """Summarize the percepts of objects in each row, (S,O,K)."""
         n = counts.sum(axis=-1)  # (S,O)
         sizes = np.unique(n[n > 0])
-        totals = np.zeros((len(counts), len(sizes), counts.shape[-1]))
-        for u, size in enumerate(sizes):
-            totals[:, u] = (counts * (n == size)[..., None]).sum(axis=1)
-        return cls(_tails(counts), _tails(n[..., None])[:, 0], sizes.astype(float), totals)
+        of_size = (n[:, None] == sizes[:, None]).astype(float)  # (S,U,O)
+        return cls(
+            _tails(counts), _tails(n[..., None])[:, 0], sizes.astype(float), of_size @ counts
+        )
 
     @property
     def largest(self) -> float:
@@ -62,14 +66,7 @@ class RowStatistics(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """What the rows say at each of G dispersions, m integrated out.
-
-    Attributes
-    ----------
-    log_evidence : (S,G).
-    mean : (S,G,K) E m.
-    diversity : (S,G) E[1 - sum_k m_k^2].
-    """
+    """What S rows say at each of G dispersions: evidence, E m, and E[1 - sum_k m_k^2]."""
 
     log_evidence: Array
     mean: Array
@@ -146,19 +143,17 @@ def quadrature(largest: float) -> tuple[Array, Array]:
 def pool(log_evidence: Array, votes: NDArray[np.bool_]) -> Array:
     """Return the posterior over dispersions, (...,P,E,2,G), the attributes of a behavior pooled.
 
-    Parameters
-    ----------
-    log_evidence : (...,P,E,2,G).
-    votes : (...,P,E) whether a pair's rows inform about mu and tau.
+    Votes (...,P,E) tell whether a pair's rows inform about mu and tau.
     """
-    given, log_prior = hyperparameters()
-    given = given.astype(np.float32)
+    prior, log_weight = hyperparameters()
+    prior = prior.astype(np.float32)
     peak = log_evidence.max(axis=-1, keepdims=True)
-    own = np.exp(log_evidence - peak, dtype=np.float32)  # (...,P,E,2,G), in half the time
-    by_hyper = np.where(votes[..., None, None], np.maximum(own @ given.T, _TINY), 1.0)  # (...,Q)
-    hyper = np.log(by_hyper).sum(axis=-4, keepdims=True) + log_prior
+    evidence = np.exp(log_evidence - peak, dtype=np.float32)  # in half the time of double
+    by_hyper = np.maximum(evidence @ prior.T, _TINY)  # (...,P,E,2,Q)
+    by_hyper = np.where(votes[..., None, None], by_hyper, 1.0)
+    hyper = np.log(by_hyper).sum(axis=-4, keepdims=True) + log_weight
     hyper = np.exp(hyper - hyper.max(axis=-1, keepdims=True))
-    weight = own * ((hyper / by_hyper) @ given)
+    weight = evidence * ((hyper / by_hyper) @ prior)
     return np.asarray(weight / weight.sum(axis=-1, keepdims=True))
 
 
@@ -166,8 +161,8 @@ def hyperparameters() -> tuple[Array, Array]:
     """Return Pr(s | mu, tau) (Q,G) of every mu and tau, and ln of their prior (Q,) + a constant."""
     log_s = np.log(DISPERSIONS)
     mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
-    given = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)
-    return given / given.sum(axis=1, keepdims=True), -0.5 * taus**2
+    density = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)
+    return density / density.sum(axis=1, keepdims=True), -0.5 * taus**2
 
 
 def _tails(counts: NDArray[np.int64]) -> Array:

@@ -38,13 +38,12 @@ from meal_bayes.seeds import stream
 
 # PyTensor loads what lies in its compile folder, so that must be nobody else's; and it looks for
 # a BLAS, with a warning where there is none, that no model of ours needs.
-_FLAGS: dict[str, Callable[[], object]] = {
-    "base_compiledir": lambda: scratch_folder("pytensor"),
-    "blas__ldflags": str,
-}
-_given = os.environ.get("PYTENSOR_FLAGS", "")
-_added = [f"{name}={value()}" for name, value in _FLAGS.items() if name not in _given]
-os.environ["PYTENSOR_FLAGS"] = ",".join([_given, *_added] if _given else _added)
+_flags = [os.environ.get("PYTENSOR_FLAGS", "")]
+if "base_compiledir" not in _flags[0]:
+    _flags.append(f"base_compiledir={scratch_folder('pytensor')}")
+if "blas__ldflags" not in _flags[0]:
+    _flags.append("blas__ldflags=")
+os.environ["PYTENSOR_FLAGS"] = ",".join(filter(None, _flags))
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import pymc as pm
@@ -72,10 +71,14 @@ class Sampling:
 
     Attributes
     ----------
-    draws, tune : of each chain, kept and before them.
-    chains : independent ones.
-    cores : chains sampled at a time; None: as many as there are processors.
-    seed : under which the draws repeat.
+    draws, tune : int
+        Of each chain, kept and before them.
+    chains : int
+        Independent ones.
+    cores : int, optional
+        Chains sampled at a time; None: as many as there are processors.
+    seed : int
+        Under which the draws repeat.
     """
 
     draws: int = 1000
@@ -101,24 +104,36 @@ def fit_hierarchical(
 
     Parameters
     ----------
-    counts : (O,P,E',2,K) percepts of each object, as for `ConfusionPosterior.from_objects`.
-    attributes, behaviors : their names, (P,) and (E',).
-    model : "same" as the grid's, or "crossed".
-    prior : of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what
-        the grid learned by default.
-    progress : called with (steps done, steps in all); nutpie shows its own bar instead.
+    counts : ArrayLike
+        (O,P,E',2,K) percepts of each object, as for `ConfusionPosterior.from_objects`.
+    attributes, behaviors : Sequence[str]
+        Their names, (P,) and (E',).
+    model : str
+        "same" as the grid's, or "crossed".
+    prior : ArrayLike, optional
+        Of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what the
+        grid learned by default.
+    sampling : Sampling, optional
+        How NUTS samples.
+    progress : Callable[[int, int], None], optional
+        Called with (steps done, steps in all); nutpie shows its own bar instead.
 
     Returns
     -------
-    The draws (see `draws`), and the sampler's statistics.
+    xr.Dataset
+        The draws (see `draws`).
+    xr.Dataset
+        The sampler's statistics.
 
     Raises
     ------
-    SettingsError : an unknown model, counts and names that do not agree, nothing to fit.
-    KeyboardInterrupt : sampling was interrupted; a part of the draws is not the posterior.
+    SettingsError
+        An unknown model, counts and names that do not agree, nothing to fit.
+    KeyboardInterrupt
+        Sampling was interrupted; a part of the draws is not the posterior.
     """
-    kept, names, sensors = sensed(counts, attributes, behaviors)
-    built = build_model(kept, names, sensors, model=model, prior=prior)
+    percepts, names, sensors = sensed(counts, attributes, behaviors)
+    built = build_model(percepts, names, sensors, model=model, prior=prior)
     trace = _sample(built, sampling or Sampling(), progress)
     posterior, stats = trace["posterior"], trace["sample_stats"]
     inner = [name for name in posterior.data_vars if str(name).endswith(_INNER)]
@@ -143,23 +158,17 @@ def build_model(
     """Build the PyMC model of counts (O,P,E,2,K) in which every behavior senses."""
     if model not in MODELS:
         raise SettingsError(f"Unknown model {model!r}; expected one of {', '.join(MODELS)}.")
-    coords = {
-        "attribute": list(attributes),
-        "behavior": list(behaviors),
-        "truth": list(TRUTHS),
-        "level": list(level_names(counts.shape[-1])),
-    }
+    names = attributes, behaviors, TRUTHS, level_names(counts.shape[-1])
+    coords = dict(zip((*ROW, "level"), map(list, names), strict=True))
     patterns, pattern_of = _patterns(counts)
     with pm.Model(coords=coords) as built:
         mean, s = _same(counts, prior) if model == "same" else _crossed()
         scores = _score(patterns, mean, s)  # (U,2)
         if model == "same":
             shown = np.asarray(counts.any(axis=-1))  # (O,P,E,2)
-            number = np.stack(
-                [np.bincount(pattern_of[shown[..., t]], minlength=len(patterns)) for t in (0, 1)],
-                axis=-1,
-            )
-            pm.Potential("percepts", (number * scores).sum())
+            by_truth = (pattern_of[shown[..., t]] for t in (0, 1))
+            number = [np.bincount(shown_of, minlength=len(patterns)) for shown_of in by_truth]
+            pm.Potential("percepts", (np.stack(number, axis=-1) * scores).sum())
         else:
             half = pm.Beta("half_standard", 1.0, 0.5 / _MISPERCEIVED)
             epsilon = pm.Deterministic("misperception", half / 2)  # or false and true could swap
@@ -185,8 +194,8 @@ def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]
     share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
     by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)
     mean_tau = (pm.math.softmax(by_tau, axis=-1) * tau).sum(axis=-1)
-    own = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
-    pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian + own.sum())
+    law = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
+    pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian + law.sum())
     pm.Deterministic("tau", mean_tau, dims=("behavior", "truth"))  # given the rest
     mean = pm.Dirichlet("mean", alpha, dims=(*ROW, "level"))
     return mean, pm.Deterministic("dispersion", pt.exp(log_s), dims=ROW)

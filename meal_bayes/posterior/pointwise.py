@@ -22,7 +22,7 @@ class Units(NamedTuple):
 
     Attributes
     ----------
-    names : list of str
+    names : list[str]
         "object: attribute", (U,).
     attribute, truth : NDArray[np.intp]
         (U,) column of the attribute; 1 true, 0 false.
@@ -45,11 +45,11 @@ class Units(NamedTuple):
 def units_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Units:
     """List the units of counts (O,P,E',2,K)."""
     array = np.asarray(counts)
-    kept = array[:, :, sensing(array)]
-    by_truth = np.asarray(kept.any(axis=(2, 4)))  # (O,P,2)
+    sensed = array[:, :, sensing(array)]
+    by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
     names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)]
-    return Units(names, p, by_truth[o, p, 1].astype(np.intp), kept[o, p].sum(axis=2))
+    return Units(names, p, by_truth[o, p, 1].astype(np.intp), sensed[o, p].sum(axis=2))
 
 
 def pointwise_log_likelihood(draws: xr.Dataset, units: Units) -> xr.Dataset:
@@ -82,13 +82,13 @@ def predict_yes(draws: xr.Dataset, units: Units, rng: np.random.Generator) -> xr
     mean, s, epsilon = rows_of(draws)
     number = units.counts.sum(axis=2)  # (U,E)
     yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)  # (C*S,P,E,2)
-    found = np.empty((len(mean), len(number)), np.int64)
-    for out, rate, weight, swap in zip(found, yes, s, epsilon, strict=True):
+    drawn = np.empty((len(mean), len(number)), np.int64)
+    for out, rate, weight, swap in zip(drawn, yes, s, epsilon, strict=True):
         truth = units.truth ^ (rng.random(len(number)) < swap)
         m = rate[units.attribute, :, truth].clip(1e-9, 1 - 1e-9)  # (U,E)
         a = np.minimum(weight[units.attribute, :, truth], 1e9)
         out[:] = rng.binomial(number, rng.beta(a * m, a * (1 - m))).sum(axis=1)
-    return _by_unit(found, draws, units)
+    return _by_unit(drawn, draws, units)
 
 
 def _by_unit(values: ArrayLike, draws: xr.Dataset, units: Units) -> xr.Dataset:

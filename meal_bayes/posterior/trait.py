@@ -58,10 +58,15 @@ class SharedTrait:
 
     Attributes
     ----------
-    sd : sigma, of traits about the truth's +-1.
-    points : (M,) t, rising.
-    latent_classes : (2,M) Pr(t | truth).
+    sd : float
+        Sigma, of traits about the truth's +-1.
+    points : NDArray[np.float64]
+        (M,) t, rising.
+    latent_classes : NDArray[np.float64]
+        (2,M) Pr(t | truth).
 
+    Examples
+    --------
     >>> classes = SharedTrait.of_sd(0.3).latent_classes
     >>> bool(np.allclose(classes.sum(axis=1), 1)), bool(np.allclose(classes[0], classes[1, ::-1]))
     (True, True)
@@ -95,16 +100,22 @@ class SharedTrait:
 
         Parameters
         ----------
-        confusion : (...,2,K) mean rows given the truth, above 0.
-        precision : (...,2) their precision, inf = known exactly.
-        rounds : iterations that look for the rows, at most.
+        confusion : ArrayLike
+            (...,2,K) mean rows given the truth, above 0.
+        precision : ArrayLike
+            (...,2) their precision, inf = known exactly.
+        rounds : int
+            Iterations that look for the rows, at most.
 
         Returns
         -------
-        (...,M,K) and (...,M).
+        NDArray[np.float64]
+            (...,M,K) rows.
+        NDArray[np.float64]
+            (...,M) their precision.
         """
-        given = np.asarray(precision, dtype=float)
-        within = _WITHIN * np.sqrt(given[..., 0] * given[..., 1])
+        false, true = np.moveaxis(np.asarray(precision, dtype=float), -1, 0)
+        within = _WITHIN * np.sqrt(false * true)
         rows = _rows(np.asarray(confusion, dtype=float), self, rounds)
         return freeze(rows), freeze(np.repeat(within[..., None], len(self.points), axis=-1))
 
@@ -116,26 +127,28 @@ def learn_trait(
 
     Parameters
     ----------
-    posterior : learned from the same objects.
-    levels : (O,P,E,K) how often each object showed each level.
-    labels : (O,P) 1 true, 0 false, -1 unknown (left out, as are objects without percepts).
-    base_rates : (P,) prior that an attribute is true.
+    posterior : ConfusionPosterior
+        Learned from the same objects.
+    levels : ArrayLike
+        (O,P,E,K) how often each object showed each level.
+    labels : ArrayLike
+        (O,P) 1 true, 0 false, -1 unknown (left out, as are objects without percepts).
+    base_rates : ArrayLike
+        (P,) prior that an attribute is true.
     """
     counts, truth = np.asarray(levels, dtype=np.intp), np.asarray(labels)
-    pairs = np.argwhere(posterior.informative)  # (V,2) attribute, behavior
-    if not len(pairs):
+    if not posterior.informative.any():
         return SharedTrait.of_sd(TYPICAL)
-    evidence = _Evidence(posterior, counts, truth, np.asarray(base_rates), pairs)
+    evidence = _Evidence(posterior, counts, truth, np.asarray(base_rates))
     if not evidence.known:
         return SharedTrait.of_sd(TYPICAL)
-    low, high = np.log(_BOUNDS)
-    found = minimize_scalar(
+    best = minimize_scalar(
         lambda log: evidence.loss(SharedTrait.of_sd(np.exp(log))),
-        bounds=(low, high),
+        bounds=np.log(_BOUNDS),
         method="bounded",
         options={"xatol": 0.1},
     )
-    return SharedTrait.of_sd(float(np.exp(found.x)))
+    return SharedTrait.of_sd(float(np.exp(best.x)))
 
 
 class _Evidence:
@@ -151,9 +164,8 @@ class _Evidence:
         counts: NDArray[np.intp],
         truth: NDArray[np.int8],
         base_rates: Array,
-        pairs: NDArray[np.intp],
     ) -> None:
-        attribute, behavior = pairs.T  # A attributes have a pair
+        attribute, behavior = np.nonzero(posterior.informative)  # (V,); A attributes have a pair
         confusion, precision = posterior.select(range(truth.shape[1]))
         self.confusion = confusion[attribute, behavior]  # (V,2,K)
         self.precision = precision[attribute, behavior]  # (V,2)
@@ -231,8 +243,10 @@ def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
 
     Parameters
     ----------
-    log_likelihood : (...,M) ln Pr(percepts | t).
-    log_classes : (2,M) ln Pr(t | truth).
+    log_likelihood : NDArray[np.floating]
+        (...,M) ln Pr(percepts | t).
+    log_classes : NDArray[np.floating]
+        (2,M) ln Pr(t | truth).
     """
     peak = log_likelihood.max(axis=-1, keepdims=True)
     each = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
@@ -246,8 +260,8 @@ def _rows(confusion: Array, trait: SharedTrait, rounds: int) -> Array:
     Levels come first meanwhile: to sum over a first axis is fast, over a short last one slow.
     """
     shape, points = confusion.shape, trait.points
-    given = np.moveaxis(confusion, -1, 0).reshape(shape[-1], -1, 2)  # (K,B,2)
-    wanted, mixed = np.log(given), trait.latent_classes.T
+    mixture = np.moveaxis(confusion, -1, 0).reshape(shape[-1], -1, 2)  # (K,B,2)
+    wanted, classes = np.log(mixture), trait.latent_classes.T
     middle = (wanted[..., 1] + wanted[..., 0]) / 2
     slope = (wanted[..., 1] - wanted[..., 0]) / 2
     for _ in range(rounds):
@@ -257,8 +271,8 @@ def _rows(confusion: Array, trait: SharedTrait, rounds: int) -> Array:
         np.exp(rows, out=rows)
         np.maximum(rows, _LEAST * rows.sum(axis=0), out=rows)
         rows /= rows.sum(axis=0)
-        off = wanted - np.log(rows @ mixed)
-        if np.abs(given * off).max(initial=0.0) < _MATCHED:
+        off = wanted - np.log(rows @ classes)
+        if np.abs(mixture * off).max(initial=0.0) < _MATCHED:
             break
         middle = middle + (off[..., 1] + off[..., 0]) / 2
         slope = slope + (off[..., 1] - off[..., 0]) / 2

@@ -197,7 +197,7 @@ def test_folds_are_fitted_alone():
         (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).update(np.ones(3)), "update needs"),
         (
             lambda: ConfusionPosterior(*np.ones((3, *SHAPE)), np.ones(2)),
-            "prior, concentration, dispersion have shapes",
+            "dispersion must be above 0 and of shape",
         ),
     ],
 )
