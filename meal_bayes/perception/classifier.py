@@ -14,7 +14,6 @@ out of fold (see `folds`).
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -25,19 +24,18 @@ from sklearn.base import clone
 from sklearn.svm import SVC
 
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.display import short_repr
 from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.folds import (
+    UNKNOWN,
     FoldProblem,
     Machines,
-    folds_of,
     nested_outputs,
     table_outputs,
 )
-from meal_bayes.perception.leave_out import known_patterns
+from meal_bayes.perception.leave_out import known_patterns, stacker_options
 from meal_bayes.perception.modality import FeatureSpace
-from meal_bayes.perception.recordings import BehaviorRecordings
+from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import Stacker
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers
@@ -58,37 +56,23 @@ class Part(NamedTuple):
     pool: Pool
 
 
-@dataclass(frozen=True, slots=True)
-class ClassifierFit:
-    """A behavior fitted by scikit-learn; a `BehaviorFit`.
-
-    Attributes
-    ----------
-    parts : tuple[Part, ...]
-        Trained on all recordings.
-    paper : bool
-        By the paper's method.
-    nested : NDArray[np.float64]
-        (n,P), see `BehaviorFit`.
-    """
+class ClassifierFit(NamedTuple):
+    """A behavior fitted by scikit-learn, perhaps by the paper's method; a `BehaviorFit`."""
 
     parts: tuple[Part, ...]
     paper: bool
     nested: Floats
 
-    __repr__ = short_repr
-
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None]) -> Floats:
         """Return log-odds of "true", (B,P); a missing modality has its mean features."""
         n = next(len(values) for values in rows if values is not None)
-        inputs: list[Floats | None] = []
-        for space, values in zip(spaces, rows, strict=True):
-            if self.paper:
-                inputs.append(None if values is None else space.similarity(values))
-            else:
-                inputs.append(np.zeros((n, len(space.kept))) if values is None else values)
-        if not self.paper:
-            inputs = [np.hstack(inputs)]  # type: ignore[arg-type]
+        pairs = zip(spaces, rows, strict=True)
+        inputs: list[Floats | None]
+        if self.paper:
+            inputs = [None if values is None else s.similarity(values) for s, values in pairs]
+        else:
+            features = [np.zeros((n, len(s.kept))) if v is None else v for s, v in pairs]
+            inputs = [np.hstack(features)]
         log_odds = np.zeros((n, self.nested.shape[1]))
         for attributes, machines, pool in self.parts:
             log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
@@ -118,36 +102,32 @@ def outputs(
 
 
 def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    """Build the fold problem of recordings of which all labels are known, or none."""
-    truth, paper = recordings.labels == 1, settings.method == "paper"
-    folds, units = folds_of(recordings, settings.folds)
-    inputs, estimator = recordings.kernels(), SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
-    if not paper:
-        inputs = np.hstack([space.rows for space in recordings.spaces])[None]
-        estimator = repeatable(settings.classifier)
-    return FoldProblem(
-        inputs,
-        truth,
-        recordings.objects,
-        folds,
-        units,
-        estimator,
-        KappaPool.fitted if paper else partial(_fit_stacker, settings=settings),
-        # Support vector machines train without the interpreter's lock; forests set the process's
-        # warning filters.
-        threads=(os.cpu_count() or 1) if paper else 1,
-    )
+    """Build the fold problem of recordings of which all labels are known, or none.
+
+    Neighbors are in different folds. Many objects have the same folds for every behavior.
+    """
+    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
+    units = dealt(objects, settings.folds) if recordings.large else objects
+    folds = np.where(known, units, UNKNOWN)
+    if not recordings.large:
+        folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
+    data = recordings.labels == 1, objects, folds, units
+    if settings.method == "paper":
+        machine = SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
+        # Support vector machines train without the interpreter's lock; forests, below, set the
+        # process's warning filters.
+        threads = os.cpu_count() or 1
+        return FoldProblem(recordings.kernels(), *data, machine, KappaPool.fitted, threads)
+    features = np.hstack([space.rows for space in recordings.spaces])[None]
+    pool = partial(_fit_stacker, settings=settings)
+    return FoldProblem(features, *data, repeatable(settings.classifier), pool)
 
 
 def repeatable(classifier: Any) -> Any:
     """Return a clone whose unset random states are set, so that equal calls give equal results."""
-    copy = clone(classifier)
-    unset = {
-        name: _SEED
-        for name, value in copy.get_params().items()
-        if value is None and name.split("__")[-1] == "random_state"
-    }
-    return copy.set_params(**unset)
+    parameters = clone(classifier).get_params().items()
+    unset = [n for n, v in parameters if v is None and n.split("__")[-1] == "random_state"]
+    return clone(classifier).set_params(**dict.fromkeys(unset, _SEED))
 
 
 def _fit_stacker(
@@ -161,30 +141,16 @@ def _fit_stacker(
     scale = decisions.std(axis=0)  # (1,P)
     scale = np.where(scale > 0, scale, 1.0)
     _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
-    fit_stackers(
-        2.0 / sizes[place.ravel()],
-        np.ascontiguousarray((decisions / scale).transpose(1, 2, 0)),
-        np.ascontiguousarray(np.where(truth, 1.0, -1.0).T),
-        settings.ridge,
-        settings.nonnegative,
-        settings.balanced,
-        weights,
-        np.zeros(n_attributes),
-    )
+    features = np.ascontiguousarray((decisions / scale).transpose(1, 2, 0))
+    targets, losses = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T), np.zeros(n_attributes)
+    base, options = 2.0 / sizes[place.ravel()], stacker_options(settings)
+    fit_stackers(base, features, targets, *options, weights, losses)
     weights[:, 1] /= scale[0]
     return Stacker(weights)
 
 
 class KappaPool(NamedTuple):
-    """Sigmoid a modality, and their mean weighted by Cohen's kappa.
-
-    Attributes
-    ----------
-    sigmoid : NDArray[np.float64]
-        (M,P,2) offset and slope on the decision.
-    weights : NDArray[np.float64]
-        (M,P) kappa, 0 where it is negative.
-    """
+    """Sigmoids (M,P,2), offset and slope on decisions, and their weights (M,P), Cohen's kappa."""
 
     sigmoid: Floats
     weights: Floats
@@ -208,10 +174,9 @@ class KappaPool(NamedTuple):
 
         Modalities whose decisions are NaN have no weight.
         """
-        missing = np.isnan(decisions)
-        decided = np.where(missing, 0.0, decisions)
+        weights = np.where(np.isnan(decisions), 0.0, self.weights)
+        decided = np.nan_to_num(decisions)
         probability = expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decided)
-        weights = np.where(missing, 0.0, self.weights)
         total = weights.sum(axis=1)
         pooled = np.einsum("bmp,bmp->bp", probability, weights)
         pooled = np.where(total > 0, pooled / np.where(total > 0, total, 1.0), 0.5)

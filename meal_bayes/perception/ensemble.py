@@ -17,8 +17,6 @@ from meal_bayes.perception.modality import FeatureSpace, joint_kernel
 from meal_bayes.perception.perceiver import person_says
 
 Floats = NDArray[np.float64]
-
-
 Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
@@ -35,10 +33,7 @@ class BehaviorFit(Protocol):
 
     @property
     def nested(self) -> Floats:
-        """Log-odds of each recording by classifiers that never saw its object, (n,P).
-
-        NaN where its label is unknown.
-        """
+        """Log-odds (n,P) by classifiers that never saw the object, NaN where it has no label."""
         ...
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
@@ -49,14 +44,7 @@ class BehaviorFit(Protocol):
 class KernelFit(NamedTuple):
     """A classifier for each of M kernels (of the modalities, perhaps a joint one), and their pool.
 
-    Attributes
-    ----------
-    dual : NDArray[np.float64]
-        (M,P,m) weight of each recording, or landmark, in the classifiers' decisions.
-    pool : Pool
-        Log-odds of the decisions.
-    nested : NDArray[np.float64]
-        (n,P), see `BehaviorFit`.
+    `dual` (M,P,m) is the weight of each recording, or landmark, in the classifiers' decisions.
     """
 
     dual: Floats
@@ -65,9 +53,9 @@ class KernelFit(NamedTuple):
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
-        known = {m: values for m, values in enumerate(rows) if values is not None}
-        kernels = np.stack([spaces[m].similarity(values) for m, values in known.items()])
-        present = list(known)
+        known = [(m, values) for m, values in enumerate(rows) if values is not None]
+        kernels = np.stack([spaces[m].similarity(values) for m, values in known])
+        present = [m for m, _ in known]
         if len(self.dual) > len(spaces):
             kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
             present.append(len(spaces))
@@ -146,7 +134,6 @@ class Perception:
         DataError
             An instance without finite features of any of the behavior's modalities.
         """
-        columns = self.domain.columns(query.attributes)
         behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
         if behavior.answer_accuracy is not None:
             return np.full(len(query), np.nan)
@@ -163,6 +150,7 @@ class Perception:
                 f"An instance of {instance.behavior!r} has finite features of none of "
                 f"{list(behavior.modalities)}; one is enough."
             )
+        columns = self.domain.columns(query.attributes)
         return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)
 
     def observe(

@@ -1,6 +1,6 @@
 """Fitting Psi, and how good percepts of unseen objects are: cross-validation inside D."""
 
-from typing import Protocol
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +17,8 @@ from meal_bayes.perception.width import learned_widths
 Floats = NDArray[np.float64]
 
 
-class Method(Protocol):
-    """A module that fits one behavior, and scores one behavior for the percept tables."""
-
-    def fit(self, recordings: BehaviorRecordings, settings: PerceptionSettings) -> BehaviorFit:
-        """Fit classifiers and pool; see `stacked.fit`."""
-        ...
-
-    def outputs(
-        self, recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
-    ) -> tuple[Floats, Floats]:
-        """Score held-out and training objects; see `stacked.outputs`."""
-        ...
-
-
-def method_of(settings: PerceptionSettings) -> Method:
-    """Return the method that the settings name."""
+def method_of(settings: PerceptionSettings) -> ModuleType:
+    """Return the module of the method that the settings name, with `fit` and `outputs`."""
     if settings.method == "stacked":
         return stacked
     from meal_bayes.perception import classifier  # noqa: PLC0415  scikit-learn takes a second
@@ -79,17 +65,15 @@ def fit_and_validate(
     gathered = gather(dataset, training_set, settings, spaces)
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
-        fit = method_of(settings).fit(recordings.widened(width), settings)
+        fit: BehaviorFit = method_of(settings).fit(recordings.widened(width), settings)
         used = np.ones(shape[1], np.bool_)
         if settings.positive_youden_only:
             used = youden(_count(recordings, fit.nested, 2, len(counts)).sum(axis=0)) > 0
         nested = np.where(used, fit.nested, 0.0)
         counts[:, :, e] = _count(recordings, nested, settings.levels, len(counts))
-        behavior = domain.behaviors[e]
         wide = [space.widened(width) for space in recordings.compared]
-        classifiers[behavior.name] = BehaviorClassifier(
-            dict(zip(behavior.modalities, wide, strict=True)), fit, used
-        )
+        spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
+        classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)
     perception = Perception(domain, classifiers, dataset.labels, settings.levels)
     return perception, ConfusionCounts(counts)
 

@@ -9,8 +9,9 @@ every object's percept table.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from sklearn.base import clone
 
 from meal_bayes.errors import DataError
 from meal_bayes.perception.ensemble import Pool
-from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]  # (n,)
@@ -30,19 +30,11 @@ _SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree ar
 UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
 
 
-@dataclass(frozen=True, slots=True)
-class Machines:
-    """Estimators for each of M inputs and P attributes; None where a class was missing.
+class Machines(NamedTuple):
+    """Estimators (M,P) of inputs and attributes, None where a class was missing, and their columns.
 
     An input is what an estimator learns from: the features of all modalities, or the kernel of one
-    modality between recordings.
-
-    Attributes
-    ----------
-    estimators : tuple[tuple[Any, ...], ...]
-        (M,P).
-    columns : NDArray[np.bool_] or slice
-        Columns of the inputs that they were trained on: recordings, where inputs are kernels.
+    modality between recordings, whose columns are the recordings trained on.
     """
 
     estimators: tuple[tuple[Any, ...], ...]
@@ -69,14 +61,13 @@ class Machines:
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
         """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
         n = next(len(values) for values in inputs if values is not None)
-        decisions = np.full((n, len(inputs), len(self.estimators[0])), np.nan)
+        decisions = np.zeros((n, len(inputs), len(self.estimators[0])))
         for m, values in enumerate(inputs):
-            if values is None:
-                continue
             for p, estimator in enumerate(self.estimators[m]):
-                decisions[:, m, p] = (
-                    0.0 if estimator is None else _decisions(estimator, values[:, self.columns])
-                )
+                if values is None:
+                    decisions[:, m, p] = np.nan
+                elif estimator is not None:
+                    decisions[:, m, p] = _decisions(estimator, values[:, self.columns])
         return decisions
 
 
@@ -95,7 +86,7 @@ def _decisions(estimator: Any, features: Floats) -> Floats:
     return decisions
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FoldProblem:
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
@@ -129,59 +120,46 @@ class FoldProblem:
     fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Pool]
     threads: int = 1
 
-    def train(self, rows: Rows) -> Machines:
-        """Train on some rows, by their labels alone."""
-        return Machines.trained(self.estimator, self.inputs, self.truth, rows)
-
-    def decide(self, machines: Machines, rows: Rows) -> Floats:
-        """Decide on some rows, (B,M,P)."""
-        return machines.decide([values[rows] for values in self.inputs])
-
-    @property
-    def names(self) -> tuple[int, ...]:
-        """The folds."""
-        return tuple(np.unique(self.folds[self.folds != UNKNOWN]).tolist())
-
-    @property
+    @cached_property
     def known(self) -> Rows:
         """Rows that may be trained on."""
         return np.asarray(self.folds != UNKNOWN)
 
-    def without(self, left_out: Iterable[int]) -> Floats:
-        """Decide on the rows of these folds by classifiers that never saw them, (n,M,P)."""
-        out = np.isin(self.folds, list(left_out))
-        decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
-        rest = self.known & ~out
-        decisions[out] = self.decide(self.train(rest), out) if rest.any() else 0.0
-        return decisions
+    @cached_property
+    def names(self) -> list[int]:
+        """The folds."""
+        return list(map(int, np.unique(self.folds[self.known])))
 
+    def train(self, rows: Rows) -> Machines:
+        """Train on some rows, by their labels alone."""
+        return Machines.trained(self.estimator, self.inputs, self.truth, rows)
 
-def folds_of(recordings: BehaviorRecordings, folds: int) -> tuple[Folds, Folds]:
-    """Assign objects with known labels to folds; return the folds (n,) and units (n,).
+    def decide(self, trained_on: Rows, rows: Rows) -> Floats:
+        """Train on some rows, and decide on others, (B,M,P)."""
+        return self.train(trained_on).decide([values[rows] for values in self.inputs])
 
-    Neighbors are in different folds. Many objects have the same folds for every behavior.
-    """
-    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
-    if recordings.large:
-        units = dealt(objects, folds)
-        return np.where(known, units, UNKNOWN), units
-    fold = np.full(len(known), UNKNOWN)
-    fold[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % folds
-    return fold, objects
+    def decide_without(self, most: int) -> Decisions:
+        """Train without every set of at most so many folds, and decide on their rows."""
+        sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(self.names, k)]
+
+        def decide(left_out: frozenset[int]) -> Floats:
+            out = np.isin(self.folds, list(left_out))
+            decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
+            rest = self.known & ~out
+            decisions[out] = self.decide(rest, out) if rest.any() else 0.0
+            return decisions
+
+        with ThreadPoolExecutor(self.threads) as workers:
+            return dict(zip(sets, workers.map(decide, sets), strict=True))
 
 
 def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
-    """Score each row by classifiers and pools that never saw its fold.
+    """Score each row by classifiers and pools that never saw its fold, (n,P); and fit the pool.
 
-    Returns
-    -------
-    NDArray[np.float64]
-        (n,P) log-odds, NaN where a label is unknown.
-    Pool
-        Fitted to all rows.
+    Log-odds are NaN where a label is unknown.
     """
-    decisions = _train_and_decide(problem, 2)
-    return _nested(problem, decisions), _pool(problem, decisions, frozenset())
+    decisions = problem.decide_without(2)
+    return _nested(problem, decisions), _pool(problem, decisions)
 
 
 def table_outputs(
@@ -192,7 +170,7 @@ def table_outputs(
     All that is done for held-out o leaves o's whole fold out. With `by_object` the classifier that
     decides on o itself is trained anew, and leaves o alone out.
     """
-    decisions = _train_and_decide(problem, 3)
+    decisions = problem.decide_without(3)
     held_outputs = _nested(problem, decisions)
     training = np.tile(held_outputs, (len(held), 1, 1))
     for h in problem.names:
@@ -208,32 +186,25 @@ def table_outputs(
 
         def decide_anew(o: int) -> Floats:
             single = problem.objects == o
-            fresh = problem.decide(problem.train(problem.known & ~single), single)
+            fresh = problem.decide(problem.known & ~single, single)
             return pools[int(problem.folds[single][0])].log_odds(fresh)
 
         with ThreadPoolExecutor(problem.threads) as workers:
-            for o, outputs in zip(scored, workers.map(decide_anew, scored), strict=True):
-                held_outputs[problem.objects == o] = outputs
-    if not problem.known.all():
-        pool = _pool(problem, decisions, frozenset())
-        unknown = ~problem.known
-        held_outputs[unknown] = pool.log_odds(problem.decide(problem.train(problem.known), unknown))
+            for o, log_odds in zip(scored, workers.map(decide_anew, scored), strict=True):
+                held_outputs[problem.objects == o] = log_odds
+    unknown = ~problem.known
+    if unknown.any():
+        decided = problem.decide(problem.known, unknown)
+        held_outputs[unknown] = _pool(problem, decisions).log_odds(decided)
     return held_outputs, training
 
 
-def _train_and_decide(problem: FoldProblem, most: int) -> Decisions:
-    """Train without every set of at most so many folds, and decide on their rows."""
-    sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(problem.names, k)]
-    with ThreadPoolExecutor(problem.threads) as workers:
-        return dict(zip(sets, workers.map(problem.without, sets), strict=True))
-
-
-def _pool(problem: FoldProblem, decisions: Decisions, left_out: frozenset[int]) -> Pool:
+def _pool(
+    problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
+) -> Pool:
     """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
     remaining = [fold for fold in problem.names if fold not in left_out]
-    rows = np.isin(problem.folds, remaining)
-    if len(remaining) < 2:  # nothing is out of fold
-        rows[:] = False
+    rows = np.isin(problem.folds, remaining) & (len(remaining) > 1)  # else nothing is out of fold
     inside = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
     for fold in remaining:
         rows_of_fold = problem.folds == fold

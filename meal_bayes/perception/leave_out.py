@@ -92,16 +92,8 @@ def landmark_problem(
 ) -> Problem:
     """Build the normal equations of recordings that are compared with landmarks; groups are folds.
 
-    Parameters
-    ----------
-    kernels : NDArray[np.float64]
-        (M,n,m) of recordings with landmarks.
-    landmarks : NDArray[np.float64]
-        (M,m,m) of landmarks with each other.
-    truth : NDArray[np.bool_]
-        (n,P).
-    groups : tuple[NDArray[np.int64], NDArray[np.int64]]
-        (n,) folds, rising, and (n,) objects.
+    Kernels (M,n,m) are of recordings with landmarks, `landmarks` (M,m,m) those of landmarks with
+    each other, truth (n,P), groups the folds (n,), rising, and the objects (n,).
     """
     folds, objects = groups
     names, starts = np.unique(folds, return_index=True)
@@ -155,19 +147,18 @@ def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
 class LeftOut(NamedTuple):
     """Stackers that never saw some sets S of groups, and their log-odds on these groups.
 
-    Attributes
-    ----------
-    weights : NDArray[np.float64]
-        (S,P,1+M) intercept and slopes of each stacker.
-    log_odds : list[NDArray[np.float64]]
-        (S,) of each set's recordings, (P,q), in the order of `Problem.rows`.
-    losses : NDArray[np.float64]
-        (S,P) of each stacker on the decisions it learned from, ridge included.
+    Weights (S,P,1+M) are intercept and slopes, log-odds (P,q) of each set's recordings in the order
+    of `Problem.rows`, losses (S,P) those on the decisions it learned from, ridge included.
     """
 
     weights: Floats
     log_odds: list[Floats]
     losses: Floats
+
+
+def stacker_options(settings: PerceptionSettings) -> tuple[float, bool, bool]:
+    """Return ridge, nonnegative and balanced, as the kernels take them."""
+    return settings.ridge, settings.nonnegative, settings.balanced
 
 
 def leave_out(
@@ -187,16 +178,8 @@ def leave_out(
         remaining[problem.rows(left_out)] = 0.0
         if warm is not None:
             weights[index] = warm
-        fit_stackers(
-            remaining,
-            decisions,
-            problem.targets,
-            settings.ridge,
-            settings.nonnegative,
-            settings.balanced,
-            weights[index],
-            losses[index],
-        )
+        start = weights[index], losses[index]
+        fit_stackers(remaining, decisions, problem.targets, *stacker_options(settings), *start)
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)
@@ -210,9 +193,7 @@ def each_group(
     return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
 
 
-def known_patterns(
-    known: NDArray[np.bool_],
-) -> Iterator[tuple[NDArray[np.bool_], Ints]]:
+def known_patterns(known: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], Ints]]:
     """Group attributes by the rows whose label is known: (rows (n,), attributes) of `known` (n,P).
 
     Attributes of one group share their classifiers; where all labels are known there is one group.

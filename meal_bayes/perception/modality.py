@@ -12,6 +12,8 @@ _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3
 _CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
 _COMPARED = 2048  # recordings whose distances are compared for a median
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class FeatureSpace:
@@ -38,24 +40,20 @@ class FeatureSpace:
     """
 
     kept: NDArray[np.int64]
-    center: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    rows: NDArray[np.float64]
+    center: Floats
+    scale: Floats
+    rows: Floats
     kernel: str
     width: float
-    mix: NDArray[np.float64] | None = None
+    mix: Floats | None = None
 
     def __post_init__(self) -> None:
-        set_frozen(
-            self,
-            kept=freeze(self.kept, np.int64),
-            center=freeze(self.center),
-            scale=freeze(self.scale),
-            rows=freeze(self.rows),
-            mix=None if self.mix is None else freeze(self.mix),
-        )
+        set_frozen(self, kept=freeze(self.kept, np.int64))
+        for name in ("center", "scale", "rows", "mix"):
+            if getattr(self, name) is not None:
+                set_frozen(self, **{name: freeze(getattr(self, name))})
 
-    def standardize(self, features: NDArray[np.floating]) -> NDArray[np.float64]:
+    def standardize(self, features: NDArray[np.floating]) -> Floats:
         """Transform raw features (B,D) to this space, (B,d)."""
         squashed = _squash(features)[:, self.kept]
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
@@ -65,7 +63,7 @@ class FeatureSpace:
         """Return the space with a wider kernel."""
         return replace(self, width=factor * self.width)
 
-    def similarity(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def similarity(self, rows: Floats) -> Floats:
         """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
         product = rows @ self.rows.T
         if self.kernel == "polynomial":
@@ -91,7 +89,7 @@ def fit_space(
     return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows), mix)
 
 
-def joint_kernel(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_kernel(kernels: Floats) -> Floats:
     """Compute the kernel of all modalities at once, (M,r,c) -> (r,c).
 
     It is the RBF kernel of their features side by side: distances in units of each one's width,
@@ -101,9 +99,7 @@ def joint_kernel(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.prod(kernels, axis=0) ** (1.0 / len(kernels)))
 
 
-def _whitening(
-    rows: NDArray[np.float64], objects: NDArray[np.integer]
-) -> NDArray[np.float64] | None:
+def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Floats | None:
     """Return (d,d), which scales directions of within-object variance v by sqrt(e / (v + e)).
 
     None where no object is repeated. With few repeats most directions stay as they are.
@@ -118,23 +114,23 @@ def _whitening(
     freedom = repeated.sum() - (count > 1).sum()
     _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
     gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0
-    mix: NDArray[np.float64] = basis.T @ (gain[:, None] * basis)
+    mix: Floats = basis.T @ (gain[:, None] * basis)
     mix[np.diag_indices_from(mix)] += 1.0
     mix.setflags(write=False)  # so that no space copies what may have millions of entries
     return mix
 
 
-def _squash(features: NDArray[np.floating]) -> NDArray[np.float64]:
+def _squash(features: NDArray[np.floating]) -> Floats:
     values = np.asarray(features, dtype=np.float64)
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
-def _squared_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _squared_distance(a: Floats, b: Floats) -> Floats:
     squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None, :]
     return np.asarray(np.maximum(squares - 2.0 * a @ b.T, 0.0))
 
 
-def _median_distance(rows: NDArray[np.float64]) -> float:
+def _median_distance(rows: Floats) -> float:
     """Return the median distance of two recordings; their mean where it is 0; 1 where all coincide.
 
     Many recordings are thinned out evenly.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
@@ -87,14 +87,14 @@ class RecordedPercepts:
         if said is not None:
             return said
         e, columns = domain.behavior_index(instance.behavior), domain.columns(query.attributes)
-        scored = table.log_odds[instance.object_index, instance.recording, e, columns]
-        if np.isnan(scored).any():
-            missing = np.array(query.attributes)[np.isnan(scored)].tolist()
+        log_odds = table.log_odds[instance.object_index, instance.recording, e, columns]
+        if np.isnan(log_odds).any():
+            missing = np.array(query.attributes)[np.isnan(log_odds)].tolist()
             raise SettingsError(
                 f"No percepts of {missing} by {instance.behavior!r} were computed for object "
                 f"{instance.object_index}; build the table with these attributes and objects."
             )
-        return table.levels_of(scored, self.levels)
+        return table.levels_of(log_odds, self.levels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +137,5 @@ class SampledPercepts:
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
-        return draw_levels(self.confusion[columns, behavior, truth], rng)
-
-
-def draw_levels(rows: ArrayLike, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Draw one level from each row of probabilities (N,K)."""
-    edges = np.cumsum(np.asarray(rows, dtype=np.float64), axis=-1)[:, :-1]
-    return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
+        edges = np.cumsum(self.confusion[columns, behavior, truth], axis=-1)[:, :-1]
+        return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)

@@ -46,11 +46,8 @@ class BehaviorRecordings:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        set_frozen(
-            self,
-            objects=freeze(self.objects, np.int64),
-            labels=freeze(self.labels, np.int8),
-        )
+        objects, labels = freeze(self.objects, np.int64), freeze(self.labels, np.int8)
+        set_frozen(self, objects=objects, labels=labels)
 
     @property
     def large(self) -> bool:
@@ -87,11 +84,7 @@ class BehaviorRecordings:
 
 
 def number_in_object(objects: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the number of each row (n,) within its object, from 0; objects rise.
-
-    >>> number_in_object(np.array([3, 3, 5, 8, 8])).tolist()
-    [0, 1, 0, 0, 1]
-    """
+    """Return the number of each row (n,) within its object, from 0; objects rise."""
     return np.arange(len(objects)) - np.searchsorted(objects, objects)
 
 
@@ -122,10 +115,9 @@ def groups_of(
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:
-    """Fit feature spaces (means, standard deviations, widths, whitening), which need no labels.
+    """Fit feature spaces, which need no labels; a behavior without recordings has none.
 
-    A robot refits its classifiers as labels come in, and keeps the spaces. A behavior without
-    recordings has none: percepts of it are at even odds.
+    A robot refits its classifiers as labels come in, and keeps the spaces.
 
     Parameters
     ----------
@@ -139,21 +131,21 @@ def fit_spaces(
         Shrink directions in which repeats of one object differ.
     """
     spaces = {}
-    n = len(dataset.objects) * dataset.recordings
-    for behavior, modality in dataset.features:
-        rows = gathered.behavior == dataset.domain.behavior_index(behavior)
-        if rows.any():
-            values, objects = dataset.features[behavior, modality], gathered.object[rows]
-            known = values[objects, gathered.recording[rows]]
-            space = fit_space(known, kernel, objects if whiten else None)
-            if len(known) > 1 and not len(space.kept):
-                warnings.warn(
-                    f"None of the {known.shape[1]} features of {(behavior, modality)} varies over "
-                    f"{len(known)} recordings: the modality says nothing. Check its sensor.",
-                    stacklevel=2,
-                )
-            rows_of_all = space.standardize(values.reshape(n, -1))
-            spaces[behavior, modality] = replace(space, rows=rows_of_all)
+    for context, values in dataset.features.items():
+        rows = gathered.behavior == dataset.domain.behavior_index(context[0])
+        if not rows.any():
+            continue
+        objects = gathered.object[rows]
+        raw = values[objects, gathered.recording[rows]]
+        space = fit_space(raw, kernel, objects if whiten else None)
+        if len(raw) > 1 and not len(space.kept):
+            warnings.warn(
+                f"None of the {raw.shape[1]} features of {context} varies over {len(raw)} "
+                "recordings: the modality says nothing. Check its sensor.",
+                stacklevel=2,
+            )
+        every = space.standardize(values.reshape(-1, values.shape[2]))
+        spaces[context] = replace(space, rows=every)
     return spaces
 
 

@@ -94,14 +94,11 @@ class PerceptionSettings:
                 f"classifier is {type(self.classifier).__name__}; expected a scikit-learn "
                 "classifier: with fit, get_params, and predict_proba or decision_function."
             )
-        for name in ("noise", "ridge", "box"):
-            if not getattr(self, name) > 0:
+        for name in ("noise", "ridge", "box", "width"):
+            if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
-        if self.width is not None:
-            if not self.width > 0:
-                raise SettingsError(f"width is {self.width}; give a number above 0.")
-            if (self.method, self.kernel) != ("stacked", "rbf"):
-                raise SettingsError("Only the RBF of 'stacked' has a width; give width=None.")
+        if self.width is not None and (self.method, self.kernel) != ("stacked", "rbf"):
+            raise SettingsError("Only the RBF of 'stacked' has a width; give width=None.")
         if self.joint and (self.method, self.kernel) == ("stacked", "polynomial"):
             raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
         level_edges(BIN_EDGES, self.levels)

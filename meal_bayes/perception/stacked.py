@@ -4,14 +4,12 @@ A classifier for each modality, and one for all of them at once.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.perception.ensemble import KernelFit
 from meal_bayes.perception.leave_out import (
     NOBODY,
@@ -29,41 +27,22 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Stacker:
-    """A class-balanced logistic regression on M classifiers' decisions.
-
-    Attributes
-    ----------
-    weights : NDArray[np.float64]
-        (P,1+M) intercept and slopes.
-    """
+class Stacker(NamedTuple):
+    """A class-balanced logistic regression on M classifiers' decisions: `weights` (P,1+M)."""
 
     weights: Floats
 
-    def __post_init__(self) -> None:
-        set_frozen(self, weights=freeze(self.weights))
-
     def log_odds(self, decisions: Floats) -> Floats:
         """Return log-odds with prior 1/2, (B,P), from decisions (B,M,P); NaN counts as 0."""
-        finite = np.where(np.isnan(decisions), 0.0, decisions)
-        slopes: Floats = np.einsum("bmp,pm->bp", finite, self.weights[:, 1:])
+        slopes: Floats = np.einsum("bmp,pm->bp", np.nan_to_num(decisions), self.weights[:, 1:])
         return slopes + self.weights[:, 0]
 
 
 class Part(NamedTuple):
-    """Attributes whose labels are known together.
+    """Attributes (a,) whose labels are known together, and the problem of these recordings.
 
-    Attributes
-    ----------
-    rows : NDArray[np.int64]
-        (r,) recordings whose labels are known, group by group.
-    attributes : NDArray[np.int64]
-        (a,).
-    columns : NDArray[np.int64]
-        (c,) what the problem's duals weigh, of what recordings are compared with.
-    problem : Problem
-        Of these rows.
+    Rows (r,) are the recordings, group by group; columns (c,) what the problem's duals weigh, of
+    what recordings are compared with.
     """
 
     rows: Ints
@@ -73,11 +52,7 @@ class Part(NamedTuple):
 
 
 def parts(
-    recordings: BehaviorRecordings,
-    kernels: Floats,
-    settings: PerceptionSettings,
-    *,
-    by_object: bool = True,
+    recordings: BehaviorRecordings, kernels: Floats, settings: PerceptionSettings, by_object: bool
 ) -> Iterator[Part]:
     """Yield the problems of one behavior, by which labels are known together.
 
@@ -90,16 +65,14 @@ def parts(
     for known, attributes in known_patterns(recordings.labels >= 0):
         rows = np.flatnonzero(known)
         rows = rows[np.argsort(groups[rows], kind="stable")]
-        truth = recordings.labels[np.ix_(rows, attributes)] == 1
+        truth, noise = recordings.labels[np.ix_(rows, attributes)] == 1, settings.noise
+        columns = rows if landmarks is None else np.arange(len(landmarks))
         if landmarks is None:
-            gram = kernels[:, rows][:, :, rows]
-            problem: Problem = kernel_problem(gram, truth, groups[rows], settings.noise)
-            yield Part(rows, attributes, rows, problem)
+            problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], noise)
         else:
-            among = kernels[:, landmarks]
-            of = groups[rows], objects[rows]
-            problem = landmark_problem(kernels[:, rows], among, truth, of, settings.noise)
-            yield Part(rows, attributes, np.arange(len(landmarks)), problem)
+            near, names = (kernels[:, rows], kernels[:, landmarks]), (groups[rows], objects[rows])
+            problem = landmark_problem(*near, truth, names, noise)
+        yield Part(rows, attributes, columns, problem)
 
 
 def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
@@ -113,7 +86,7 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelF
     dual = np.zeros((n_kernels, n_attributes, m))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
-    for part in parts(recordings, kernels, settings, by_object=settings.by_object):
+    for part in parts(recordings, kernels, settings, settings.by_object):
         attributes, problem = part.attributes, part.problem
         weights[attributes] = leave_out(problem, NOBODY, settings).weights[0]
         nested[np.ix_(part.rows, attributes)] = each_group(problem, settings, weights[attributes])
@@ -143,7 +116,7 @@ def outputs(
         (H,n,P) for each of it those on the others; NaN where none was computed.
     """
     kernels = recordings.kernels(joint=settings.joint)
-    (part,) = parts(recordings, kernels, settings)
+    (part,) = parts(recordings, kernels, settings, by_object=True)
     problem = part.problem
     weights = leave_out(problem, NOBODY, settings).weights[0]
     held_outputs = np.full(recordings.labels.shape, np.nan)
@@ -162,9 +135,9 @@ def outputs(
         for out, other, side in ((first, second, 1), (second, first, 0)):
             if places[out] is not None:
                 training[places[out], rows[other]] = sides[side]
-    for out, there in zip(places, rows, strict=True):
+    for out, absent in zip(places, rows, strict=True):
         if out is not None:
-            training[out, there] = np.nan
+            training[out, absent] = np.nan
     unknown = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
     across = kernels[:, unknown][:, :, part.columns]
     decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)

@@ -104,8 +104,9 @@ def build_percept_table(
             progress(done + 1, len(gathered))
     if settings.positive_youden_only:
         _neutralize(log_odds, bins, dataset.labels, groups)
-    made = BIN_EDGES, bins, _provenance(dataset, settings), dataset.recording_counts, groups
-    return PerceptTable(domain, dataset.objects, dataset.labels, log_odds, *made)
+    known = domain, dataset.objects, dataset.labels
+    origin = _provenance(dataset, settings), dataset.recording_counts
+    return PerceptTable(*known, log_odds, BIN_EDGES, bins, *origin, groups)
 
 
 def _positions(
@@ -124,41 +125,21 @@ def _score_behavior(
     groups: Ints,
     settings: PerceptionSettings,
 ) -> tuple[int, Halves, NDArray[np.uint8]]:
-    """Score one behavior.
+    """Score one behavior, given by its number and its recordings, at widths (H,) of the kernels.
 
-    Parameters
-    ----------
-    piece : tuple[int, BehaviorRecordings]
-        Its number and its recordings, with the labels of p attributes.
-    held : NDArray[np.int64]
-        (H,) what is held out.
-    widths : NDArray[np.float64]
-        (H,) factors of the kernels' widths.
-    groups : NDArray[np.int64]
-        (O,) what each object is left out with.
-    settings : PerceptionSettings
-        The method.
-
-    Returns
-    -------
-    int
-        The behavior's number.
-    NDArray[np.float16]
-        (n,p) the held-out outputs.
-    NDArray[np.uint8]
-        (H,O,p,L) for each that is held out, how often the objects showed each fine bin.
+    Returns its number, the held-out outputs (n,p), and for each that is held out (H,) how often the
+    objects showed each fine bin, (H,O,p,L).
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
     held_outputs = np.full((n, n_attributes), np.nan, np.float16)
     shown = np.zeros((len(held), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
     names, starts = np.unique(recordings.objects, return_index=True)
-    patterns = list(known_patterns(recordings.labels >= 0))
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for width in np.unique(widths):
             chosen = np.flatnonzero(widths == width)
             rows = np.isin(groups[recordings.objects], held[chosen])
-            for _, attributes in patterns:
+            for _, attributes in known_patterns(recordings.labels >= 0):
                 part = recordings.of(attributes).widened(width)
                 log_odds, training = method_of(settings).outputs(part, held[chosen], settings)
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
@@ -195,11 +176,10 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
     data, classifier, kind = dataset.domain.data, settings.classifier, type(settings.classifier)
     home, name = SOURCES.get(data), f"{kind.__module__}:{kind.__qualname__}"
     options = {"paper": " --perception paper", "classifier": f" --classifier {name}"}
-    values_of = {field.name: getattr(settings, field.name) for field in fields(settings)}
-    del values_of["classifier"]  # it has entries of its own
+    names = (field.name for field in fields(settings) if field.name != "classifier")
     provenance = {
         "package": f"meal-bayes {package_version()}",
-        "perception": _listed(values_of),
+        "perception": ", ".join(f"{n}={getattr(settings, n)}" for n in names),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
         "command": f"meal-bayes data percepts --dataset {data}{options.get(settings.method, '')}",
@@ -207,7 +187,7 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
     if classifier is not None:
         provenance["classifier"] = name
         parameters = sorted(classifier.get_params().items())
-        provenance["classifier_parameters"] = _listed({k: repr(v) for k, v in parameters})
+        provenance["classifier_parameters"] = ", ".join(f"{n}={v!r}" for n, v in parameters)
         package = kind.__module__.partition(".")[0]
         version = getattr(sys.modules.get(package), "__version__", None)
         if isinstance(version, str):
@@ -219,7 +199,3 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
                 source = "unknown"
             provenance["classifier_source_sha256"] = source
     return provenance
-
-
-def _listed(values: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={value}" for name, value in values.items())

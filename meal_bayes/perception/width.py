@@ -77,7 +77,7 @@ def _losses_of_widths(
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for w, width in enumerate(WIDTHS):
             wide = recordings.widened(width)
-            for part in parts(wide, wide.kernels(joint=settings.joint), settings):
+            for part in parts(wide, wide.kernels(joint=settings.joint), settings, by_object=True):
                 problem = part.problem
                 everyone = leave_out(problem, NOBODY, settings)
                 (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)

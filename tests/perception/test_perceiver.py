@@ -5,7 +5,7 @@ from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.perception import RecordedPercepts, SampledPercepts
-from meal_bayes.perception.perceiver import answer, draw_levels
+from meal_bayes.perception.perceiver import answer
 
 BOTH = Query(("heavy", "red"))  # not in the domain's order
 
@@ -87,8 +87,3 @@ def test_the_sampler_answers_like_a_person(small_table, rng):
 def test_the_sampler_refuses_matrices_of_another_domain(small_table):
     with pytest.raises(DataError, match=r"expected \(2,4,2,K\)"):
         SampledPercepts(small_table.domain, small_table.labels, np.full((2, 3, 2, 2), 0.5))
-
-
-def test_certain_rows_give_certain_levels(rng):
-    rows = np.eye(4)[[2, 0, 3, 1]]
-    assert draw_levels(rows, rng).tolist() == [2, 0, 3, 1]
