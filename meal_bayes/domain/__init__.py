@@ -4,8 +4,7 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 """
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionArrays, TransitionDiagram
-from meal_bayes.domain.domain import Behavior, Domain, unknown
-from meal_bayes.domain.outcomes import learn_success
+from meal_bayes.domain.domain import Behavior, Domain, learn_success, unknown
 from meal_bayes.domain.query import Query, read_query
 from meal_bayes.domain.tables import (
     domain_from_table,

@@ -1,6 +1,7 @@
 """The transition diagram of the fully observable states x (the paper's Fig. 5)."""
 
-from collections.abc import Callable, Iterable, Sequence
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -91,24 +92,30 @@ class TransitionDiagram:
 
     def __post_init__(self) -> None:
         self._check_states()
-        outgoing: dict[tuple[str, str], float] = {}
-        arrows: set[tuple[str, str, str]] = set()
+        outgoing: dict[tuple[str, str], dict[str, float]] = {}
+        targets: dict[str, set[str]] = {}
         for effect in self.effects:
-            _check_effect(effect, self.states)
+            self._check_effect(effect)
             for source, target in self._expand(effect):
-                if (source, effect.behavior, target) in arrows:
-                    found = f"{source} --{effect.behavior}--> {target}"
-                    raise DomainError(f"The arrow {found} is listed twice; keep one.")
-                arrows.add((source, effect.behavior, target))
-                total = outgoing.get((source, effect.behavior), 0.0) + effect.probability
-                outgoing[source, effect.behavior] = total
-        for (source, behavior), total in outgoing.items():
-            if total > 1 + 1e-9:
+                outcomes = outgoing.setdefault((source, effect.behavior), {})
+                if target in outcomes:
+                    arrow = f"{source} --{effect.behavior}--> {target}"
+                    raise DomainError(f"The arrow {arrow} is listed twice; keep one.")
+                outcomes[target] = effect.probability
+                targets.setdefault(source, set()).add(target)
+        for (source, behavior), outcomes in outgoing.items():
+            if (total := sum(outcomes.values())) > 1 + 1e-9:
                 raise DomainError(
                     f"{behavior!r} in {source!r} has outcomes of total probability {total:g}; "
                     "lower them so that they add to at most 1."
                 )
-        self._check_reachable(arrows)
+        reached = closure(self.start, lambda state: targets.get(state, ()))
+        lost = [repr(state) for state in self.states[:-1] if state not in reached]
+        if lost:
+            raise DomainError(
+                f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
+                "add an effect that does, or remove the state."
+            )
 
     def _check_states(self) -> None:
         if self.illegal not in ("terminate", "stay"):
@@ -122,16 +129,17 @@ class TransitionDiagram:
                 f"start = {self.start!r} is none of the states {list(self.states[:-1])}."
             )
 
-    def _check_reachable(self, arrows: set[tuple[str, str, str]]) -> None:
-        targets: dict[str, list[str]] = {}
-        for source, _, target in arrows:
-            targets.setdefault(source, []).append(target)
-        reached = closure(self.start, lambda state: targets.get(state, ()))
-        lost = [state for state in self.states[:-1] if state not in reached]
-        if lost:
+    def _check_effect(self, effect: Effect) -> None:
+        for role, name in (("from", effect.source), ("to", effect.target)):
+            if name not in (*self.states[:-1], ANY_STATE):
+                raise DomainError(
+                    f"An effect of {effect.behavior!r} goes {role} {name!r}; "
+                    f"expected one of {list(self.states[:-1])}."
+                )
+        if not 0.0 < effect.probability <= 1.0:
             raise DomainError(
-                f"No behavior ever leads from {self.start!r} to {', '.join(map(repr, lost))}; "
-                "add an effect that does, or remove the state."
+                f"{effect.behavior!r} in {effect.source!r} has probability "
+                f"{effect.probability:g}; expected a number above 0 and at most 1."
             )
 
     def _expand(self, effect: Effect) -> list[tuple[str, str]]:
@@ -140,10 +148,8 @@ class TransitionDiagram:
 
     def success(self, effect: Effect) -> float:
         """Return Pr(a behavior succeeds in a source), summed over its outcomes."""
-        same = (
-            o for o in self.effects if (o.source, o.behavior) == (effect.source, effect.behavior)
-        )
-        return sum(outcome.probability for outcome in same)
+        arrow = effect.source, effect.behavior
+        return sum(e.probability for e in self.effects if (e.source, e.behavior) == arrow)
 
     def successes(self, state: str) -> dict[str, str]:
         """Return the behaviors that are legal in a state, and where each most probably leads."""
@@ -158,19 +164,34 @@ class TransitionDiagram:
     def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":
         """Change how often behaviors succeed; the outcomes of a success stay as likely as before.
 
-        Parameters
-        ----------
-        chance : Callable[[str, float], float]
-            Probability of success, of a behavior and what the probability is now.
+        The chance is that of a behavior, and is given what it is now.
         """
         effects = []
         for effect in self.effects:
-            now = self.success(effect)
-            then = chance(effect.behavior, now)
-            if then != now:
-                effect = replace(effect, probability=effect.probability * then / now)  # noqa: PLW2901
-            effects.append(effect)
+            before = self.success(effect)
+            after, probability = chance(effect.behavior, before), effect.probability
+            changed = replace(effect, probability=probability * after / before)
+            effects.append(effect if after == before else changed)
         return replace(self, effects=tuple(effects))
+
+    def cheapest_first(self, cost: Mapping[str, float], wanted: Set[str]) -> tuple[str, ...]:
+        """Build a sequence of behaviors through the diagram that executes each wanted one.
+
+        The cheapest comes first, unless others could not be reached any more after it. One that was
+        executed comes again only on the way to another.
+        """
+        after = {x: self.successes(x) for x in self.states}
+        reachable = {  # behaviors that can still be executed from a state on
+            x: {name for to in closure(x, lambda y: after[y].values()) for name in after[to]}
+            for x in self.states
+        }
+        left, state, sequence = set(wanted), self.start, list[str]()
+        while ways := list(_ways(after, state, left, cost)):
+            lost = [len(left - {names[-1]} - reachable[x]) for names, x in ways]
+            names, state = ways[lost.index(min(lost))]
+            sequence += names
+            left.discard(names[-1])
+        return tuple(sequence)
 
     @property
     def abstain(self) -> bool:
@@ -190,20 +211,15 @@ class TransitionDiagram:
                 transition[e, x, next_x] += effect.probability
                 sensed[e, x, next_x] += effect.probability * effect.senses
                 legal[x, e] = True
-        end = size - 1
         # (E,X) failure: x stays, nothing is perceived; rounding must not make it negative
         rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
-        ends = ~legal.T if self.illegal == "terminate" else np.zeros_like(legal.T)
-        ends[:, end] = True
+        ends = ~legal.T & self.abstain
+        ends[:, -1] = True
         stays = np.arange(size)
         transition[:, stays, stays] += np.where(ends, 0.0, rest)
-        transition[:, :, end] += np.where(ends, rest, 0.0)
-        observation_probability = np.divide(
-            sensed, transition, out=np.zeros_like(sensed), where=transition > 0
-        )
-        return TransitionArrays(
-            freeze(transition), freeze(observation_probability), freeze(legal, np.bool_)
-        )
+        transition[:, :, -1] += np.where(ends, rest, 0.0)
+        probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
+        return TransitionArrays(freeze(transition), freeze(probability), freeze(legal, np.bool_))
 
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
@@ -216,15 +232,19 @@ def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
     return reached
 
 
-def _check_effect(effect: Effect, states: tuple[str, ...]) -> None:
-    for role, name in (("from", effect.source), ("to", effect.target)):
-        if name not in (*states[:-1], ANY_STATE):
-            raise DomainError(
-                f"An effect of {effect.behavior!r} goes {role} {name!r}; "
-                f"expected one of {list(states[:-1])}."
-            )
-    if not 0.0 < effect.probability <= 1.0:
-        raise DomainError(
-            f"{effect.behavior!r} in {effect.source!r} has probability {effect.probability:g}; "
-            "expected a number above 0 and at most 1."
-        )
+def _ways(
+    after: Mapping[str, Mapping[str, str]], start: str, wanted: Set[str], cost: Mapping[str, float]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield behaviors that end with a wanted one, and the likeliest state after; cheapest first."""
+    waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
+    reached, ended = set[str](), set[str]()
+    while waiting:
+        spent, names, state = heapq.heappop(waiting)
+        if names and names[-1] in wanted:
+            if names[-1] not in ended:
+                ended.add(names[-1])
+                yield names, state
+        elif state not in reached:
+            reached.add(state)
+            for name, target in after[state].items():
+                heapq.heappush(waiting, (spent + cost[name], (*names, name), target))

@@ -1,22 +1,22 @@
 """What a robot can do and be asked about: attributes, behaviors with costs, the diagram."""
 
 import difflib
-import heapq
 import math
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.display import card, card_html, listed
-from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram, closure
+from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
 _SHOWN = 40  # names that a message lists at most
+_PRIOR = 2.0  # executions at the domain's own probability, where success is learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,50 +118,56 @@ class Domain:
             raise DomainError(
                 f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
             )
-        if not self.legal_budget or not all(0 <= each < math.inf for each in self.legal_budget):
+        if not self.legal_budget or not all(0 <= s < math.inf for s in self.legal_budget):
             raise DomainError(
                 f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
                 "seconds, 0 or more, or leave it out."
             )
         _check_unique("attribute", self.attributes)
         _check_unique("behavior", self.behavior_names)
-        for behavior in self.behaviors:
-            _check_behavior(behavior)
-        self._check_uses()
+        self._check_behaviors()
         self._check_words()
 
-    def _check_uses(self) -> None:
-        used = {effect.behavior for effect in self.diagram.effects}
-        for name in sorted(used - set(self.behavior_names)):
+    def _check_behaviors(self) -> None:
+        for behavior in self.behaviors:
+            name, accuracy = behavior.name, behavior.answer_accuracy
+            if not 0 <= behavior.cost <= LARGEST:
+                raise DomainError(
+                    f"Behavior {name!r} costs {behavior.cost}; give its seconds, 0 to {LARGEST:g}."
+                )
+            if accuracy is not None and not 0 < accuracy <= 1:
+                raise DomainError(
+                    f"Behavior {name!r} has answer_accuracy {accuracy}; "
+                    "expected a number above 0 and at most 1."
+                )
+        used, names = {effect.behavior for effect in self.diagram.effects}, {*self.behavior_names}
+        for name in sorted(used - names):
             raise DomainError(
                 f"The diagram uses behavior {name!r}, which has no entry (with its cost) "
                 f"among the behaviors {list(self.behavior_names)}."
             )
-        for name in sorted(set(self.behavior_names) - used):
+        for name in sorted(names - used):
             raise DomainError(
                 f"Behavior {name!r} is legal in no state; add an effect or remove it."
             )
-        if not any(each.senses for each in self.behaviors):
+        if not any(behavior.senses for behavior in self.behaviors):
             raise DomainError(
                 "No behavior tells anything; give one its `modalities`, or `answer_accuracy`."
             )
-        for name in sorted(set(self.predefined) - set(self.behavior_names)):
+        for name in sorted({*self.predefined} - names):
             raise DomainError(f"The predefined sequence names {name!r}, which is no behavior.")
 
     def _check_words(self) -> None:
-        for name in sorted({*self.synonyms.values(), *sum(self.groups.values(), ())}):
+        grouped = [name for members in self.groups.values() for name in members]
+        for name in sorted({*self.synonyms.values(), *grouped}):
             if name not in self.attributes:
                 raise DomainError(f"Groups or synonyms name {name!r}, which is no attribute.")
         for group, members in self.groups.items():
-            others = (
-                name for other in self.groups if other != group for name in self.groups[other]
-            )
-            if len(members) < 2 or {*members} & {*others}:
+            if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
                 raise DomainError(
-                    f"The group {group!r} is {list(members)}; give two or more attributes, which "
-                    "no other group has."
+                    f"The group {group!r} is {list(members)}; give two or more attributes, each "
+                    "once and in no other group."
                 )
-            _check_unique(f"value of {group!r}", members)
         for name in self.attributes:
             if "," in name:
                 raise DomainError(f"The attribute {name!r} holds a comma, which parts attributes.")
@@ -225,23 +231,33 @@ class Domain:
         return tuple(behavior.name for behavior in self.behaviors)
 
     @property
-    def default_sequence(self) -> tuple[str, ...]:
-        """The predefined sequence; where there is none, every behavior once, the cheapest first.
+    def contexts(self) -> list[tuple[str, str]]:
+        """Each behavior with each of its modalities."""
+        return [(behavior.name, m) for behavior in self.behaviors for m in behavior.modalities]
 
-        See `cheapest_first` for the order.
+    @property
+    def recorded(self) -> list[int]:
+        """Positions of the behaviors that have modalities, of which there are recordings."""
+        return [e for e, behavior in enumerate(self.behaviors) if behavior.modalities]
+
+    @property
+    def default_sequence(self) -> tuple[str, ...]:
+        """The predefined sequence; where there is none, `TransitionDiagram.cheapest_first`.
 
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("toy").default_sequence
         ('look', 'lift')
         """
-        return self.predefined or cheapest_first(self)
+        cost = {behavior.name: behavior.cost for behavior in self.behaviors}
+        wanted = {behavior.name for behavior in self.behaviors if behavior.senses}
+        return self.predefined or self.diagram.cheapest_first(cost, wanted)
 
     def behavior_index(self, name: str) -> int:
         """Return the position of a behavior; `DomainError` if there is none."""
-        for index, behavior in enumerate(self.behaviors):
-            if behavior.name == name:
-                return index
-        raise DomainError(unknown("behavior", name, self.behavior_names))
+        names = self.behavior_names
+        if name not in names:
+            raise DomainError(unknown("behavior", name, names))
+        return names.index(name)
 
     def attribute_index(self, name: str) -> int:
         """Return the position of an attribute; `QueryError` if there is none."""
@@ -256,46 +272,6 @@ class Domain:
     def transitions(self) -> TransitionArrays:
         """Compile the diagram over this domain's behaviors."""
         return self.diagram.compile(self.behavior_names)
-
-
-def cheapest_first(domain: Domain) -> tuple[str, ...]:
-    """Build a sequence of behaviors through the diagram that executes each sensing one.
-
-    The cheapest comes first, unless others could not be reached any more after it. One that was
-    executed comes again only on the way to another.
-    """
-    cost = {behavior.name: behavior.cost for behavior in domain.behaviors}
-    left = {behavior.name for behavior in domain.behaviors if behavior.senses}
-    after = {x: domain.diagram.successes(x) for x in domain.diagram.states}
-    reachable = {  # behaviors that can still be executed from a state on
-        x: {name for to in closure(x, lambda y: after[y].values()) for name in after[to]}
-        for x in domain.diagram.states
-    }
-    state, sequence = domain.diagram.start, list[str]()
-    while ways := list(_ways(domain.diagram, state, left, cost)):
-        lost = [len(left - {names[-1]} - reachable[x]) for names, x in ways]
-        names, state = ways[lost.index(min(lost))]
-        sequence += names
-        left.discard(names[-1])
-    return tuple(sequence)
-
-
-def _ways(
-    diagram: TransitionDiagram, start: str, wanted: set[str], cost: Mapping[str, float]
-) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield behaviors that end with a wanted one, and the likeliest state after; cheapest first."""
-    waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
-    reached, ended = set[str](), set[str]()
-    while waiting:
-        spent, names, state = heapq.heappop(waiting)
-        if names and names[-1] in wanted:
-            if names[-1] not in ended:
-                ended.add(names[-1])
-                yield names, state
-        elif state not in reached:
-            reached.add(state)
-            for name, target in diagram.successes(state).items():
-                heapq.heappush(waiting, (spent + cost[name], (*names, name), target))
 
 
 def fold(word: str) -> str:
@@ -313,22 +289,27 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     return f"Unknown {kind} {name!r}: {hint}expected one of: {shown}."
 
 
-def _check_behavior(behavior: Behavior) -> None:
-    if not 0 <= behavior.cost <= LARGEST:
-        raise DomainError(
-            f"Behavior {behavior.name!r} costs {behavior.cost}; give its seconds, 0 to {LARGEST:g}."
-        )
-    accuracy = behavior.answer_accuracy
-    if accuracy is not None and not 0 < accuracy <= 1:
-        raise DomainError(
-            f"Behavior {behavior.name!r} has answer_accuracy {accuracy}; "
-            "expected a number above 0 and at most 1."
-        )
-
-
 def _check_unique(kind: str, names: tuple[str, ...]) -> None:
     if not names:
         raise DomainError(f"A domain needs at least one {kind}.")
     for name in names:
         if names.count(name) > 1:
             raise DomainError(f"The {kind} {name!r} is listed twice; names must be unique.")
+
+
+def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
+    """Return the domain with the posterior mean of every behavior's success probability.
+
+    The prior is worth two executions at the domain's own probability.
+
+    Parameters
+    ----------
+    attempts : NDArray[np.int64]
+        (E,2) legal executions that failed, and that succeeded.
+    """
+
+    def mean(behavior: str, prior: float) -> float:
+        failed, succeeded = attempts[domain.behavior_index(behavior)]
+        return float((_PRIOR * prior + succeeded) / (_PRIOR + failed + succeeded))
+
+    return replace(domain, diagram=domain.diagram.succeeding(mean))

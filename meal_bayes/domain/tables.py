@@ -18,7 +18,7 @@ note
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -33,17 +33,19 @@ from meal_bayes.untrusted import (
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
-    levels,
     read_bytes,
 )
 
 _TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
-_COUNT = "a whole number, 0 or more"
+_NUMBERS, _COUNT, _FLAG = "a list of numbers", "a whole number, 0 or more", "true or false"
+_CASTS: dict[str, Callable[[Any], Any]] = {
+    _TEXT: str, _NUMBER: float, _LIST: tuple, _TABLE: dict, _ROWS: tuple, _COUNT: int, _FLAG: bool,
+    _NUMBERS: lambda values: tuple(map(float, values)),
+}  # fmt: skip
 _DOMAIN_KEYS = {
     "name": _TEXT, "extends": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST,
     "groups": _TABLE, "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER,
-    "legal_budget": "a list of numbers", "asked_minimum": _COUNT, "behaviors": _ROWS,
-    "diagram": _TABLE,
+    "legal_budget": _NUMBERS, "asked_minimum": _COUNT, "behaviors": _ROWS, "diagram": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
 _BEHAVIOR_KEYS = {
@@ -54,7 +56,7 @@ _EFFECT_FIELDS = {
     "senses": "senses",
 }  # fmt: skip
 _EFFECT_KEYS = {
-    "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": "true or false",
+    "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": _FLAG,
 }  # fmt: skip
 
 
@@ -92,8 +94,8 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
         table = _read(name)
     source, seen = str(name), {str(name)}
     while "extends" in table:
-        _check_keys("the domain", table, _DOMAIN_KEYS, ())
-        parent = table.pop("extends")
+        if not isinstance(parent := table.pop("extends"), str):
+            raise DomainError(f"Domain {name}: extends = {parent!r}; expected a text.")
         if parent.endswith(".toml") and source.endswith(".toml"):
             parent = str(Path(source).parent / parent)
         if parent in seen:
@@ -175,47 +177,38 @@ def _parse(path: Path) -> dict[str, Any]:
         longest = max(map(len, text.split("\n")))
         if longest > LINE_LIMIT:
             raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
-        table = tomllib.loads(text)
-        list(levels(table))  # raises as the parser does, whatever depth that may go to
+        return tomllib.loads(text)
     except RecursionError:
         raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
     except OSError as error:
         raise SettingsError(f"{path} cannot be read ({error.strerror}).") from error
     except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
         raise DomainError(f"{path} is not valid TOML: {error}.") from error
-    return table
 
 
 def _build(table: dict[str, Any]) -> Domain:
-    _check_keys("the domain", table, _DOMAIN_KEYS, ("name", "attributes", "behaviors", "diagram"))
-    _check_keys("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
+    required = ("name", "attributes", "behaviors", "diagram")
+    fields = _fields("the domain", table, _DOMAIN_KEYS, required)
+    diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
     _check_sizes(table)
-    diagram = table["diagram"]
-    for part, kind in (("groups", _LIST), ("synonyms", _TEXT)):
+    for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
-        _check_keys(f"[{part}]", entries, dict.fromkeys(entries, kind), ())
-    optional: dict[str, Any] = {
-        key: kind(table[key])
-        for key, kind in (("report_reward", float), ("asked_minimum", int), ("data", str))
-        if key in table
-    }
-    if "legal_budget" in table:
-        optional["legal_budget"] = tuple(map(float, table["legal_budget"]))
-    return Domain(
-        name=table["name"],
-        attributes=tuple(table["attributes"]),
-        behaviors=tuple(_behavior(row) for row in table["behaviors"]),
-        diagram=TransitionDiagram(
-            states=(*diagram["states"], TERMINAL),
-            start=diagram["start"],
-            effects=tuple(_effect(row) for row in diagram["effects"]),
-            illegal=diagram.get("illegal", "terminate"),
-        ),
-        groups={key: tuple(names) for key, names in table.get("groups", {}).items()},
-        synonyms=table.get("synonyms", {}),
-        predefined=tuple(table.get("predefined", ())),
-        **optional,
+        fields[part] = _fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
+    behaviors = (
+        _fields(f"behavior {row.get('name', row)!r}", row, _BEHAVIOR_KEYS, ("name", "cost"))
+        for row in table["behaviors"]
     )
+    effects = (
+        _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
+        for row in diagram["effects"]
+    )
+    fields["behaviors"] = tuple(Behavior(**row) for row in behaviors)
+    diagram["states"] += (TERMINAL,)
+    diagram["effects"] = tuple(
+        Effect(**{_EFFECT_FIELDS[key]: value for key, value in row.items()}) for row in effects
+    )
+    fields.pop("note", None)
+    return Domain(**{**fields, "diagram": TransitionDiagram(**diagram)})
 
 
 def _check_sizes(table: dict[str, Any]) -> None:
@@ -241,22 +234,10 @@ def _check_sizes(table: dict[str, Any]) -> None:
         )
 
 
-def _behavior(row: dict[str, Any]) -> Behavior:
-    where = f"behavior {row.get('name', row)!r}"
-    _check_keys(where, row, _BEHAVIOR_KEYS, ("name", "cost"))
-    accuracy = row.get("answer_accuracy")
-    return Behavior(row["name"], float(row["cost"]), tuple(row.get("modalities", ())), accuracy)
-
-
-def _effect(row: dict[str, Any]) -> Effect:
-    _check_keys(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
-    fields = {_EFFECT_FIELDS[key]: value for key, value in row.items()}
-    return Effect(**{**fields, "probability": float(row.get("probability", 1.0))})
-
-
-def _check_keys(
+def _fields(
     where: str, row: dict[str, Any], forms: dict[str, str], required: tuple[str, ...]
-) -> None:
+) -> dict[str, Any]:
+    """Check the keys of a table, and the forms of its values; return them as fields hold them."""
     for key in required:
         if key not in row:
             raise DomainError(f"{where} has no {key!r}; add it.")
@@ -265,6 +246,7 @@ def _check_keys(
             raise DomainError(f"In {where}: {unknown('key', key, sorted(forms))}")
         if not _is(forms[key], value):
             raise DomainError(f"In {where}: {key} = {value!r}; expected {forms[key]}.")
+    return {key: _CASTS[forms[key]](value) for key, value in row.items()}
 
 
 def _is(kind: str, value: object) -> bool:
@@ -273,7 +255,7 @@ def _is(kind: str, value: object) -> bool:
         return isinstance(value, int | float) and not isinstance(value, bool)
     if kind == _COUNT:
         return type(value) is int and value >= 0
-    if kind in (_LIST, "a list of numbers", _ROWS):
+    if kind in (_LIST, _NUMBERS, _ROWS):
         inner = {_LIST: _TEXT, _ROWS: _TABLE}.get(kind, _NUMBER)
         return isinstance(value, list | tuple) and all(_is(inner, entry) for entry in value)
     return isinstance(value, {_TEXT: str, _TABLE: dict}.get(kind, bool))

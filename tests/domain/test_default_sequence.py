@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from meal_bayes.domain import domain_from_table, domain_table, load_domain
-from meal_bayes.domain.domain import cheapest_first
 
 
 @pytest.mark.parametrize("name", ["toy", "roc36", "cy101", "ispy32"])
@@ -48,7 +47,7 @@ def test_what_leads_nowhere_comes_last():
         },
     }
     domain = domain_from_table(table)
-    assert cheapest_first(domain) == ("look", "drop")
+    assert domain.default_sequence == ("look", "drop")
 
 
 def test_a_named_sequence_is_taken_as_it_is():
