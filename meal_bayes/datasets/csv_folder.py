@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.feature_file import fault, join_features, read_contexts, read_rows
+from meal_bayes.datasets.feature_file import fault, join_features, read_features, read_rows
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.files import write_whole
 
@@ -31,7 +31,8 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
         The first line that is wrong, with its file, number, and how to repair it.
     """
     objects, labels = _read_labels(folder / "labels.csv", domain)
-    contexts = read_contexts(domain, folder, "{}_{}.csv", _KEYS, header=True)
+    files = ((context, folder / "{}_{}.csv".format(*context)) for context in domain.contexts)
+    contexts = ((context, read_features(path, _KEYS, header=True)) for context, path in files)
     dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
     log.info(
         "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
@@ -71,22 +72,23 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
         raise fault(where, f"the header {header[0][:40]!r}", expected, repair)
     for attribute in domain.attributes:
         if header.count(attribute) != 1:
-            found = f"{header.count(attribute)} columns {attribute!r}"
             hint = unknown("column", attribute, header[1:]).removesuffix(".")
-            raise fault(where, found, "one", f"add or rename one ({hint})")
+            columns = f"{header.count(attribute)} columns {attribute!r}"
+            raise fault(where, columns, "one", f"add or rename one ({hint})")
     labels: dict[str, list[int]] = {}
     for place, cells in rows:
         where = f"{path}, {place}"
         if len(cells) != len(header):
-            found, expected = f"{len(cells)} columns", f"{len(header)} as in the header"
-            raise fault(where, found, expected, "leave unknown values empty: a,1,,0")
+            expected = f"{len(header)} as in the header"
+            repair = "leave unknown values empty: a,1,,0"
+            raise fault(where, f"{len(cells)} columns", expected, repair)
         if cells[0] in labels:
-            found = f"object {cells[0]!r} again"
-            raise fault(where, found, "each object once", "remove one of the rows")
+            again = f"object {cells[0]!r} again"
+            raise fault(where, again, "each object once", "remove one of the rows")
         for column, cell in enumerate(cells[1:], start=1):
             if cell not in _VALUES:
-                found = f"{cell!r} in column {column + 1} ({header[column]})"
-                raise fault(where, found, "1, 0 or nothing", "write one of them")
+                value = f"{cell!r} in column {column + 1} ({header[column]})"
+                raise fault(where, value, "1, 0 or nothing", "write one of them")
         labels[cells[0]] = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
     if not labels:
         raise fault(where, "no rows under the header", "a row an object", "add the rows")

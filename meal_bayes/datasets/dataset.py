@@ -88,21 +88,20 @@ class Dataset:
             raise DataError(f"{self.objects[misfit[0]]!r} is {misfit[1]}.")
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
-        for e, behavior in enumerate(self.domain.behaviors):
-            for modality in behavior.modalities:
-                context = (behavior.name, modality)
-                frozen[context] = values = self._values(context)
-                number = _recordings_of(values, context)
-                if modality != behavior.modalities[0] and (number != counts[:, e]).any():
-                    bad = self.objects[int(np.flatnonzero(number != counts[:, e])[0])]
-                    raise DataError(
-                        f"{bad!r} has another number of recordings of {context} than of "
-                        f"{(behavior.name, behavior.modalities[0])}; each needs all modalities."
-                    )
-                counts[:, e] = number
-            if behavior.modalities and not (counts[:, e].any() or self.partial):
+        for context in self.domain.contexts:
+            frozen[context] = values = self._values(context)
+            number, e = _recordings_of(values, context), self.domain.behavior_index(context[0])
+            first = (context[0], self.domain.behaviors[e].modalities[0])
+            if context != first and (number != counts[:, e]).any():
+                bad = self.objects[int(np.flatnonzero(number != counts[:, e])[0])]
                 raise DataError(
-                    f"Features of {behavior.name!r} are NaN or infinity for every object; give "
+                    f"{bad!r} has another number of recordings of {context} than of {first}; each "
+                    "needs all modalities."
+                )
+            counts[:, e] = number
+            if not (number.any() or self.partial):
+                raise DataError(
+                    f"Features of {context[0]!r} are NaN or infinity for every object; give "
                     "recordings of it, or leave the behavior out of the domain."
                 )
         if len({values.shape[1] for values in frozen.values()}) > 1:
@@ -169,17 +168,17 @@ class Dataset:
         return card_html(*self._facts())
 
     def _facts(self) -> tuple[str, dict[str, str]]:
-        senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
-        counts = self.recording_counts[:, senses]
+        counts = self.recording_counts[:, self.domain.recorded]
         sizes = [values.shape[2] for values in self.features.values()]
         known = {
             name: int((self.labels == v).sum())
             for name, v in (("true", 1), ("false", 0), ("unknown", -1))
         }
-        least = f"{counts.min()} to " if (counts < self.recordings).any() else ""
+        ragged = (counts < self.recordings).any()
+        number = f"{counts.min()} to {self.recordings}" if ragged else f"{self.recordings}"
         return f"Dataset {self.domain.name}", {
             "objects": f"{len(self.objects)}: {listed(self.objects, 3)}",
-            "behaviors": f"{sum(senses)} that sense, {least}{self.recordings} recordings of each",
+            "behaviors": f"{counts.shape[1]} that sense, {number} recordings of each",
             "features": f"{len(sizes)} contexts of {min(sizes)} to {max(sizes)}",
             "attributes": f"{len(self.domain.attributes)}: {listed(self.domain.attributes)}",
             "labels": ", ".join(f"{number} {name}" for name, number in known.items()),
@@ -228,8 +227,7 @@ class Dataset:
         DataError
             A queried attribute whose value for this object is unknown.
         """
-        columns = self.domain.columns(query.attributes)
-        values = self.labels[object_index, columns]
+        values = self.labels[object_index, self.domain.columns(query.attributes)]
         for name, value in zip(query.attributes, values, strict=True):
             if value < 0:
                 raise DataError(

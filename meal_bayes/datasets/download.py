@@ -41,9 +41,11 @@ def verify(data: str) -> list[tuple[Path, str]]:
     """Compare the cached files with the registry: "ok", "missing" or "changed" each."""
     states = []
     for name, digest in registry(data).items():
-        path = cache_folder() / name
-        same = path.is_file() and _digest(path) == digest
-        states.append((path, "ok" if same else "changed" if path.is_file() else "missing"))
+        path, state = cache_folder() / name, "missing"
+        if path.is_file():
+            same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            state = "ok" if same else "changed"
+        states.append((path, state))
     return states
 
 
@@ -75,9 +77,13 @@ def fetch(data: str) -> Path:
     pooch.get_logger().setLevel("WARNING")  # it would log every file on the terminal
     keeper = pooch.create(path=folder, base_url=base, registry=registry(data))
     web = base.startswith(("http://", "https://"))
+
+    def copy(url: str, target: str, _: object) -> None:
+        shutil.copyfile(url, target)
+
     for name in keeper.registry:
         try:
-            keeper.fetch(name, downloader=pooch.HTTPDownloader() if web else _copy)
+            keeper.fetch(name, downloader=pooch.HTTPDownloader() if web else copy)
         except (OSError, ValueError) as error:  # ValueError: another checksum; nothing was kept
             raise DownloadError(
                 f"Cannot get {base}{name} into {folder} ({' '.join(str(error).split())[:400]}); "
@@ -86,12 +92,3 @@ def fetch(data: str) -> Path:
                 f"{_WITHOUT}."
             ) from error
     return folder
-
-
-def _copy(url: str, target: str, _keeper: object) -> None:
-    shutil.copyfile(url, target)
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -4,10 +4,9 @@ Cells are split by the standard library's `csv` and read by NumPy. (pandas' read
 times as long for ISPY32's 4,096 columns, and fills rows that are too short without a word.)
 """
 
-import contextlib
 import csv
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import Domain, unknown
+from meal_bayes.domain import unknown
 from meal_bayes.errors import DataError
 from meal_bayes.untrusted import read_bytes
 
@@ -57,13 +56,7 @@ def fault(where: str, found: str, expected: str, repair: str) -> DataError:
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 file.
-
-    Raises
-    ------
-    DataError
-        It is absent, empty, too large, or no text.
-    """
+    """Read a UTF-8 file; a `DataError` where it is absent, empty, too large, or no text."""
     try:
         data = read_bytes(path)
     except FileNotFoundError:
@@ -88,13 +81,7 @@ def read_text(path: Path) -> str:
 
 
 def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the place, such as "line 1", and the stripped cells of every row that is not empty.
-
-    Raises
-    ------
-    DataError
-        As of `read_text`.
-    """
+    """Yield the place, such as "line 1", and the stripped cells of every row that is not empty."""
     for number, line in enumerate(read_text(path).split("\n"), start=1):
         if not line.strip():
             continue
@@ -142,12 +129,6 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
 
 def _numbers(where: str, cells: list[str], first: int) -> list[float]:
     """Read finite numbers from a column on; unlike `float`, refuse 3_4 and digits of others."""
-    text = "".join(cells[first:])
-    if "_" not in text and text.isascii():
-        with contextlib.suppress(ValueError):
-            values = list(map(float, cells[first:]))
-            if all(-_LARGEST <= value <= _LARGEST for value in values):
-                return values
     for column, cell in enumerate(cells[first:], start=first + 1):
         if not _NUMBER.fullmatch(cell):
             repair = "write one, with a point for decimals"
@@ -156,35 +137,13 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
             found, expected = f"{float(cell)} in column {column}", "a finite number"
             repair = "measure again, or remove the recording of all objects"
             raise fault(where, found, f"{expected} (single precision)", repair)
-    return []  # not reached: one of them is none
-
-
-def read_contexts(
-    domain: Domain, folder: Path, name: str, key_columns: Sequence[str], *, header: bool = False
-) -> Iterator[tuple[Context, FeatureRows]]:
-    """Yield (behavior, modality) and rows of the feature file of each context of a domain.
-
-    Parameters
-    ----------
-    domain : Domain
-        Behaviors and modalities.
-    folder : Path
-        Of the files.
-    name : str
-        Of a file, such as "{}_{}.csv", for behavior and modality.
-    key_columns, header
-        As of `read_features`.
-    """
-    for behavior in domain.behaviors:
-        for modality in behavior.modalities:
-            path = folder / name.format(behavior.name, modality)
-            yield (behavior.name, modality), read_features(path, key_columns, header=header)
+    return list(map(float, cells[first:]))
 
 
 def join_features(
     objects: Sequence[str],
     contexts: Iterable[tuple[Context, FeatureRows]],
-    recordings: Sequence[str] | None = None,
+    recordings: int | None = None,
 ) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
@@ -194,9 +153,9 @@ def join_features(
         (O,) names.
     contexts : Iterable[tuple[Context, FeatureRows]]
         Rows of each context; those of one behavior must be of the same recordings.
-    recordings : Sequence[str] | None
-        What every object must have; by default what the first context of a behavior has, 2 before
-        10.
+    recordings : int | None
+        How many every object must have, named from 1; by default what the first context of a
+        behavior has, 2 before 10.
 
     Raises
     ------
@@ -210,7 +169,8 @@ def join_features(
         row_of = _row_of(rows, place)
         order = by_behavior.get(context[0])
         if order is None:
-            every = row_of if recordings is None else product(objects, recordings)
+            numbers = [str(k) for k in range(1, (recordings or 0) + 1)]
+            every = product(objects, numbers) if numbers else row_of
             order = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
             by_behavior[context[0]] = order
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
@@ -251,14 +211,3 @@ def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]
             raise rows.fault(row, found, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of
-
-
-def labels_by_words(
-    domain: Domain, words: Mapping[str, Collection[str]], name: str
-) -> NDArray[np.int8]:
-    """Return the labels (O,P) of objects that are named by words; `DataError` where none fits."""
-    known = set().union(*words.values())
-    for attribute in domain.attributes:
-        if attribute not in known:
-            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, known)}")
-    return np.array([[a in names for a in domain.attributes] for names in words.values()], np.int8)

@@ -20,7 +20,7 @@ def dataset_parts(
 ) -> _Parts:
     """Return objects (O,), features {context: (O,R,D)} and labels (O,P); see `from_frames`."""
     names, values = _labels(domain, labels, objects)
-    contexts = [(b.name, m) for b in domain.behaviors for m in b.modalities]
+    contexts = domain.contexts
     for context in features:
         if context not in contexts:
             raise DataError(unknown("context", str(context), map(str, contexts)))

@@ -48,7 +48,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     OutputError
         The file cannot be written; one that was there stays.
     """
-    sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    sensing = table.domain.recorded
     meta = {
         "format": _FORMAT,
         "domain": table.domain.name,
@@ -118,17 +118,17 @@ def domain_of(name: str | Path) -> Domain:
 
 def _domain_of(meta: dict[str, Any], where: str) -> Domain:
     """Return the domain that a file holds, or the shipped one that it names."""
-    if "domain_table" not in meta:
-        if meta["domain"] not in domain_names():
-            raise SettingsError(
-                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; "
-                "pass domain=load_domain(<your table>.toml)."
-            )
+    if "domain_table" in meta:
+        try:
+            return domain_from_table(meta["domain_table"])
+        except DomainError as error:
+            raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
+    if meta["domain"] in domain_names():
         return load_domain(meta["domain"])
-    try:
-        return domain_from_table(meta["domain_table"])
-    except DomainError as error:
-        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
+    raise SettingsError(
+        f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
+        "domain=load_domain(<your table>.toml)."
+    )
 
 
 def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
@@ -166,11 +166,8 @@ def _in_domain_order(
     meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain
 ) -> PerceptTable:
     """Return the table with attributes and behaviors in the order of the domain."""
-    wanted = (
-        ("attributes", domain.attributes),
-        ("behaviors", [behavior.name for behavior in domain.behaviors if behavior.modalities]),
-    )
-    for key, names in wanted:
+    sensing = [domain.behavior_names[e] for e in domain.recorded]
+    for key, names in (("attributes", domain.attributes), ("behaviors", sensing)):
         for name in names:
             if name not in meta[key]:
                 raise DataError(unknown(key[:-1], name, meta[key]))

@@ -46,6 +46,12 @@ def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
     return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(np.float16)
 
 
+_KINDS = {
+    "labels": np.int8, "log_odds": np.float16, "edges": np.float64, "training_bins": np.uint8,
+    "recording_counts": np.int64, "groups": np.int64,
+}  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class PerceptTable:
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
@@ -95,22 +101,17 @@ class PerceptTable:
     groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        set_frozen(self, labels=label_values(self.labels))
         o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
         r = self.recordings
         if self.groups is None:
             set_frozen(self, groups=np.arange(o))
         if self.recording_counts is None:
-            senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
-            set_frozen(self, recording_counts=np.tile(np.where(senses, r, 0), (o, 1)))
-        set_frozen(
-            self,
-            labels=freeze(label_values(self.labels), np.int8),
-            log_odds=freeze(self.log_odds, np.float16),
-            edges=freeze(self.edges),
-            training_bins=freeze(self.training_bins, np.uint8),
-            recording_counts=freeze(self.recording_counts, np.int64),
-            groups=freeze(self.groups, np.int64),
-        )
+            counts = np.zeros((o, e), np.int64)
+            counts[:, self.domain.recorded] = r
+            set_frozen(self, recording_counts=counts)
+        for name, kind in _KINDS.items():
+            set_frozen(self, **{name: freeze(getattr(self, name), kind)})
         expected = {
             "labels": (o, p),
             "log_odds": (o, r, e, p),
@@ -152,8 +153,7 @@ class PerceptTable:
     @property
     def ragged(self) -> bool:
         """Whether an object has fewer recordings of a behavior that senses than R."""
-        senses = [bool(behavior.modalities) for behavior in self.domain.behaviors]
-        return bool((self.recording_counts[:, senses] < self.recordings).any())
+        return bool((self.recording_counts[:, self.domain.recorded] < self.recordings).any())
 
     @property
     def recordings(self) -> int:

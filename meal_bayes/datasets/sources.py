@@ -5,8 +5,9 @@ What a reader does to the files stands in its docstring.
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,7 @@ from meal_bayes.datasets.feature_file import (
     FeatureRows,
     fault,
     join_features,
-    labels_by_words,
-    read_contexts,
+    read_features,
     read_rows,
 )
 from meal_bayes.datasets.percept_file import load_percepts
@@ -86,10 +86,9 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
             keys.append((name, str(so_far[name])))
         return rows._replace(keys=keys)
 
-    features = _features(
-        domain, list(words), folder / "sensorimotor_features/{}-{}.txt", ["object"], 10, numbered
-    )
-    return Dataset(domain, tuple(words), features, labels_by_words(domain, words, "ROC36"))
+    files = folder / "sensorimotor_features/{}-{}.txt"
+    features = _features(domain, list(words), files, ["object"], 10, numbered)
+    return Dataset(domain, tuple(words), features, _labels(domain, words, "ROC36"))
 
 
 def load_ispy32(domain: Domain, folder: Path) -> Dataset:
@@ -105,32 +104,28 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
     """
     names: dict[str, str] = {}  # by number
     for place, cells in read_rows(folder / "object_list.csv"):
-        expected = f"name,{len(names) + 1}"
-        if len(cells) != 2 or cells[1] != str(len(names) + 1):  # name, number
+        number = str(len(names) + 1)
+        if cells[1:] != [number]:
             where = f"{folder / 'object_list.csv'}, {place}"
-            raise fault(where, f"{','.join(cells)[:60]!r}", expected, "restore the row")
+            raise fault(where, f"{','.join(cells)[:60]!r}", f"name,{number}", "restore the row")
         names[cells[1]] = cells[0]
     objects = tuple(names.values())
 
     def named(_: Context, rows: FeatureRows) -> FeatureRows:
-        return rows._replace(
-            keys=[(names.get(number, number), trial) for number, trial in rows.keys]
-        )
+        keys = [(names.get(number, number), trial) for number, trial in rows.keys]
+        return rows._replace(keys=keys)
 
-    features = _features(
-        domain, objects, folder / "corl_features/{}_{}.txt", ["object", "trial"], 5, named
-    )
+    files = folder / "corl_features/{}_{}.txt"
+    features = _features(domain, objects, files, ["object", "trial"], 5, named)
     table = load_percepts("ispy32")
-    for kind, wanted, known in (
-        ("object", objects, table.objects),
-        ("word", domain.attributes, table.domain.attributes),
-    ):
-        for name in wanted:
-            if name not in known:
-                raise DataError(f"ISPY32 has no labels of it. {unknown(kind, name, known)}")
-    rows = [table.objects.index(name) for name in objects]
-    labels = table.labels[rows][:, table.domain.columns(domain.attributes)]
-    return Dataset(domain, objects, features, labels)
+    words: dict[str, list[str]] = {}
+    for name in objects:
+        if name not in table.objects:
+            known = unknown("object", name, table.objects)
+            raise DataError(f"ISPY32 has no labels of it. {known}")
+        true = table.labels[table.objects.index(name)] == 1
+        words[name] = list(compress(table.domain.attributes, true))
+    return Dataset(domain, objects, features, _labels(domain, words, "ISPY32"))
 
 
 def load_cy101(domain: Domain, folder: Path) -> Dataset:
@@ -164,7 +159,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
     for name in objects:
         if name not in words:
             raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
-    labels = labels_by_words(domain, {name: words[name] for name in objects}, "CY101")
+    labels = _labels(domain, {name: words[name] for name in objects}, "CY101")
 
     def corrected(context: Context, rows: FeatureRows) -> FeatureRows:
         """Split the keys `<object>_t<k>`, and mend counts (in double precision: single rounds)."""
@@ -192,9 +187,18 @@ def _features(
     keyed: Callable[[Context, FeatureRows], FeatureRows],
 ) -> dict[Context, NDArray[np.float32]]:
     """Read and join the files of a domain; `keyed` gives rows the keys (object, recording)."""
-    contexts = read_contexts(domain, files.parent, files.name, key_columns)
-    numbers = [str(k) for k in range(1, recordings + 1)]
-    return join_features(objects, ((c, keyed(c, rows)) for c, rows in contexts), numbers)
+    paths = ((context, files.with_name(files.name.format(*context))) for context in domain.contexts)
+    contexts = ((context, keyed(context, read_features(p, key_columns))) for context, p in paths)
+    return join_features(objects, contexts, recordings)
+
+
+def _labels(domain: Domain, words: Mapping[str, Collection[str]], name: str) -> NDArray[np.int8]:
+    """Return the labels (O,P) of objects that are named by words; `DataError` where none fits."""
+    known = set().union(*words.values())
+    for attribute in domain.attributes:
+        if attribute not in known:
+            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, known)}")
+    return np.array([[a in true for a in domain.attributes] for true in words.values()], np.int8)
 
 
 _POMDP = ("shiqizhang6/perception_pomdp", "4ab4abf1a47ce184f0327d3c143533d482c2604c")

@@ -48,9 +48,8 @@ def make_synthetic(
         if not size >= 0 or not np.isfinite(size):
             raise SettingsError(f"{name} = {size}; expected a finite number of at least 0.")
     labels = _draw_labels(domain, objects, rng)
-    contexts = [(b.name, modality) for b in domain.behaviors for modality in b.modalities]
     means = {}
-    for context in contexts:
+    for context in domain.contexts:
         directions = rng.standard_normal((len(domain.attributes), dimensions))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         strength = rng.uniform(0.0, signal, (len(domain.attributes), 1))

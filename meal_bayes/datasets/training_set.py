@@ -68,8 +68,7 @@ class TrainingSet:
     def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
         """Return all recordings of some objects (of all by default), with all known labels."""
         chosen = range(len(dataset.objects)) if objects is None else sorted(set(objects))
-        behaviors = dataset.domain.behaviors
-        sensing = [e for e, behavior in enumerate(behaviors) if behavior.modalities]
+        sensing = dataset.domain.recorded
         axes = np.meshgrid(list(chosen), sensing, np.arange(dataset.recordings), indexing="ij")
         keys = np.stack(axes).reshape(3, -1).astype(np.int32)
         keys = keys[:, keys[2] < dataset.recording_counts[keys[0], keys[1]]]
