@@ -30,24 +30,11 @@ def test_of_two_ways_the_cheaper_is_taken():
 
 
 def test_what_leads_nowhere_comes_last():
-    table = {
-        "name": "one_way",
-        "attributes": ["red"],
-        "behaviors": [
-            {"name": "look", "cost": 5, "modalities": ["color"]},
-            {"name": "drop", "cost": 1, "modalities": ["sound"]},
-        ],
-        "diagram": {
-            "states": ["a", "b"],
-            "start": "a",
-            "effects": [
-                {"from": "a", "do": "look", "to": "a"},
-                {"from": "a", "do": "drop", "to": "b"},
-            ],
-        },
-    }
-    domain = domain_from_table(table)
-    assert domain.default_sequence == ("look", "drop")
+    table = domain_table(load_domain("toy"))
+    table["predefined"], table["behaviors"][1]["cost"] = [], 0.5  # lifting is cheap
+    table["behaviors"].pop()  # and nothing leads back to look
+    table["diagram"]["effects"] = [e for e in table["diagram"]["effects"] if e["do"] != "reinit"]
+    assert domain_from_table(table).default_sequence == ("look", "lift")
 
 
 def test_a_named_sequence_is_taken_as_it_is():

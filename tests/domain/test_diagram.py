@@ -94,16 +94,6 @@ def test_bad_states_are_refused(changes, says):
         diagram(Effect("a", "grasp", "b"), **changes)
 
 
-def test_success_is_the_sum_over_outcomes():
-    effects = (
-        Effect("a", "push", "a", 0.25),
-        Effect("a", "push", "b", 0.5),
-        Effect("b", "push", "b", 0.9),
-    )
-    diagram = TransitionDiagram(("a", "b", "term"), "a", effects)
-    assert [diagram.success(effect) for effect in effects] == [0.75, 0.75, 0.9]
-
-
 def test_outcomes_keep_their_fractions_when_success_changes():
     push = (Effect("a", "push", "b", 0.5), Effect("a", "push", "a", 0.25))
     before = TransitionDiagram(("a", "b", "term"), "a", (*push, LOOP))

@@ -66,23 +66,17 @@ def test_bad_questions_teach_in_one_line(question, says):
     assert "\n" not in str(caught.value)
 
 
-def test_case_of_own_attributes_does_not_matter():
-    domain = domain_of("Red", "Very Heavy")
-    assert read_query("is it red and VERY heavy?", domain).attributes == ("Red", "Very Heavy")
-
-
 def domain_of(*attributes, **options):
     table = {"name": "own", "extends": "toy", "attributes": attributes, **options}
     return load_domain(table)
 
 
 def test_words_are_equal_whatever_their_case_and_coding():
-    domain = domain_of(
-        "Caf\N{LATIN SMALL LETTER E WITH ACUTE}", "gro\N{LATIN SMALL LETTER SHARP S}"
-    )
+    domain = domain_of(CAFE, "gro\N{LATIN SMALL LETTER SHARP S}", "Very Heavy")
     for question in ("is it cafe\N{COMBINING ACUTE ACCENT}?", ["CAFE\N{COMBINING ACUTE ACCENT}"]):
         assert read_query(question, domain).attributes == domain.attributes[:1]
-    assert read_query("GROSS", domain).attributes == domain.attributes[1:]
+    assert read_query("GROSS", domain).attributes == domain.attributes[1:2]
+    assert read_query("is it VERY heavy?", domain).attributes == domain.attributes[2:]
 
 
 @pytest.mark.parametrize(
@@ -91,12 +85,7 @@ def test_words_are_equal_whatever_their_case_and_coding():
         {"synonyms": {"Red": "blue"}},  # would steal the attribute "red"
         {"synonyms": {"crimson": "red", "Crimson": "blue"}},
         {"attributes": ["red", "RED"]},
-        {
-            "attributes": [
-                "caf\N{LATIN SMALL LETTER E WITH ACUTE}",
-                "cafe\N{COMBINING ACUTE ACCENT}",
-            ]
-        },
+        {"attributes": [CAFE, "cafe\N{COMBINING ACUTE ACCENT}"]},
     ],
 )
 def test_no_word_is_of_two_attributes(options):

@@ -1,11 +1,22 @@
+"""Domain tables: what they load, come back as, and refuse; those of others within limits."""
+
+import json
+import os
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from meal_bayes.domain import domain_names, load_domain, tables
+from meal_bayes.domain import (
+    domain_from_table,
+    domain_names,
+    domain_table,
+    load_domain,
+    tables,
+)
 from meal_bayes.errors import DomainError, SettingsError
+from meal_bayes.untrusted import LARGEST
 
 TABLE = """
 name = "mine"
@@ -25,10 +36,16 @@ effects = [
 """
 
 
-def load(folder, text, name="mine.toml"):
+def load(folder, content, name="mine.toml"):
     path = folder / name
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return load_domain(path)
+
+
+def test_a_byte_order_mark_and_line_ends_of_windows_are_read(tmp_path):
+    domain = load(tmp_path, TABLE)
+    assert load(tmp_path, b"\xef\xbb\xbf" + TABLE.encode()) == domain
+    assert load(tmp_path, TABLE.replace("\n", "\r\n")) == domain
 
 
 def test_own_table_loads(tmp_path):
@@ -39,10 +56,11 @@ def test_own_table_loads(tmp_path):
 
 
 @pytest.mark.parametrize("name", domain_names())
-def test_shipped_tables_load(name):
+def test_shipped_tables_load_and_come_back_equal_through_json(name):
     domain = load_domain(name)
     assert domain.name == name
     assert domain.data == name.removesuffix("_published")
+    assert domain_from_table(json.loads(json.dumps(domain_table(domain)))) == domain
 
 
 def test_costs_of_all_roc36_behaviors_are_table_3s():
@@ -62,11 +80,8 @@ def test_one_table_extends_another(tmp_path):
     load(tmp_path, TABLE)
     child = load(tmp_path, 'extends = "mine.toml"\nname = "child"\nreport_reward = 7', "child.toml")
     assert (child.name, child.report_reward, child.attributes) == ("child", 7.0, ("red", "heavy"))
-    assert load(tmp_path, 'extends = "toy"\nname = "t"').behavior_names == (
-        "look",
-        "lift",
-        "reinit",
-    )
+    child = load(tmp_path, 'extends = "toy"\nname = "t"')
+    assert child.behavior_names == ("look", "lift", "reinit")
 
 
 def test_a_dictionary_is_a_table(tmp_path):
@@ -113,6 +128,16 @@ def test_a_circle_of_tables_is_refused(tmp_path):
         ('name = "mine"', 'name = "mine"\npredefined = ["poke"]', "'poke', which is no behavior"),
         ('name = "mine"', 'name = "mine"\nextends = 3', "extends = 3; expected a text"),
         ('name = "mine"', "name = ", "is not valid TOML"),
+        ('name = "mine"', "name = 3", "expected a text"),
+        ('name = "mine"', 'name = "mine"\nreport_reward = 1e100', r"from 0 to 1e\+06"),
+        ('name = "mine"', 'name = "mine"\nlegal_budget = []', "at least one"),
+        ('name = "mine"', 'name = "mine"\nlegal_budget = [inf]', "at least one finite"),
+        ('name = "mine"', 'name = "mine"\nasked_minimum = 1.7', "a whole number"),
+        ("cost = 5", f"cost = {'9' * 5000}", "not valid TOML"),
+        ("cost = 5", f"cost = {LARGEST * 2:.0f}", r"0 to 1e\+06"),
+        ('["red", "heavy"]', f'["{"r" * 300}"]', "300 characters"),
+        ('["red", "heavy"]', '["  "]', "all blank"),
+        ("]\n[diagram]", '{ name = "poke", cost = 1 }]\n[diagram]', "'poke' is legal in no state"),
     ],
 )
 def test_bad_tables_teach_in_one_line(tmp_path, old, new, says):
@@ -122,10 +147,59 @@ def test_bad_tables_teach_in_one_line(tmp_path, old, new, says):
     assert "\n" not in str(caught.value)
 
 
-def test_a_behavior_that_is_nowhere_legal_is_refused(tmp_path):
-    extra = '    { name = "poke", cost = 1 },\n]\n[diagram]'
-    with pytest.raises(DomainError, match="'poke' is legal in no state; add an effect"):
-        load(tmp_path, TABLE.replace("]\n[diagram]", extra))
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        (None, "found NoneType"),
+        ({}, "has no 'name'"),
+        ({"diagram": []}, "expected a table"),
+        ({"behaviors": [{"name": "look", "cost": 10**400}]}, "out of range"),
+        ({"behaviors": [{"name": "look", "cost": float("nan")}]}, "costs nan"),
+    ],
+)
+def test_values_that_make_no_domain_are_told(table, says):
+    whole = domain_table(load_domain("toy"))
+    with pytest.raises(DomainError, match=says):
+        domain_from_table({**whole, **table} if table else table)
+
+
+def large(states, behaviors):
+    """Make a table of so many."""
+    names = [f"b{i}" for i in range(behaviors)]
+    rows = "\n".join(f'[[behaviors]]\nname = "{name}"\ncost = 1' for name in names)
+    effects = "\n".join(
+        f'[[diagram.effects]]\nfrom = "*"\ndo = "{name}"\nto = "*"' for name in names
+    )
+    diagram = f'[diagram]\nstates = {[f"s{i}" for i in range(states)]}\nstart = "s0"'
+    return f'name = "own"\nattributes = ["red"]\n{rows}\n{diagram}\n{effects}'
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (f"x = {'[' * 4000}{']' * 4000}", "nested too deeply"),
+        ("x = " + "{a=" * 2000 + "1" + "}" * 2000, "nested too deeply"),
+        (f"{'.'.join('a' * 6000)} = 1", "a line of 12,003 characters"),
+        ("a = 1\n" * 60_000, "bytes, more than 262,144"),
+        (b"name = 1\n" + bytes(100), "a zero byte at 9"),
+        (b"name = '\xff'", "not valid TOML"),
+        (large(1001, 1), "1001 states; expected at most 1000"),
+        (large(300, 300), "more than 1,000,000 entries"),
+    ],
+    ids=range(8),
+)
+def test_what_no_table_needs_is_refused(tmp_path, content, says):
+    with pytest.raises(DomainError, match=says):
+        load(tmp_path, content)
+
+
+def test_files_that_never_end_are_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(DomainError, match="no regular file"):
+        load_domain(tmp_path / "pipe.toml")
+    (tmp_path / "folder.toml").mkdir()
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load_domain(tmp_path / "folder.toml")
 
 
 def test_unknown_names_suggest_the_nearest(tmp_path):
