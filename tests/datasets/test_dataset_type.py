@@ -9,19 +9,13 @@ from meal_bayes.datasets import Dataset, object_index
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, SettingsError
 
+LOOK = ("look", "color")
+FEATURES = {LOOK: np.arange(12.0).reshape(2, 3, 2), ("lift", "haptics"): np.zeros((2, 3, 1))}
+
 
 def fields(**changes: Any) -> dict[str, Any]:
-    features = {
-        ("look", "color"): np.arange(12.0).reshape(2, 3, 2),
-        ("lift", "haptics"): np.zeros((2, 3, 1)),
-    }
-    whole = {
-        "domain": load_domain("toy"),
-        "objects": ("cup", "stone"),
-        "features": features,
-        "labels": [[1, 0], [0, -1]],
-    }
-    return {**whole, **changes}
+    whole = {"domain": load_domain("toy"), "objects": ("cup", "stone")}
+    return {**whole, "features": FEATURES, "labels": [[1, 0], [0, -1]], **changes}
 
 
 def test_instance_has_the_features_of_its_behavior() -> None:
@@ -48,27 +42,11 @@ def test_arrays_are_read_only() -> None:
         ({"labels": [["True", "False"], ["True", "False"]]}, "the label 'True'"),
         ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
         ({"features": {}}, "No features of"),
-        ({"features": {("look", "color"): np.zeros((2, 3))}}, "have shape"),
-        ({"features": {("look", "color"): np.full((2, 3, 2), "4_0")}}, "found text"),
-        ({"features": {("look", "color"): np.full((2, 3, 2), 1j)}}, "found complex"),
-        (
-            {
-                "features": {
-                    ("look", "color"): np.full((2, 3, 1), np.nan),
-                    ("lift", "haptics"): np.zeros((2, 3, 1)),
-                }
-            },
-            "NaN or infinity for every object",
-        ),
-        (
-            {
-                "features": {
-                    ("look", "color"): np.zeros((2, 3, 1)),
-                    ("lift", "haptics"): np.zeros((2, 2, 1)),
-                }
-            },
-            "same number of recordings",
-        ),
+        ({"features": {LOOK: np.zeros((2, 3))}}, "have shape"),
+        ({"features": {LOOK: np.full((2, 3, 2), "4_0")}}, "found text"),
+        ({"features": {LOOK: np.full((2, 3, 2), 1j)}}, "found complex"),
+        ({"features": {**FEATURES, LOOK: np.full((2, 3, 1), np.nan)}}, "infinity for every object"),
+        ({"features": {**FEATURES, LOOK: np.zeros((2, 2, 1))}}, "same number of recordings"),
     ],
 )
 def test_bad_parts_are_refused(changes: dict[str, Any], message: str) -> None:

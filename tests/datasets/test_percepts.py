@@ -2,11 +2,9 @@
 
 import io
 import json
-import os
 import tracemalloc
 import zipfile
 from dataclasses import replace
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -79,12 +77,6 @@ def assert_same(one, other):
     assert one.domain == other.domain
 
 
-def test_the_threshold_is_501():
-    assert pytest.approx(0.501) == 1 / (1 + np.exp(-THRESHOLD))
-    assert BIN_EDGES[3] == THRESHOLD
-    np.testing.assert_allclose(BIN_EDGES - THRESHOLD, -(BIN_EDGES - THRESHOLD)[::-1])
-
-
 def test_levels_merge_neighboring_bins(table):
     values = np.random.default_rng(0).normal(size=1000) * 3
     fine = levels_of(values, BIN_EDGES, 8)
@@ -98,6 +90,7 @@ def test_levels_merge_neighboring_bins(table):
             shown, table.training_bins[0].reshape(3, 2, 3, levels, -1).sum(axis=-1)
         )
     assert level_edges(table.edges, 2).tolist() == [THRESHOLD]
+    assert pytest.approx(0.501) == 1 / (1 + np.exp(-THRESHOLD))
     for levels in (0, 1, 3, 6, 16):
         with pytest.raises(SettingsError, match="expected one of"):
             table.training_levels(0, levels)
@@ -185,15 +178,11 @@ def test_torn_and_changed_bytes_are_a_data_error(path, table):
     [
         (lambda a: a.pop("labels"), "not a whole percept table"),
         (lambda a: a.update(meta=np.frombuffer(b"{", np.uint8)), "not a whole percept table"),
-        (lambda a: a.update(meta=np.frombuffer(b"[]", np.uint8)), "format list"),
         (lambda a: a.update(labels=a["labels"].astype(float)), "labels is float64"),
-        (lambda a: a.update(log_odds=a["log_odds"][0]), "expected <f2 with 4 axes"),
         (lambda a: a.update(log_odds=a["log_odds"] * 0 + np.float16(9)), r"within \+-8"),
         (lambda a: a.update(labels=a["labels"] + np.int8(5)), "expected 1 or True"),
         (lambda a: a.update(training_bins=a["training_bins"] + np.uint8(9)), "no more counts"),
         (lambda a: a.update(log_odds=a["log_odds"][:2]), "differ in number"),
-        (lambda a: a.update(training_bins=a["training_bins"][:2]), "differ in number"),
-        (lambda a: a.update(edges=a["edges"][::-1].copy()), "each above the last"),
     ],
 )
 def test_wrong_contents_are_a_data_error(path, change, message):
@@ -207,7 +196,6 @@ def test_wrong_contents_are_a_data_error(path, change, message):
     [
         ({"format": 2}, "has format 2; this version reads format 1"),
         ({"objects": None}, "does not hold its objects"),
-        ({"objects": 3}, "does not hold its objects"),
         ({"objects": ["cup", 2, "jar"]}, "does not hold its objects"),
         ({"objects": ["cup"]}, "differ in number"),
         ({"objects": ["cup", "cup", "jar"]}, "names an object twice"),
@@ -230,11 +218,6 @@ def test_a_domain_of_one_s_own_comes_back(table, tmp_path, name):
     domain = replace(toy, name=name, data=name, behaviors=(dear, *toy.behaviors[1:]))
     save_percepts(replace(table, domain=domain), tmp_path / "own.npz")
     assert load_percepts(tmp_path / "own.npz").domain == domain
-
-
-def test_a_shipped_domain_is_kept_by_its_name(path):
-    with np.load(path) as archive:
-        assert "domain_table" not in json.loads(archive["meta"].tobytes())
 
 
 @pytest.mark.parametrize(
@@ -278,23 +261,10 @@ def test_a_domain_that_blows_its_table_up_is_refused(table, path):
         load_percepts(path, domain=domain)
 
 
-def test_a_file_beyond_all_tables_is_not_read(path):
-    os.truncate(path, 1 << 40)
-    with pytest.raises(DataError, match="not a whole percept table"):
-        load_percepts(path)
-
-
-def test_shipped_tables_are_small():
-    folder = resources.files("meal_bayes.datasets") / "tables"
-    sizes = [len((folder / f"{name}.npz").read_bytes()) for name in NAMES]
-    assert max(sizes) < 1.5e6
-    assert sum(sizes) < 4e6
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_shipped_tables_are_whole(name):
     table = load_percepts(name)
-    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    sensing = table.domain.recorded
     assert np.isfinite(table.log_odds[:, :, sensing]).all()
     total = table.training_bins[:, :, :, sensing].sum(axis=-1)
     others = ~np.eye(len(table.objects), dtype=bool)
@@ -314,7 +284,7 @@ def test_shipped_outputs_beat_the_bars(name):
     asked = np.minimum(truth.sum(axis=0), (~truth).sum(axis=0)) > table.domain.asked_minimum
     base = (truth.sum(axis=0) - truth + 1) / (n + 1)  # of the other objects
     prior = np.log(base / (1 - base))[:, None, None, :]
-    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    sensing = table.domain.recorded
     log_odds = table.log_odds[:, :, sensing].astype(float) + prior
     loss = np.logaddexp(0, np.where(truth[:, None, None], -log_odds, log_odds))
     assert np.mean(loss[..., asked]) <= BARS[name]

@@ -182,7 +182,7 @@ def test_shipped_tables_can_be_made_again(recordings, name, step):
 @pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101"])
 def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     dataset = load_dataset(name, root=recordings)
-    sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
+    sensing = dataset.domain.recorded
     true = (dataset.labels == 1).sum(axis=0)
     asked = np.minimum(true, len(dataset.objects) - true) > dataset.domain.asked_minimum
     kappa = []

@@ -16,7 +16,7 @@ def repeats_nll(posteriors, table, columns, exact):
 
     Prior: the base rate of the other objects. Counts of yes/no need no order.
     """
-    sensing = [i for i, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
+    sensing = table.domain.recorded
     yes = (table.levels_of(table.log_odds, 2) == 1).sum(axis=1)  # (O,E,P)
     total, losses = table.recordings, []
     for o, posterior in enumerate(posteriors):
