@@ -17,7 +17,7 @@ from sklearn.svm import SVC
 
 from meal_bayes.datasets import TrainingSet, make_synthetic
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.perception import (
     build_percept_table,
     fit_and_validate,
@@ -47,17 +47,11 @@ class Remembers(ClassifierMixin, BaseEstimator):
         return np.array([self.told_.get(row.tobytes(), 0.0) for row in rows])
 
 
-class Indifferent(ClassifierMixin, BaseEstimator):
-    """Says what it is told to say."""
-
-    def __init__(self, said=np.nan):
-        self.said = said
-
-    def fit(self, rows, labels):
-        return self
+class Undecided(Remembers):
+    """Says no number."""
 
     def decision_function(self, rows):
-        return np.full(len(rows), self.said)
+        return np.full(len(rows), np.nan)
 
 
 def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
@@ -124,18 +118,13 @@ def test_what_was_fitted_perceives_as_its_counts_say(make):
     assert set(said.tolist()) <= set(range(4))
 
 
-def test_equal_calls_give_equal_tables(make):
-    dataset = make(2, objects=8)
+def test_equal_calls_give_equal_tables_and_leave_warning_filters_as_before(make):
+    dataset, before = make(2, objects=8), list(warnings.filters)
     first, second = (
         build_percept_table(dataset, classifier=RandomForestClassifier(5)) for _ in range(2)
     )
     np.testing.assert_array_equal(first.log_odds, second.log_odds)
     np.testing.assert_array_equal(first.training_bins, second.training_bins)
-
-
-def test_warning_filters_are_as_before(make):
-    before = list(warnings.filters)
-    build_percept_table(make(2, objects=8), classifier=RandomForestClassifier(5))
     assert list(warnings.filters) == before
 
 
@@ -148,23 +137,19 @@ def test_the_classifier_enters_the_provenance(make):
 
 
 @pytest.mark.parametrize(
-    ("classifier", "message"),
+    ("options", "kind", "message"),
     [
-        (RandomForestClassifier, "give an instance"),
-        (StandardScaler(), "expected a scikit-learn classifier"),
-        ("forest", "classifier is str"),
+        ({"classifier": RandomForestClassifier}, SettingsError, "give an instance"),
+        ({"classifier": StandardScaler()}, SettingsError, "expected a scikit-learn classifier"),
+        ({"classifier": "forest"}, SettingsError, "classifier is str"),
+        ({"classifier": GaussianNB(), "perception": "paper"}, SettingsError, "not both"),
+        ({"classifier": Undecided()}, DataError, "Undecided decided"),
+        ({"attributes": ["hevy"]}, QueryError, "Unknown attribute 'hevy'"),
+        ({"objects": ["object_99"]}, SettingsError, "Unknown object"),
+        ({"perception": "svm"}, SettingsError, "Unknown perception"),
+        ({"attributes": []}, SettingsError, "name at least one"),
     ],
 )
-def test_what_is_no_classifier_is_told(make, classifier, message):
-    with pytest.raises(SettingsError, match=message):
-        build_percept_table(make(1), classifier=classifier)
-
-
-def test_one_way_at_a_time(make):
-    with pytest.raises(SettingsError, match="not both"):
-        build_percept_table(make(1), perception="paper", classifier=GaussianNB())
-
-
-def test_decisions_must_be_finite(make):
-    with pytest.raises(DataError, match="Indifferent decided"):
-        build_percept_table(make(1), classifier=Indifferent())
+def test_what_no_table_is_made_of_is_told(make, options, kind, message):
+    with pytest.raises(kind, match=message):
+        build_percept_table(make(1), **options)

@@ -49,11 +49,6 @@ def test_youden_s_j_is_hits_less_false_alarms(rows, expected):
     assert youden(np.array(rows)) == pytest.approx(expected)
 
 
-def test_totals_add_the_objects():
-    counts = np.arange(2 * 1 * 1 * 2 * 2).reshape(2, 1, 1, 2, 2)
-    assert ConfusionCounts(counts).total().tolist() == counts.sum(axis=0).tolist()
-
-
 def test_a_wrong_shape_is_refused():
     with pytest.raises(DataError, match=r"expected \(O,P,E,2,K\)"):
         ConfusionCounts(np.zeros((3, 2)))

@@ -6,7 +6,6 @@ from held_out import (
     base_rate_log_loss,
     held_out_log_loss,
     held_out_log_odds,
-    yes_counts,
 )
 from sklearn.naive_bayes import GaussianNB
 
@@ -161,19 +160,6 @@ def test_the_loss_of_saying_nothing_is_that_of_the_base_rate(make):
     others = np.array([(labels[:, 0].sum() - v + 1) / 11 for v in labels[:, 0]])
     by_hand = -np.log(np.where(labels[:, 0] == 1, others, 1 - others)).mean()
     assert base_rate_log_loss(labels)[0] == pytest.approx(by_hand)
-
-
-def test_unknown_labels_and_senseless_behaviors_are_not_scored(make, relabel):
-    dataset = make(9)
-    labels = dataset.labels.copy()
-    labels[2, 0] = -1
-    log_odds = held_out_log_odds(relabel(dataset, labels))
-    assert np.isnan(log_odds[2, :, :, 0]).all()
-    assert np.isnan(log_odds[:, :, 2:]).all()
-    loss = held_out_log_loss(log_odds, labels)
-    assert np.isfinite(loss[:2]).all()
-    assert np.isnan(loss[2:]).all()
-    assert yes_counts(log_odds, labels).counts[2, 0].sum() == 0
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import TrainingSet, load_percepts, save_percepts
+from meal_bayes.datasets import TrainingSet
 from meal_bayes.perception import (
     DEFAULT,
     build_percept_table,
@@ -45,14 +45,6 @@ def test_with_all_recordings_as_landmarks_outputs_equal_the_exact_ones(nested):
         )
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-4)
-
-
-def test_a_table_of_folds_is_read_as_it_was_written(make, tmp_path):
-    table = build_percept_table(make(1, objects=14), perception=replace(DEFAULT, **ABOVE))
-    save_percepts(table, tmp_path / "many.npz")
-    found = load_percepts(tmp_path / "many.npz")
-    for name in ("groups", "training_bins", "log_odds"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(table, name))
 
 
 @pytest.mark.parametrize("landmarks", [9, 64])

@@ -9,7 +9,7 @@ from meal_bayes.datasets import Instance, TrainingSet, load_dataset
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.domain import Query
-from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
@@ -133,18 +133,6 @@ def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
     assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == groups.tolist()
     with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'look'"):
         RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
-
-
-def test_names_that_do_not_exist_are_refused(make):
-    dataset = make(6)
-    with pytest.raises(QueryError, match="Unknown attribute 'hevy'"):
-        build_percept_table(dataset, attributes=["hevy"])
-    with pytest.raises(SettingsError, match="Unknown object"):
-        build_percept_table(dataset, objects=["object_99"])
-    with pytest.raises(SettingsError, match="Unknown perception"):
-        build_percept_table(dataset, perception="svm")
-    with pytest.raises(SettingsError, match="name at least one"):
-        build_percept_table(dataset, attributes=[])
 
 
 def test_provenance_tells_how_the_table_was_made(make):

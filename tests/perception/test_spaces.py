@@ -56,10 +56,8 @@ def test_a_behavior_never_recorded_says_nothing(make):
     dataset = make(1)
     everything = TrainingSet.everything(dataset)
     looks = everything.behavior == 0
-    only = TrainingSet(
-        everything.object[looks], everything.behavior[looks], everything.recording[looks],
-        everything.labels[looks],
-    )  # fmt: skip
+    names = "object", "behavior", "recording", "labels"
+    only = TrainingSet(*(getattr(everything, name)[looks] for name in names))
     for training in (only, everything):  # its space was never fitted
         spaces = fit_spaces(dataset, only)
         perception, counts = fit_and_validate(dataset, training, spaces=spaces)

@@ -82,35 +82,6 @@ def test_simulated_dispersion_is_recovered(levels, s):
     assert np.sqrt((deviation**2).mean()) == pytest.approx(1.0, abs=0.3)
 
 
-@pytest.mark.statistical
-def test_independent_percepts_have_high_precision():
-    rng = np.random.default_rng(2)
-    counts = rng.binomial(10, 0.8, (60, 12, 1, 2, 1))
-    counts = np.concatenate([10 - counts, counts], axis=-1)
-    fit = fit_dispersion(counts, 1.0)
-    assert (fit.dispersion > 60).all()
-    assert (fit.weight > 300).all()  # of 602
-
-
-def test_objects_that_never_change_their_mind_are_one_percept_each():
-    counts = np.zeros((30, 6, 1, 2, 2), dtype=np.int64)
-    counts[:20, :, :, :, 1] = counts[20:, :, :, :, 0] = 5
-    fit = fit_dispersion(counts, 1.0)
-    assert (fit.dispersion < 0.2).all()
-    assert ((fit.weight > 32) & (fit.weight < 38)).all()
-    np.testing.assert_allclose(fit.mean[..., 1], 21 / 32, atol=0.02)
-
-
-def test_attributes_of_a_behavior_share_their_dispersion():
-    _, counts = simulate(np.random.default_rng(4), 8.0, attributes=8)
-    counts[4:, -1] = 0  # of the last attribute only four objects are known
-    alone = fit_dispersion(counts[:, -1:], 1.0).dispersion[0]
-    pooled = fit_dispersion(counts, 1.0).dispersion
-    others = pooled[:-1].mean(axis=0)
-    np.testing.assert_allclose(np.log(pooled[-1] / others), 0.0, atol=0.3)
-    assert (np.abs(np.log(alone / others)) > 0.4).all()
-
-
 def test_pairs_that_say_nothing_have_no_vote():
     _, counts = simulate(np.random.default_rng(4), 8.0, attributes=6)
     silent = np.zeros_like(counts)

@@ -55,14 +55,6 @@ def test_a_row_of_known_dispersion_is_drawn_from_its_beta():
     np.testing.assert_allclose(found, beta(10, 4).ppf([0.025, 0.25, 0.5, 0.75, 0.975]), atol=0.01)
 
 
-def test_equal_seeds_give_equal_draws(counts):
-    first, again, other = (
-        draw_grid(counts, np.random.default_rng(seed), **NAMES, draws=10) for seed in (0, 0, 1)
-    )
-    assert first.identical(again)
-    assert (first != other)["mean"].any()
-
-
 def test_the_summary_for_agents_is_the_grids_own(counts, draws):
     found, expected = summarize_draws(draws, counts), ConfusionPosterior.from_objects(counts)
     np.testing.assert_array_equal(found.counts, expected.counts)
