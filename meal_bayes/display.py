@@ -120,17 +120,9 @@ def level_names(levels: int) -> tuple[str, ...]:
 def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[int]:
     """Return the positions of the most valuable actions, best first.
 
-    Parameters
-    ----------
-    values : NDArray[np.float64]
-        (E+1,) of each behavior, then of the best report; nan where an action has none.
-    chosen : int
-        Position of the decision, which is always among them, as is the report.
-    most : int
-        Number of positions.
+    Values (E+1,) are of each behavior, then of the best report; nan where an action has none. The
+    report and the chosen action are always among them.
 
-    Examples
-    --------
     >>> best_options(np.array([1.0, 4.0, np.nan, 3.0, 2.0]), chosen=0, most=3)
     [1, 4, 0]
     """

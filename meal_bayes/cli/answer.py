@@ -12,7 +12,6 @@ from meal_bayes.cli.options import digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rich.console import Console
 
     from meal_bayes.datasets import PerceptTable
     from meal_bayes.trial_log import ObjectLabels
@@ -27,21 +26,13 @@ def answer(
     seed: int,
     logs: Path,
     config: Mapping[str, object],
-    console: "Console | None" = None,
     labels: "Sequence[ObjectLabels] | None" = None,
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task, and return it with the path of its log.
 
-    Parameters
-    ----------
-    config : Mapping[str, object]
-        Of the log's header; its "command" begins the log's name.
-    console : Console | None
-        Where the trial is printed while it runs, if anywhere.
-    labels : Sequence[ObjectLabels] | None
-        Given before by people; None where objects are not recognized.
+    The log's name begins with the "command" of `config`. Labels are those that people gave before,
+    None where objects are not recognized.
     """
-    from meal_bayes.cli.narration import Narrator
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log import TrialWriter
@@ -56,15 +47,12 @@ def answer(
         if one.object_name in table.objects:
             values = {name: v for name, v in one.values.items() if name in table.domain.attributes}
             learner.tell(one.object_name, values)
-    narrator = None if console is None else Narrator(console, task, learner.problem(task))
     with showing_compilation():
-        trial = learner.ask(task, on_step=None if narrator is None else narrator.step)
+        trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
     with TrialWriter(path, header) as log:
         log.write(trial, seconds=time.perf_counter() - start)
-    if narrator is not None:
-        narrator.end(trial)
     return trial, path
 
 

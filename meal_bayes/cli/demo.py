@@ -24,6 +24,7 @@ def demo(seed: int, logs: Path) -> None:
 
     The percepts of a real robot come with the package; another seed takes another object.
     """
+    from meal_bayes.cli.narration import print_trial
     from meal_bayes.datasets import load_percepts
     from meal_bayes.learner.api import question_task
     from meal_bayes.seeds import stream
@@ -54,9 +55,8 @@ def demo(seed: int, logs: Path) -> None:
     }
     print_facts(console, facts)
     console.print()
-    _, path = answer(
-        table, task, agent=_AGENT, seed=seed, logs=logs, config=config, console=console
-    )
+    trial, path = answer(table, task, agent=_AGENT, seed=seed, logs=logs, config=config)
+    print_trial(console, trial)
     other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
     console.print()
     console.print(Text("what next", "bold"))

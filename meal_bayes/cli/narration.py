@@ -11,12 +11,13 @@ from meal_bayes.display import best_options, level_names, percent
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
     from meal_bayes.momdp import MOMDP
-    from meal_bayes.planners import Decision
-    from meal_bayes.trials import Step, Task, Trial
+    from meal_bayes.trials import Step, Trial
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
@@ -25,98 +26,80 @@ _SILENT = "~"  # a percept without information, in a narrow column
 _UNBOUNDED = 10_000  # characters
 
 
-class Narrator:
-    """Printer of one trial on a console while it runs."""
-
-    def __init__(self, console: Console, task: "Task", momdp: "MOMDP") -> None:
-        self._console, self._momdp = console, momdp
-        self._names = task.query.attributes
-        self._spent, self._steps = 0.0, 0
-        self._header_printed = False
-        console.print(Text("before any behavior", "bold"))
-        self._print_belief(momdp.prior)
-
-    def step(self, step: "Step") -> None:
-        """Print one step."""
-        self._steps += 1
-        self._spent += step.cost
-        momdp, action = self._momdp, step.decision.action
-        self._console.print()
-        self._console.print(Text(f"{self._steps}  {momdp.action_label(action)}", "bold"))
-        self._print_values(step.decision, step.x)
+def print_trial(console: Console, trial: "Trial") -> None:
+    """Print a finished trial, each step with its decision, outcome and belief."""
+    momdp, names, spent, headed = trial.momdp, trial.task.query.attributes, 0.0, False
+    console.print(Text("before any behavior", "bold"))
+    _print_belief(console, names, trial.first_belief.positive)
+    for number, step in enumerate(trial.steps, start=1):
+        action, spent = step.decision.action, spent + step.cost
+        console.print()
+        console.print(Text(f"{number}  {momdp.action_label(action)}", "bold"))
+        headed |= _print_values(console, momdp, step, heads=not headed)
         facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
-            print_facts(self._console, facts)
-            return
+            print_facts(console, facts)
+            continue
         outcome = {"outcome": outcome_text(momdp, step, "→")}
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation)
-            outcome["percept"] = ", ".join(map(": ".join, zip(self._names, percepts, strict=True)))
-        print_facts(self._console, outcome | facts, warning="yellow")
-        self._print_belief(step.belief.positive)
-        print_facts(self._console, {"cost": f"{step.cost:g} s, in all {self._spent:.1f} s"})
-
-    def end(self, trial: "Trial") -> None:
-        """Print the report, whether it is right, and the cost of the trial."""
-        self._console.print()
-        print_end(self._console, trial)
-
-    def _print_values(self, decision: "Decision", x: int) -> None:
-        """Print the possible actions and their expected rewards, the chosen one marked."""
-        momdp, end = self._momdp, self._momdp.n_behaviors
-        possible = momdp.legal[x].nonzero()[0]
-        if len(possible) == 1:
-            only, state = momdp.behavior_names[possible[0]], momdp.x_names[x]
-            print_facts(self._console, {"possible": f"in {state} only {only}, or a report"})
-        chosen = min(decision.action, end)
-        options = best_options(decision.values, chosen, _OPTIONS)
-        if not options:
-            print_facts(self._console, {"why": "this agent follows a rule and compares nothing"})
-            return
-        abstains = decision.action == momdp.abstention
-        names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
-        width, simulated = max(len(names[option]) for option in options), decision.simulations > 0
-        rows = []
-        if not self._header_printed:
-            self._header_printed = True
-            heads = "expected reward" + "   simulations" * simulated
-            rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
-        for option in sorted(options, key=lambda option: option == end):
-            sign, value = "►" if option == chosen else "", decision.values[option]
-            error = decision.value_se[option]
-            interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
-            line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"
-            if option < end and simulated:
-                line += f"  {decision.visits[option]:12d}"
-            rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
-        if gap := gap_text(decision):
-            rows.append(Text(f"  {gap}", "dim"))
-        self._print_rows("why", rows)
-
-    def _print_belief(self, positive: "NDArray[np.float64]") -> None:
-        width = max(map(len, self._names))
-        rows = []
-        for name, p in zip(self._names, positive, strict=True):
-            full = round(p * _BAR)
-            line = Text(f"{name:<{width}}  ")
-            line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
-            line.append("░" * (_BAR - full), "dim")
-            rows.append(line.append(f" {percent(p):>7}"))
-        self._print_rows("belief", rows)
-
-    def _print_rows(self, label: str, rows: "list[Text]") -> None:
-        for text in rows:
-            line = label_text(label).append_text(text)
-            self._console.print(line, no_wrap=True, overflow="ellipsis")
-            label = ""
+            outcome["percept"] = ", ".join(map(": ".join, zip(names, percepts, strict=True)))
+        print_facts(console, outcome | facts, warning="yellow")
+        _print_belief(console, names, step.belief.positive)
+        print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
+    console.print()
+    _print_end(console, trial)
 
 
-def print_trial(console: Console, trial: "Trial") -> None:
-    """Print a finished trial, each step with its decision, outcome and belief."""
-    narrator = Narrator(console, trial.task, trial.momdp)
-    for step in trial.steps:
-        narrator.step(step)
-    narrator.end(trial)
+def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool) -> bool:
+    """Print the possible actions and their expected rewards, the chosen one marked, if any."""
+    decision, end = step.decision, momdp.n_behaviors
+    possible = momdp.legal[step.x].nonzero()[0]
+    if len(possible) == 1:
+        only, state = momdp.behavior_names[possible[0]], momdp.x_names[step.x]
+        print_facts(console, {"possible": f"in {state} only {only}, or a report"})
+    chosen = min(decision.action, end)
+    options = best_options(decision.values, chosen, _OPTIONS)
+    if not options:
+        print_facts(console, {"why": "this agent follows a rule and compares nothing"})
+        return False
+    abstains = decision.action == momdp.abstention
+    names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
+    width, simulated = max(len(names[option]) for option in options), decision.simulations > 0
+    rows = []
+    if heads:
+        text = "expected reward" + "   simulations" * simulated
+        rows.append(Text(f"{'':<{width + 4}}{text}", "dim"))
+    for option in sorted(options, key=lambda option: option == end):
+        sign, value = "►" if option == chosen else "", decision.values[option]
+        error = decision.value_se[option]
+        interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
+        line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"
+        if option < end and simulated:
+            line += f"  {decision.visits[option]:12d}"
+        rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
+    if gap := gap_text(decision):
+        rows.append(Text(f"  {gap}", "dim"))
+    _print_rows(console, "why", rows)
+    return True
+
+
+def _print_belief(
+    console: Console, names: "Sequence[str]", positive: "NDArray[np.float64]"
+) -> None:
+    width, rows = max(map(len, names)), []
+    for name, p in zip(names, positive, strict=True):
+        full, line = round(p * _BAR), Text(f"{name:<{width}}  ")
+        line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
+        line.append("░" * (_BAR - full), "dim")
+        rows.append(line.append(f" {percent(p):>7}"))
+    _print_rows(console, "belief", rows)
+
+
+def _print_rows(console: Console, label: str, rows: "list[Text]") -> None:
+    for text in rows:
+        console.print(label_text(label).append_text(text), no_wrap=True, overflow="ellipsis")
+        label = ""
 
 
 def print_trial_table(console: Console, trial: "Trial") -> None:
@@ -155,14 +138,14 @@ def print_trial_table(console: Console, trial: "Trial") -> None:
     for number, step in enumerate(trial.steps, start=1):
         if step.warning:
             print_facts(console, {"warning": f"step {number}: {step.warning}"})
-    print_end(console, trial)
+    _print_end(console, trial)
 
 
 def _cell(percept: str, p: float, width: int) -> str:
     return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
 
 
-def print_end(console: Console, trial: "Trial") -> None:
+def _print_end(console: Console, trial: "Trial") -> None:
     """Print the report, whether it is right, and the cost of a trial."""
     verdict = "bold green" if trial.success else "bold red"
     print_facts(console, final_facts(trial), answer="bold", verdict=verdict)

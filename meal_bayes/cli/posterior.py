@@ -108,9 +108,8 @@ def _fit(
     named: dict[str, Any] = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
     draws, chains, seed = config["draws"], config["chains"], config["seed"]
     if config["method"] == "grid":
-        with terminal.patience("drawing from the grid ..."):
-            rng = stream(seed, "posterior")
-            return draw_grid(counts, rng, **named, draws=draws, chains=chains), xr.Dataset()
+        rng = stream(seed, "posterior")
+        return draw_grid(counts, rng, **named, draws=draws, chains=chains), xr.Dataset()
     terminal.note("the model is compiled first, which takes half a minute or two")
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical
 
@@ -143,42 +142,42 @@ def _write(
 
     seed, attributes = config["seed"], draws["attribute"].values.tolist()
 
-    with terminal.patience("checking the fit ..."):
-        check = predictive_check(draws, counts, stream(seed, "predictive"))
-        belief = beliefs_without_itself(draws, counts)
-        units = units_of(counts, objects, attributes)
-        shown = xr.DataArray(
-            counts[:, :, sensing(counts)],
-            {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
-        )
-        groups = {
-            "observed_data": xr.Dataset({"yes": units.yes}),
-            "constant_data": xr.Dataset({"counts": shown}),
-            "posterior_predictive": predict_yes(draws, units, stream(seed, "units")),
-            "log_likelihood": pointwise_log_likelihood(draws, units),
+    terminal.note("checking the fit ...")
+    check = predictive_check(draws, counts, stream(seed, "predictive"))
+    belief = beliefs_without_itself(draws, counts)
+    units = units_of(counts, objects, attributes)
+    shown = xr.DataArray(
+        counts[:, :, sensing(counts)],
+        {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
+    )
+    groups = {
+        "observed_data": xr.Dataset({"yes": units.yes}),
+        "constant_data": xr.Dataset({"counts": shown}),
+        "posterior_predictive": predict_yes(draws, units, stream(seed, "units")),
+        "log_likelihood": pointwise_log_likelihood(draws, units),
+    }
+    if config["model"] == "same":
+        before = draw_prior(draws, prior, stream(seed, "prior"))
+        groups |= {
+            "prior": before,
+            "prior_predictive": predict_yes(before, units, stream(seed, "unseen")),
+            "log_prior": log_prior(draws, prior),
         }
-        if config["model"] == "same":
-            before = draw_prior(draws, prior, stream(seed, "prior"))
-            groups |= {
-                "prior": before,
-                "prior_predictive": predict_yes(before, units, stream(seed, "unseen")),
-                "log_prior": log_prior(draws, prior),
-            }
-        if statistics:
-            groups["sample_stats"] = statistics
-        made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
-        idata.save_netcdf(made, folder / "posterior.nc")
-        write_whole(folder / "summary.csv", idata.summary_csv(made))
-        low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
-        behaviors = draws["behavior"].values.tolist()
-        save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
-        save(predictive(check.observed, check.predicted), folder / "predictive.png")
-        pairs = {
-            "each": (belief.each, belief.each_truth),
-            "together": (belief.together, belief.together_truth),
-        }
-        for name, pair in pairs.items():
-            save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
+    if statistics:
+        groups["sample_stats"] = statistics
+    made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
+    idata.save_netcdf(made, folder / "posterior.nc")
+    write_whole(folder / "summary.csv", idata.summary_csv(made))
+    low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
+    behaviors = draws["behavior"].values.tolist()
+    save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
+    save(predictive(check.observed, check.predicted), folder / "predictive.png")
+    pairs = {
+        "each": (belief.each, belief.each_truth),
+        "together": (belief.together, belief.together_truth),
+    }
+    for name, pair in pairs.items():
+        save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
     epsilon = draws.get("misperception")
     return {
         "convergence": [row._asdict() for row in idata.convergence(made)],

@@ -173,10 +173,8 @@ def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
     from meal_bayes.learner import Learner
 
     learner = Learner(data.domain, agent=opt.agent_value(agent), seed=seed, logs=None)
-    with (
-        terminal.showing_compilation(),
-        terminal.patience(f"learning from {len(data.objects)} objects ..."),
-    ):
+    terminal.note(f"learning from {len(data.objects)} objects ...")
+    with terminal.showing_compilation():
         return learner.fit(data)
 
 

@@ -1,7 +1,6 @@
 """`meal-bayes view`: trials step by step in rerun, live or from a log."""
 
 import contextlib
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,30 +60,17 @@ def view(
         _show(log, number, web=web, live=live)
 
 
-@contextlib.contextmanager
-def _written(path: Path) -> "Iterator[None]":
-    """Raise rerun's errors of a path or a disk as an `OutputError`, without its own messages."""
-    from meal_bayes.errors import OutputError
-
-    before = os.environ.get("RUST_LOG")
-    os.environ["RUST_LOG"] = "off"  # read once, when rerun is loaded
-    import meal_bayes.viewer.window  # noqa: F401
-
-    os.environ.pop("RUST_LOG") if before is None else os.environ.update(RUST_LOG=before)
-    try:
-        yield
-    except RuntimeError as fault:  # the only kind that rerun knows
-        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
-
-
 def _save(log: Path, path: Path, number: int | None) -> None:
-    with _written(path):
-        from meal_bayes.viewer.window import check_recording_name
+    from meal_bayes.errors import OutputError
+    from meal_bayes.viewer.window import check_recording_name
 
-        check_recording_name(path)
-        logs, total = _open(log, number)
+    check_recording_name(path)
+    logs, total = _open(log, number)
+    try:
         with draft_of(path, inputs=logs.files) as draft:
             trials, _ = _record(log, logs, draft, number, total)
+    except RuntimeError as fault:  # the only kind that rerun knows
+        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
     say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
 
 

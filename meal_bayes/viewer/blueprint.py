@@ -14,7 +14,6 @@ def blueprint(
     single: bool,
     steps: bool,
     crowded: bool,
-    evidence: bool,
     run_first: bool,
     live: bool,
     robot: bool,
@@ -29,8 +28,6 @@ def blueprint(
         Whether trials are shown step by step, in a tab of their own.
     crowded : bool
         Whether there are too many attributes for a legend.
-    evidence : bool
-        Whether the log counts the percepts behind the confusion matrices.
     run_first, live : bool
         Whether the run's tab is shown at the beginning, and the newest row followed.
     robot : bool
@@ -38,7 +35,7 @@ def blueprint(
     """
     trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
     return rrb.Blueprint(
-        rrb.Tabs(*trial, _run(evidence=evidence), active_tab=len(trial) if run_first else 0),
+        rrb.Tabs(*trial, _run(), active_tab=len(trial) if run_first else 0),
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -124,13 +121,12 @@ def _robot() -> rrb.Vertical:
     )
 
 
-def _run(*, evidence: bool) -> rrb.Vertical:
+def _run() -> rrb.Vertical:
     fraction = rrb.ScalarAxis(range=(0.0, 1.02))
     plots = [
         (run_view.ACCURACY, "accuracy so far, band = one standard error", fraction),
         (run_view.COST, "mean cost so far, s, band = one standard error", None),
         (run_view.CURVE, "learning curve: accuracy of the last 50 trials", fraction),
-        *[(run_view.EVIDENCE, "percepts behind each confusion matrix", None)] * evidence,
     ]
     views = [
         rrb.TimeSeriesView(origin=entity, name=name, axis_y=axis) for entity, name, axis in plots

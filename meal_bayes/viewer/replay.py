@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 import rerun_bindings
 
 from meal_bayes.files import draft_of
@@ -65,7 +64,6 @@ class Replay:
                 add_robot(self._recorder, trial, frames, number=number)
                 self._shows_robot = True
         self._run.add(TrialOutcomes.of([trial]), [time])
-        self._run.add_evidence(trial, time)
         if self.trials % _BATCH == 0:
             self._recorder.flush()
 
@@ -93,27 +91,11 @@ class Replay:
             single=self._only is not None or (self.trials == 1 and not live),
             steps=self._shows_steps,
             crowded=self._scene.crowded,
-            evidence=self._run.shows_evidence,
             run_first=run_first,
             live=live,
             robot=self._shows_robot,
         )
-        _send_blueprint(self._stream, layout)
-
-
-def _send_blueprint(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
-    """Send a layout as `stream.send_blueprint` does, without leaving two threads behind.
-
-    These belong to a stream in memory that rerun 0.41 never disconnects.
-    """
-    made = rr.RecordingStream._from_native(
-        rerun_bindings.new_blueprint(APPLICATION, make_default=False, make_thread_default=False)
-    )
-    made.set_time("blueprint", sequence=0)
-    layout._log_to_stream(made)
-    held = made.memory_recording()
-    rerun_bindings.send_blueprint(held.storage, True, True, recording=stream.to_native())
-    made.disconnect()
+        self._stream.send_blueprint(layout)
 
 
 @contextlib.contextmanager

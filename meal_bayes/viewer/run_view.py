@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from meal_bayes.momdp import MOMDP
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
@@ -15,7 +14,7 @@ from meal_bayes.viewer.recorder import Recorder, part
 from meal_bayes.viewer.trial_frames import Time
 
 FACTS, TABLE = "/run/facts", "/run/table"
-ACCURACY, COST, CURVE, EVIDENCE = "/run/accuracy", "/run/cost", "/run/learning", "/run/evidence"
+ACCURACY, COST, CURVE = "/run/accuracy", "/run/cost", "/run/learning"
 _WINDOW = 50  # trials of the learning curve's moving mean
 _WORST = 10  # trials that are listed
 _LONG = 300  # characters of a fact
@@ -30,36 +29,16 @@ class RunView:
         self._times: list[Time] = []  # of each trial
         self._sent = 0  # trials whose measures were sent
         self._agents: dict[str, int] = {}
-        self._evidence: dict[str, int] = {}
-        self._momdp: MOMDP | None = None
         rows = ["|run||", "|---|---|"]
         for name, value in _flat(header).items():
             rows.append(f"|{plain_text(name)}|{plain_text(value)[:_LONG]}|")
             recorder.stream.send_property(name, rr.AnyValues(value=value[:_LONG]))
         self._add_text(FACTS, rows)
 
-    @property
-    def shows_evidence(self) -> bool:
-        """Whether the log counts the percepts behind the confusion matrices."""
-        return bool(self._evidence)
-
     def add(self, outcomes: TrialOutcomes, times: Sequence[Time]) -> None:
         """Add trials that ended at these times."""
         self._outcomes.append(outcomes)
         self._times += times
-
-    def add_evidence(self, trial: Trial, time: Time) -> None:
-        """Add the percepts behind each behavior's matrices, mean over the queried attributes."""
-        counts, momdp = trial.counts, trial.momdp
-        if momdp is self._momdp or counts is None:
-            return
-        self._momdp = momdp
-        for name, total in zip(momdp.behavior_names, counts.sum(axis=(2, 3)).mean(0), strict=True):
-            entity = f"{EVIDENCE}/{part(name)}"
-            if name not in self._evidence:
-                self._evidence[name] = len(self._evidence)
-                self._to.add_line(entity, plain_text(name), series_color(self._evidence[name]))
-            self._to.add(entity, rr.Scalars, time, scalars=[float(total)])
 
     def flush(self) -> None:
         """Add the measures of the trials that are new, and the tables of all so far."""

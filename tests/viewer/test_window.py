@@ -29,7 +29,6 @@ RUN = {
     "mean cost so far, s, band = one standard error",
     "learning curve: accuracy of the last 50 trials",
 }  # fmt: skip
-EVIDENCE = "percepts behind each confusion matrix"  # where the log tells of them
 
 
 def vulkan_drivers() -> int:
@@ -65,7 +64,7 @@ def looked_at(vulkan, tmp_path_factory):
             pictures[name] = window._stable_picture(client, 1.0)
             for view in client.get_state().views:
                 states[view.name] = view
-                if view.name in ({*RUN, EVIDENCE} if run_first else TRIAL):
+                if view.name in (RUN if run_first else TRIAL):
                     pictures[view.name] = client.take_screenshot(view.view_id)
             complaints += [one for one in client.get_logs() if one.level == "ERROR"]
     return states, pictures, complaints
@@ -74,13 +73,13 @@ def looked_at(vulkan, tmp_path_factory):
 @pytest.mark.long
 def test_no_view_reports_anything(looked_at):
     states, _, complaints = looked_at
-    assert set(states) == TRIAL | RUN | {EVIDENCE}
+    assert set(states) == TRIAL | RUN
     assert {name: view.reports for name, view in states.items() if view.reports} == {}
     assert complaints == []
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", sorted({*TRIAL, *RUN, EVIDENCE}))
+@pytest.mark.parametrize("name", sorted(TRIAL | RUN))
 def test_no_view_is_blank(name, looked_at):
     _, pictures, _ = looked_at
     assert png.imread(io.BytesIO(pictures["trial"])).shape[:2] == (1080, 1920)
