@@ -88,10 +88,8 @@ def test_made_up_recordings_from_features_to_measures(synthetic):
     assert tuple(rows) == DEFAULT_AGENTS
     for row in rows.values():
         assert row.trials == 48
-        assert 0 <= row.accuracy <= 1
         wrong = 1 - row.accuracy - row.abstained
         assert row.reward == pytest.approx(100 * (row.accuracy - wrong) - row.cost_s)
-        assert row.seconds > 0
     assert rows["random"].accuracy < 0.6
     for planned in ("morc", "bayes"):
         assert rows[planned].accuracy > 0.9
@@ -119,15 +117,6 @@ def test_actions_are_those_of_earlier_versions(synthetic):
     for trial in run.trials():
         found[trial.agent].append("".join(str(step.decision.action) for step in trial.steps))
     assert found == GOLDEN
-
-
-@pytest.mark.long
-def test_two_processes_plan_alike(synthetic):
-    """Plans and searches do not depend on the process either."""
-    config = OfflineConfig(str(synthetic / "toy.npz"), 2, 12, ("morc", "bayes"), seed=2)
-    one = run_offline(config, logs=synthetic / "one")
-    two = run_offline(config, logs=synthetic / "two", jobs=2)
-    assert logs_of(one.folder) == logs_of(two.folder)
 
 
 @pytest.mark.long

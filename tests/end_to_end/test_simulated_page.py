@@ -24,17 +24,9 @@ RESULTS = {
         "behaviors": {"look": {"balanced_accuracy": 0.5}, "shake": {"balanced_accuracy": 1.0}}
     },
 }
+CURVE = [{"hours": 0.1 * n, "accuracy": 0.7, "reward": 40.0 + n, "ece": 0.05} for n in range(6)]
 LIVE = {
-    "population": {
-        "objects": 300,
-        "executions": 6400,
-        "curves": {
-            "bayes": [
-                {"hours": 0.1 * n, "accuracy": 0.7, "reward": 40.0 + n, "ece": 0.05}
-                for n in range(6)
-            ]
-        },
-    },
+    "population": {"objects": 300, "executions": 6400, "curves": {"bayes": CURVE}},
     "live": {
         "seed": 4,
         "curve": [
