@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from meal_bayes.datasets import PerceptTable
     from meal_bayes.trial_log import ObjectLabels
-    from meal_bayes.trials import Step, Task, Trial
+    from meal_bayes.trials import Task, Trial
 
 
 def answer(
@@ -58,35 +58,33 @@ def answer(
 
 def trial_facts(trial: "Trial") -> dict[str, object]:
     """Return the facts of a trial as JSON values."""
-    names, report = trial.task.query.attributes, trial.report
+    names = trial.task.query.attributes
     truth = [None if value < 0 else value == 1 for value in trial.truth.tolist()]
     return {
         "object": trial.task.object_name,
         "attributes": list(names),
         "agent": trial.agent,
-        "report": None if report is None else _by_name(names, report),
+        "report": _by_name(names, trial.report),
         "truth": dict(zip(names, truth, strict=True)),
         "success": trial.success,
         "ended": trial.ended,
         "cost_s": trial.cost,
         "reward": None if math.isnan(trial.reward) else trial.reward,
         "belief": _by_name(names, trial.last_belief.positive),
-        "steps": [_step_facts(trial, step) for step in trial.steps],
+        "steps": [
+            {
+                "x": trial.momdp.x_names[step.x],
+                "action": trial.momdp.action_name(step.decision.action),
+                "next_x": trial.momdp.x_names[step.next_x],
+                "percept": _by_name(names, step.observation),
+                "warning": step.warning,
+                "cost_s": step.cost,
+                "belief": _by_name(names, step.belief.positive),
+            }
+            for step in trial.steps
+        ],
     }
 
 
-def _step_facts(trial: "Trial", step: "Step") -> dict[str, object]:
-    percept, names = step.observation, trial.task.query.attributes
-    return {
-        "x": trial.momdp.x_names[step.x],
-        "action": trial.momdp.action_name(step.decision.action),
-        "next_x": trial.momdp.x_names[step.next_x],
-        "percept": None if percept is None else _by_name(names, percept),
-        "warning": step.warning,
-        "cost_s": step.cost,
-        "belief": _by_name(names, step.belief.positive),
-    }
-
-
-def _by_name(names: tuple[str, ...], values: "NDArray[Any]") -> dict[str, object]:
-    return dict(zip(names, values.tolist(), strict=True))
+def _by_name(names: tuple[str, ...], values: "NDArray[Any] | None") -> dict[str, object] | None:
+    return None if values is None else dict(zip(names, values.tolist(), strict=True))

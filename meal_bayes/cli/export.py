@@ -12,7 +12,6 @@ from meal_bayes.untrusted import LARGEST
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.momdp import MOMDP
     from meal_bayes.perception import ConfusionCounts
 
 _FORMATS = ("pomdp", "pomdpx")
@@ -42,14 +41,26 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
+    from meal_bayes.datasets import load_percepts, object_index
+    from meal_bayes.domain import read_query
     from meal_bayes.files import check_output
-    from meal_bayes.momdp import write_pomdp, write_pomdpx
+    from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
+    from meal_bayes.perception import table_counts
+    from meal_bayes.posterior import ConfusionPosterior
 
     kind = options["format"] or file.suffix.removeprefix(".")
     if kind not in _FORMATS:
         raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
     check_output(file, inputs=[options["dataset"]])
-    momdp = _query(options)
+    table = load_percepts(table_of(options["dataset"], options["root"]))
+    query, name = read_query(options["query"], table.domain), options["object"]
+    if name is None:
+        counts = held_out_counts(table, 2)
+    else:
+        counts = table_counts(table, object_index(table.objects, name))
+    columns = table.domain.columns(query.attributes)
+    rows, precision = ConfusionPosterior.from_counts(counts).select(columns, exact=True)
+    momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
     if options["discount"] is not None:
         momdp = replace(momdp, discount=options["discount"])
     if options["reward"] is not None:
@@ -73,25 +84,6 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
         f"{facts['observations']} observations, {facts['bytes']:,} bytes"
     )
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
-
-
-def _query(options: dict[str, Any]) -> "MOMDP":
-    """Build the paper's problem of a query, from all objects or all but one."""
-    from meal_bayes.datasets import load_percepts, object_index
-    from meal_bayes.domain import read_query
-    from meal_bayes.momdp import Objective, build_momdp
-    from meal_bayes.perception import table_counts
-    from meal_bayes.posterior import ConfusionPosterior
-
-    table = load_percepts(table_of(options["dataset"], options["root"]))
-    query, name = read_query(options["query"], table.domain), options["object"]
-    if name is None:
-        counts = held_out_counts(table, 2)
-    else:
-        counts = table_counts(table, object_index(table.objects, name))
-    columns = table.domain.columns(query.attributes)
-    confusion, precision = ConfusionPosterior.from_counts(counts).select(columns, exact=True)
-    return build_momdp(table.domain, query, confusion, precision, objective=Objective(abstain=True))
 
 
 def held_out_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":

@@ -249,30 +249,27 @@ def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) 
         name: "NLL {nll:.3f}, ECE {ece:.3f} ({ece_calibrated:.3f} if calibrated)".format(**quality)
         for name, quality in facts["belief"].items()
     }
+    convergence = "independent, from the grid"
+    if sampled:
+        worst = max(one["r_hat"] for one in facts["convergence"])
+        few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
+        convergence = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
+        if facts["divergences"] or not worst < _R_HAT:
+            convergence += ": do not trust these draws; give more --tune and --draws"
+        elif few < _ESS:
+            convergence += f"; few independent draws ({few:.0f}), give more --draws"
     shown = {
-        "draws": _convergence_text(facts) if sampled else "independent, from the grid",
+        "draws": convergence,
         "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
         "objects seen; near 0 or 100 % the model does not fit",
         "beliefs": "learned without the object, after one behavior: "
         f"{scores['each']}; after all: {scores['together']}",
     }
-    if worst := sorted(facts["pareto_k"].items(), key=lambda unit: -unit[1]):
-        named = ", ".join(f"{name} ({k:.2f})" for name, k in worst[:_NAMED])
-        shown["leave one out"] = (
-            f"not to be trusted for {len(worst)} of the objects' attributes, by Pareto k: {named}"
-        )
+    if unreliable := sorted(facts["pareto_k"].items(), key=lambda unit: -unit[1]):
+        named = ", ".join(f"{name} ({k:.2f})" for name, k in unreliable[:_NAMED])
+        count = f"{len(unreliable)} of the objects' attributes"
+        shown["leave one out"] = f"not to be trusted for {count}, by Pareto k: {named}"
     if facts["misperception"] is not None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
     terminal.output().print()
     terminal.print_facts(terminal.output(), shown)
-
-
-def _convergence_text(facts: dict[str, Any]) -> str:
-    worst = max(one["r_hat"] for one in facts["convergence"])
-    few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
-    text = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
-    if facts["divergences"] or not worst < _R_HAT:
-        return f"{text}: do not trust these draws; give more --tune and --draws"
-    if few < _ESS:
-        return f"{text}; few independent draws ({few:.0f}), give more --draws"
-    return text

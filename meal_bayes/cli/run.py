@@ -13,7 +13,6 @@ from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
-    from meal_bayes.experiments import OfflineConfig, OfflineRun
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -56,54 +55,47 @@ def offline(
 
     An interrupted run continues when the same command is given again.
     """
-    from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig
+    from meal_bayes.evaluation import compare, summarize
+    from meal_bayes.evaluation.statistics import plain
+    from meal_bayes.experiments import (
+        DEFAULT_AGENTS,
+        OfflineConfig,
+        offline_tasks,
+        run_offline,
+        warm_up_offline,
+    )
+    from meal_bayes.experiments.percepts import percepts_for
 
     settings["dataset"] = opt.table_of(settings["dataset"], root, settings["perception"])
     chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or DEFAULT_AGENTS
     config = OfflineConfig(**settings, agents=chosen)
-    finished = _run(config, logs=logs, jobs=jobs, cluster=cluster, fresh=fresh)
-    rows, paired = _measure(finished)
+    how: dict[str, Any] = {"on_note": terminal.note}
+    with terminal.progress("percepts", "behaviors") as advance:
+        table = percepts_for(config.dataset, config.perception, on_progress=advance, **how)
+    offline_tasks(table, config.attributes, config.trials, config.seed)  # raises before any work
+    with terminal.showing_compilation():
+        warm_up_offline(config)
+    how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}
+    with terminal.resumed("trials") as advance:
+        finished = run_offline(config, on_progress=advance, **how)
+    outcomes = finished.outcomes()
+    rows = summarize(outcomes, seconds=finished.seconds)
+    pair: dict[str, object] = {"against": _AGAINST, "measure": _MEASURE}
+    paired = [
+        {
+            "agent": name,
+            **pair,
+            **plain(compare(outcomes, name, _AGAINST, measure=_MEASURE)._asdict()),
+        }
+        for name in outcomes.agents
+        if _AGAINST in outcomes.agents and name != _AGAINST
+    ]
     if as_json:
         facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
         terminal.print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
     _print(rows, paired)
     terminal.note(f"trials in {finished.folder}")
-
-
-def _run(config: "OfflineConfig", **options: Any) -> "OfflineRun":
-    """Run the trials that are missing, and show progress."""
-    from meal_bayes.experiments import offline_tasks, run_offline, warm_up_offline
-    from meal_bayes.experiments.percepts import percepts_for
-
-    if config.perception == "default":
-        table = percepts_for(config.dataset)
-    else:
-        with terminal.progress("percepts", "behaviors") as advance:
-            table = percepts_for(
-                config.dataset, config.perception, on_progress=advance, on_note=terminal.note
-            )
-    offline_tasks(table, config.attributes, config.trials, config.seed)  # raises before any work
-    with terminal.showing_compilation():
-        warm_up_offline(config)
-    with terminal.resumed("trials") as advance:
-        return run_offline(config, on_progress=advance, on_note=terminal.note, **options)
-
-
-def _measure(finished: "OfflineRun") -> "tuple[list[SummaryRow], list[dict[str, object]]]":
-    """Summarize the trials, and compare each agent with the paper's on the tasks they share."""
-    from meal_bayes.evaluation import compare, summarize
-    from meal_bayes.evaluation.statistics import plain
-
-    outcomes = finished.outcomes()
-    rows = summarize(outcomes, seconds=finished.seconds)
-    paired: list[dict[str, object]] = []
-    if any(row.agent == _AGAINST for row in rows):
-        for agent in (row.agent for row in rows if row.agent != _AGAINST):
-            difference = compare(outcomes, agent, _AGAINST, measure=_MEASURE)
-            pair = {"agent": agent, "against": _AGAINST, "measure": _MEASURE}
-            paired.append(pair | plain(difference._asdict()))
-    return rows, paired
 
 
 def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:

@@ -14,11 +14,9 @@ from meal_bayes.cli.answer import trial_facts
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from meal_bayes.datasets import Dataset
     from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.learner import Learner
     from meal_bayes.robots.frame import Frame
-    from meal_bayes.trials import Trial
 
 _BLOCK = 20  # trials of one point of the curve
 _FAULT = 1  # exit code of a trial that ended with a robot error
@@ -86,11 +84,14 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     object that nobody recorded: it decides, the arm executes, until it can report. The trial is
     logged step by step.
     """
+    from meal_bayes.cache import temporary_folder
     from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
+    from meal_bayes.learner import Learner
     from meal_bayes.robots.simulated_arm.camera import frame_of
     from meal_bayes.trial_log import read_trials
+    from meal_bayes.viewer import Viewer, write_recording
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
@@ -98,7 +99,10 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     with terminal.progress("recording training objects", "objects") as advance:
         data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
     seed = options["seed"]
-    learner = _fitted(options["agent"], seed, data)
+    learner = Learner(data.domain, agent=opt.agent_value(options["agent"]), seed=seed, logs=None)
+    terminal.note(f"learning from {len(data.objects)} objects ...")
+    with terminal.showing_compilation():
+        learner.fit(data)
     # Other settings, other logs; equal ones make equal trials.
     config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
     settings = opt.digest({**config, "question": question})
@@ -118,10 +122,15 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     else:
         print_trial_table(terminal.output(), trial)
         terminal.note(f"every decision and its reasons: meal-bayes log show {log}")
-    if recording is not None:
-        _write_view(trial, frames, recording)
-    if view:
-        _view(trial, frames)
+    with temporary_folder() as folder:
+        if watched:
+            path = recording or folder / "sim.rrd"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
+            terminal.note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
+        if view:
+            with Viewer([path]) as viewer:
+                viewer.wait()
     if trial.ended:
         terminal.note(trial.ended)
         click.get_current_context().exit(_FAULT)
@@ -167,34 +176,6 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     terminal.print_table(names, map(_point, blocks), left=("agent",))
     _print_success(learner)
     terminal.note(f"every trial: meal-bayes log show {folder}")
-
-
-def _fitted(agent: str, seed: int, data: "Dataset") -> "Learner":
-    from meal_bayes.learner import Learner
-
-    learner = Learner(data.domain, agent=opt.agent_value(agent), seed=seed, logs=None)
-    terminal.note(f"learning from {len(data.objects)} objects ...")
-    with terminal.showing_compilation():
-        return learner.fit(data)
-
-
-def _write_view(trial: "Trial", frames: "list[Frame]", path: Path) -> None:
-    from meal_bayes.viewer import write_recording
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
-    terminal.note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
-
-
-def _view(trial: "Trial", frames: "list[Frame]") -> None:
-    from meal_bayes.cache import temporary_folder
-    from meal_bayes.viewer import Viewer
-
-    with temporary_folder() as folder:
-        recording = folder / "sim.rrd"
-        _write_view(trial, frames, recording)
-        with Viewer([recording]) as viewer:
-            viewer.wait()
 
 
 def _point(block: "list[LiveTrial]") -> list[str]:

@@ -109,7 +109,11 @@ def search_tree(frame: TrialFrame) -> Graph:
         return Graph((Node("root", "no search: a fixed rule", 0, 0, GRAY),), ())
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"
-    labels = {action: _action_label(momdp, decision, action) for action in actions}
+    labels = {}
+    for action in actions:
+        visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
+        label = option_label(momdp, decision, action)
+        labels[action] = f"{label}\n{decision.values[action]:.1f}{visits}"
     left = box_size(root)[0] + _COLUMN_GAP
     right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
     leaves = _leaves(decision, actions)
@@ -172,12 +176,6 @@ def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]
     for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
         leaves.setdefault(first[edge.parent], []).append(edge)
     return leaves
-
-
-def _action_label(momdp: MOMDP, decision: Decision, action: int) -> str:
-    value = f"{decision.values[action]:.1f}"
-    visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
-    return f"{option_label(momdp, decision, action)}\n{value}{visits}"
 
 
 def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:

@@ -25,7 +25,7 @@ def plain_text(text: str) -> str:
 
 def question(trial: Trial) -> str:
     """Return the question of a trial."""
-    return " and ".join(plain_text(name) for name in trial.task.query.attributes) + "?"
+    return " and ".join(map(plain_text, trial.task.query.attributes)) + "?"
 
 
 def action_label(momdp: MOMDP, action: int) -> str:

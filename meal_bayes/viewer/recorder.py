@@ -1,6 +1,5 @@
 """Rows collected by entity and sent as columns, fifty times faster than one by one."""
 
-from functools import lru_cache
 from itertools import chain
 from typing import Any
 
@@ -36,8 +35,12 @@ class Recorder:
 
     def add_image(self, entity: str, pixels: NDArray[np.uint8], time: Time) -> None:
         """Append a picture, (h,w,3) RGB or (h,w,4) RGBA."""
-        shape = _image_format(*pixels.shape)
-        self.add(entity, rr.Image, time, buffer=[pixels.tobytes()], format=[shape])
+        height, width, channels = pixels.shape
+        model = rr.ColorModel.RGB if channels == 3 else rr.ColorModel.RGBA
+        form = rr.components.ImageFormat(
+            width=width, height=height, color_model=model, channel_datatype="U8"
+        )
+        self.add(entity, rr.Image, time, buffer=[pixels.tobytes()], format=[form])
 
     def add_static(self, entity: str, archetype: Any) -> None:
         """Send what holds at all times, such as names, colors or formats."""
@@ -60,20 +63,12 @@ class Recorder:
                     rr.TimeColumn("sim_time", duration=seconds),
                 ]
             flat = {name: _packed(name, values) for name, (values, _) in fields.items()}
-            columns = [
-                column.partition(fields[_field(column)][1])
-                for column in archetype.columns(**flat)  # type: ignore[attr-defined]
-            ]
+            columns = []
+            for column in archetype.columns(**flat):  # type: ignore[attr-defined]
+                field = str(column.component_descriptor().component).partition(":")[2]
+                columns.append(column.partition(fields[field][1]))
             self.stream.send_columns(entity, indexes[times], columns, strict=True)
         self._rows.clear()
-
-
-@lru_cache(maxsize=64)
-def _image_format(height: int, width: int, channels: int) -> rr.components.ImageFormat:
-    model = rr.ColorModel.RGB if channels == 3 else rr.ColorModel.RGBA
-    return rr.components.ImageFormat(
-        width=width, height=height, color_model=model, channel_datatype="U8"
-    )
 
 
 def _packed(name: str, values: list[Any]) -> Any:
@@ -89,10 +84,6 @@ def _packed(name: str, values: list[Any]) -> Any:
     if name in _TEXTS:
         return np.array(values, dtype=object)
     return values
-
-
-def _field(column: rr.ComponentColumn) -> str:
-    return str(column.component_descriptor().component).partition(":")[2]
 
 
 def part(name: str) -> str:

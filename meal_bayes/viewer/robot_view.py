@@ -35,10 +35,10 @@ def _add_static(to: Recorder, frame: Frame) -> None:
     """Add what does not change: sizes, colors and units."""
     colors = (255 * frame.colors).astype(np.uint8)
     for shape, entity in _BOXES.items():
-        own = frame.shapes == shape
+        mask = frame.shapes == shape
         boxes = rr.Boxes3D.from_fields(
-            half_sizes=frame.half_sizes[own],
-            colors=colors[own],
+            half_sizes=frame.half_sizes[mask],
+            colors=colors[mask],
             fill_mode="solid" if shape == SOLID else "majorwireframe",
             radii=_LINE,
         )
@@ -54,8 +54,8 @@ def _add_static(to: Recorder, frame: Frame) -> None:
 
 def _add_frame(to: Recorder, frame: Frame, time: Time) -> None:
     for shape, entity in _BOXES.items():
-        own = frame.shapes == shape
-        centers, quaternions = frame.centers[own].tolist(), frame.quaternions[own].tolist()
+        mask = frame.shapes == shape
+        centers, quaternions = frame.centers[mask].tolist(), frame.quaternions[mask].tolist()
         to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
     balls = frame.shapes == BALL
     if balls.any():

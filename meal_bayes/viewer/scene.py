@@ -46,7 +46,8 @@ class Scene:
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
-        self._begin()
+        if not self._begun:
+            self._begin()
         to, time = self._to, frame.time
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
@@ -82,8 +83,7 @@ class Scene:
             self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
 
     def _begin(self) -> None:
-        if self._begun:
-            return
+        """Send what holds at all times, once."""
         self._begun = True
         for entity in (NARRATION, DECISION):
             self._to.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
@@ -99,13 +99,12 @@ class Scene:
     def _of(self, trial: Trial) -> tuple[MOMDP, Diagram, Matrices]:
         """Return a trial's MOMDP with its drawings; it is kept, so that no other gets its id."""
         momdp = trial.momdp
-        found = self._diagrams.get(id(momdp))
-        if found is None:
+        if id(momdp) not in self._diagrams:
             if len(self._diagrams) > _MOMDPS:
                 self._diagrams.clear()
             matrices = Matrices(momdp, trial.counts)
-            found = self._diagrams[id(momdp)] = (momdp, Diagram(momdp), matrices)
-        return found
+            self._diagrams[id(momdp)] = (momdp, Diagram(momdp), matrices)
+        return self._diagrams[id(momdp)]
 
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{part(name)}"
@@ -156,13 +155,13 @@ class Scene:
 
     def _confusion(self, frame: TrialFrame, matrices: Matrices, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""
-        step, momdp = frame.step, frame.trial.momdp
-        if step is not None and step.decision.action < momdp.n_behaviors:
-            picture = matrices.of(step.decision.action, step.decision.sampled_rows)
-            self._picture(CONFUSION, picture, time)
-        elif step is None and frame.trial.steps:
+        end = frame.trial.momdp.n_behaviors
+        if frame.step is None and frame.trial.steps:
             first = frame.trial.steps[0].decision.action
-            self._picture(CONFUSION, matrices.of(first if first < momdp.n_behaviors else 0), time)
+            self._picture(CONFUSION, matrices.of(first if first < end else 0), time)
+        elif frame.step is not None and (action := frame.step.decision.action) < end:
+            picture = matrices.of(action, frame.step.decision.sampled_rows)
+            self._picture(CONFUSION, picture, time)
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:
         trial, step, momdp = frame.trial, frame.step, frame.trial.momdp

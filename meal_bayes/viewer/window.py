@@ -60,7 +60,8 @@ class Viewer:
     def __init__(
         self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
     ) -> None:
-        data, self._port = free_ports(2) if web else free_ports(1) * 2  # the one that opens last
+        data, page = free_ports()
+        self._port = page if web else data  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
         self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]
         self.url, self.address = f"rerun+http://{HERE}:{data}/proxy", ""
@@ -190,13 +191,12 @@ def viewer_program() -> Path:
     )
 
 
-def free_ports(count: int) -> list[int]:
-    """Return ports that nobody listens on."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for each in sockets:
+def free_ports() -> tuple[int, int]:
+    """Return two ports that nobody listens on."""
+    with socket.socket() as one, socket.socket() as other:
+        for each in (one, other):
             each.bind((HERE, 0))
-        return [each.getsockname()[1] for each in sockets]
+        return one.getsockname()[1], other.getsockname()[1]
 
 
 def check_recording_name(path: Path) -> Path:
