@@ -8,7 +8,6 @@ import pytest
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
-    MOMDP,
     Objective,
     Transition,
     build_momdp,
@@ -17,13 +16,11 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.planners import (
     POMCP,
-    Decision,
     Greedy,
     History,
     Predefined,
     Random,
     RandomLegal,
-    Solver,
 )
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
@@ -32,7 +29,7 @@ DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
 
 
-def solvers(domain: Domain) -> list[Solver]:
+def solvers(domain):
     sequence = domain.predefined or domain.behavior_names
     return [
         Random(),
@@ -47,14 +44,10 @@ def solvers(domain: Domain) -> list[Solver]:
     ]
 
 
-def offline_solvers() -> list[Solver]:
-    """Those that solve for all beliefs beforehand: known rows, one latent class a truth."""
-    return [Factored(points=2000)]
+OFFLINE = [Factored(points=2000)]  # for all beliefs beforehand: known rows, one class a truth
 
 
-def momdp_of(
-    domain: Domain, n: int, levels: int, seed: int, *, n_classes: int = 1, **options: object
-) -> MOMDP:
+def momdp_of(domain, n, levels, seed, *, n_classes=1, **options):
     rng, e = np.random.default_rng(seed), len(domain.behaviors)
     confusion = rng.dirichlet(np.ones(levels), (n, e, max(2, n_classes)))
     chosen = rng.permutation(len(domain.attributes))[:n]
@@ -63,22 +56,14 @@ def momdp_of(
     return build_momdp(domain, query, confusion, latent_classes=shares, **options)
 
 
-def mistaken(domain: Domain, rows: np.ndarray, error: float, **options: object) -> MOMDP:
-    """Of the objects, a share `error` seem to have the other value; rows (2,K) of the others."""
-    confusion = np.tile(rows[[0, 1, 1, 0]], (2, len(domain.behaviors), 1, 1))
-    latent_classes = np.tile([[1 - error, error, 0, 0], [0, 0, 1 - error, error]], (2, 1, 1))
-    query = Query(domain.attributes[:2])
-    return build_momdp(domain, query, confusion, latent_classes=latent_classes, **options)
-
-
-def equal(one: Decision, other: Decision) -> bool:
+def equal(one, other):
     return all(
         np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
         for a, b in ((getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
     )
 
 
-def check(momdp: MOMDP, history: History, decision: Decision) -> None:
+def check(momdp, history, decision):
     """Legal, or an answer; and values where they belong."""
     x, e = history.belief.x, momdp.n_behaviors
     momdp.check_action(x, decision.action)
@@ -89,7 +74,7 @@ def check(momdp: MOMDP, history: History, decision: Decision) -> None:
     assert not np.isinf(decision.values).any()
 
 
-def follow(momdp: MOMDP, solver: Solver, seed: int, steps: int = 12) -> None:
+def follow(momdp, solver, seed, steps=12):
     """Follow the policy where it goes, and where it would report take any legal behavior."""
     rng = np.random.default_rng(seed)
     policy, again = (solver.solve(momdp, np.random.default_rng(1)) for _ in range(2))
@@ -109,33 +94,19 @@ def follow(momdp: MOMDP, solver: Solver, seed: int, steps: int = 12) -> None:
         history = execute(momdp, history, action, rng)
 
 
-def execute(momdp: MOMDP, history: History, action: int, rng: np.random.Generator) -> History:
+def execute(momdp, history, action, rng):
     """Take any outcome that is possible, any percept that is."""
-    belief = history.belief
+    belief, percept = history.belief, None
     x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
-    percept = None
-    if momdp.observation_probability[action, belief.x, x] > rng.random():
-        percept = possible_percept(momdp, history, action, rng)
-    return History(
-        update_belief(belief, momdp, Transition(action, x, percept)),
-        (*history.actions, action),
-        (*history.perceived, percept is not None),
-        (*history.moved, x),
-        history.cost + float(momdp.cost[action]),
-    )
+    left = belief.percept_counts[0, action].sum() < momdp.limit[action]
+    if momdp.observation_probability[action, belief.x, x] > rng.random() and left:
+        rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
+        percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
+    after = update_belief(belief, momdp, Transition(action, x, percept))
+    return history.after(after, action, percept is not None, float(momdp.cost[action]))
 
 
-def possible_percept(
-    momdp: MOMDP, history: History, action: int, rng: np.random.Generator
-) -> np.ndarray | None:
-    belief = history.belief
-    if belief.percept_counts[0, action].sum() >= momdp.limit[action]:
-        return None
-    rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
-    return np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
-
-
-def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
+def cases(largest=np.inf):
     """List domains, attributes and levels; of at most so many percept vectors."""
     out = []
     for name in DOMAINS:
@@ -151,7 +122,7 @@ def cases(largest: float = np.inf) -> list[pytest.ParameterSet]:
 
 
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
-def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
+def test_every_solver_everywhere(name, n, levels):
     domain = load_domain(name)
     hard = {"precision": 4.0, "n_classes": 2}
     for seed, solver in enumerate(solvers(domain)):
@@ -164,9 +135,9 @@ def test_every_solver_everywhere(name: str, n: int, levels: int) -> None:
 
 
 @pytest.mark.parametrize(("name", "n", "levels"), cases(largest=16))
-def test_offline_solvers(name: str, n: int, levels: int) -> None:
+def test_offline_solvers(name, n, levels):
     domain = load_domain(name)
-    for seed, solver in enumerate(offline_solvers()):
+    for seed, solver in enumerate(OFFLINE):
         for abstain in (False, True):
             options = {
                 "limit": (LIMIT, np.inf)[abstain],
@@ -179,9 +150,9 @@ def test_offline_solvers(name: str, n: int, levels: int) -> None:
 @pytest.mark.parametrize(
     "options", [{"precision": 4.0}, {"n_classes": 2}, {"n_classes": 3, "limit": 2}]
 )
-def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]) -> None:
+def test_offline_solvers_refuse_what_they_cannot_hold(options):
     momdp = momdp_of(load_domain("toy"), 2, 2, 0, **options)
-    for solver in offline_solvers():
+    for solver in OFFLINE:
         with pytest.raises(SettingsError, match=r"latent class.* POMCP"):
             solver.solve(momdp, np.random.default_rng(0))
 
@@ -189,7 +160,7 @@ def test_offline_solvers_refuse_what_they_cannot_hold(options: dict[str, object]
 @pytest.mark.parametrize("abstain", [False, True])
 @pytest.mark.parametrize("precision", [4.0, np.inf])
 @pytest.mark.parametrize("name", ["toy", "roc36", pytest.param("ispy32", marks=pytest.mark.long)])
-def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
+def test_certain_beliefs(name, precision, abstain):
     """Percepts that decide, priors that are sure: log-odds of plus and minus infinity."""
     domain = load_domain(name)
     e = len(domain.behaviors)
@@ -197,40 +168,38 @@ def test_certain_beliefs(name: str, precision: float, abstain: bool) -> None:
     mixed = np.tile([[1.0, 0.0], [0.3, 0.7]], (2, e, 1, 1))
     query = Query(domain.attributes[:2])
     for confusion, prior in ((deciding, 0.5), (mixed, [0.5, 1.0]), (mixed, [1.0, 0.0])):
+        goal = Objective(abstain=abstain)
         momdp = build_momdp(
-            domain,
-            query,
-            confusion,
-            precision,
-            prior=prior,
-            limit=LIMIT,
-            objective=Objective(abstain=abstain),
+            domain, query, confusion, precision, prior=prior, limit=LIMIT, objective=goal
         )
         known = np.isinf(precision)
-        for seed, solver in enumerate([*solvers(domain), *offline_solvers() * bool(known)]):
+        for seed, solver in enumerate([*solvers(domain), *OFFLINE * bool(known)]):
             follow(momdp, solver, seed, steps=6)
 
 
-def test_deciding_percepts_of_objects_that_may_deceive() -> None:
+def test_deciding_percepts_of_objects_that_may_deceive():
+    """Of the objects, one in twenty seems to have the other value."""
     domain = load_domain("toy")
-    momdp = mistaken(domain, np.eye(2), 0.05)
+    confusion = np.tile(np.eye(2)[[0, 1, 1, 0]], (2, len(domain.behaviors), 1, 1))
+    classes = np.tile([[0.95, 0.05, 0, 0], [0, 0, 0.05, 0.95]], (2, 1, 1))
+    momdp = build_momdp(domain, Query(domain.attributes[:2]), confusion, latent_classes=classes)
     for seed, solver in enumerate(solvers(domain)):
         follow(momdp, solver, seed, steps=6)
 
 
-def test_certain_reports_are_right() -> None:
+def test_certain_reports_are_right():
     domain = load_domain("roc36")
     momdp = momdp_of(
         domain, 3, 2, 0, prior=[1.0, 0.0, 1.0], objective=Objective(abstain=True), limit=LIMIT
     )
-    for solver in (Greedy(), OpenLoop(), POMCP(0), POMCP(12), *offline_solvers()):
+    for solver in (Greedy(), OpenLoop(), POMCP(0), POMCP(12), *OFFLINE):
         rng = np.random.default_rng(0)
         action = solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng).action
         assert action == momdp.n_behaviors + 0b101
 
 
 @pytest.mark.parametrize("name", DOMAINS)
-def test_used_up_recordings(name: str) -> None:
+def test_used_up_recordings(name):
     """Every percept has been had: whatever is decided tells nothing more, so values report."""
     domain = load_domain(name)
     momdp = momdp_of(domain, 1, 2, 3, limit=0, objective=Objective(discount=1.0))
@@ -245,7 +214,7 @@ def test_used_up_recordings(name: str) -> None:
                 assert decision.action >= momdp.n_behaviors
 
 
-def odd_domains() -> list[Domain]:
+def odd_domains():
     """Return what own tables may hold: a dead end, a free behavior, a fork, a single behavior."""
     look, drop = Behavior("look", 1.0, ("color",)), Behavior("drop", 2.0, ("audio",))
     free = Behavior("glance", 0.0, ("color",))
@@ -275,7 +244,7 @@ def odd_domains() -> list[Domain]:
 
 @pytest.mark.parametrize("limit", [2, np.inf])
 @pytest.mark.parametrize("discount", [0.9, 1.0])
-def test_odd_domains(limit: float, discount: float) -> None:
+def test_odd_domains(limit, discount):
     for domain in odd_domains():
         for abstain in (False, True):
             options = {"limit": limit, "objective": Objective(discount=discount, abstain=abstain)}
@@ -285,16 +254,16 @@ def test_odd_domains(limit: float, discount: float) -> None:
 
 
 @pytest.mark.parametrize("n", [5, 81])
-def test_large_queries(n: int) -> None:
+def test_large_queries(n):
     domain = load_domain("ispy32")
     momdp = momdp_of(domain, n, 2, 5, limit=LIMIT, objective=Objective(abstain=True))
     for seed, solver in enumerate(solvers(domain)):
         follow(momdp, solver, seed, steps=2)
 
 
-def test_shaped_rewards() -> None:
+def test_shaped_rewards():
     domain = load_domain("roc36")
     momdp = momdp_of(domain, 2, 2, 6, limit=LIMIT)
     bonus = np.random.default_rng(6).uniform(-10, 10, momdp.bonus.shape)
-    for seed, solver in enumerate([*solvers(domain), *offline_solvers()]):
+    for seed, solver in enumerate([*solvers(domain), *OFFLINE]):
         follow(replace(momdp, bonus=bonus), solver, seed)

@@ -1,6 +1,5 @@
 """A Dask cluster on this machine runs the same experiment, also when a worker dies."""
 
-import importlib
 import json
 import os
 import signal
@@ -31,29 +30,6 @@ from meal_bayes.perception import DEFAULT, build_percept_table
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCAL = "127.0.0.1"
-
-LOOKER = """
-from meal_bayes.momdp import best_report
-from meal_bayes.planners import unvalued
-
-
-class Looker:
-    def __init__(self, looks):
-        self.looks = looks
-
-    def solve(self, momdp, rng):
-        return LookerPolicy(momdp, self.looks)
-
-
-class LookerPolicy:
-    def __init__(self, momdp, looks):
-        self.momdp, self.looks = momdp, looks
-
-    def decide(self, history, rng):
-        if len(history.actions) < self.looks and self.momdp.legal[history.belief.x, 0]:
-            return unvalued(self.momdp, 0)
-        return unvalued(self.momdp, best_report(self.momdp, history.belief))
-"""
 
 pytestmark = pytest.mark.usefixtures("dask")
 
@@ -116,13 +92,10 @@ def config(own_data):
     )  # fmt: skip
 
 
-def contents(folder):
-    paths = folder.rglob("*.mcap")
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-
-
 @pytest.mark.long
-def test_a_dead_worker_s_units_go_to_the_other(cluster, config, tmp_path, monkeypatch, eventually):
+def test_a_dead_worker_s_units_go_to_the_other(
+    cluster, config, tmp_path, monkeypatch, eventually, contents
+):
     address, workers, _ = cluster
     expected = contents(run_online(config, logs=tmp_path / "here").folder)
     monkeypatch.chdir(tmp_path)
@@ -164,14 +137,10 @@ def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(clus
 
 
 @pytest.mark.long
-def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, monkeypatch):
+def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, module, contents):
     """Its module lies in a folder that the workers have never heard of."""
     address, *_ = cluster
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "looker_on_dask.py").write_text(LOOKER, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path / "mine")
-    looker = importlib.import_module("looker_on_dask").Looker
-    wanted = OfflineConfig("roc36", 1, 6, ("predefined", looker(2)), seed=1)
+    wanted = OfflineConfig("roc36", 1, 6, ("predefined", module(2).Looker()), seed=1)
     here = run_offline(wanted, logs=tmp_path / "here")
     there = run_offline(wanted, logs=tmp_path / "there", cluster=address)
     assert contents(there.folder) == contents(here.folder)

@@ -9,7 +9,6 @@ from meal_bayes.agents import AGENTS, load_agent
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import Query, learn_success, load_domain
-from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OnlineConfig
 from meal_bayes.experiments.environment import Environment
 from meal_bayes.experiments.online import _learner
@@ -281,11 +280,6 @@ class TestPublishedVariants:
         np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
         places = run.learner.experience.instances.values[:, :3]
         assert len(np.unique(places, axis=0)) == len(places)
-
-    def test_names_are_checked(self):
-        for wrong in ({"learning": (("by_objects", False),)}, {"percepts": "modell"}):
-            with pytest.raises(SettingsError, match="did you mean"):
-                OnlineConfig("toy", **wrong)
 
 
 class TestSuccess:

@@ -1,10 +1,7 @@
 """Agents, planners and observation models given as values, in processes and after an edit."""
 
 import dataclasses
-import importlib
 import json
-import os
-import sys
 
 import numpy as np
 import pytest
@@ -16,65 +13,13 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
 from meal_bayes.planners import RandomLegal
 
-SOURCE = """
-from meal_bayes.momdp import best_report
-from meal_bayes.planners import unvalued
-
-LOOKS = {looks}
-
-
-class Looker:
-    def __init__(self, more=0):
-        self.more = more
-
-    def solve(self, momdp, rng):
-        return LookerPolicy(momdp, LOOKS + self.more)
-
-
-class LookerPolicy:
-    def __init__(self, momdp, looks):
-        self.momdp, self.looks = momdp, looks
-
-    def decide(self, history, rng):
-        momdp, x = self.momdp, history.belief.x
-        if len(history.actions) < self.looks:
-            return unvalued(momdp, int(momdp.legal[x].argmax()))
-        return unvalued(momdp, best_report(momdp, history.belief))
-"""
-
-
-def contents(folder):
-    return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
-
-
-@pytest.fixture
-def module(tmp_path, monkeypatch):
-    """A function that writes a module of one's own anew and imports it."""
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(folder)
-    name = f"looker_{abs(hash(str(tmp_path)))}"
-
-    times = iter(range(1_000_000_000, 2_000_000_000, 10))
-
-    def write(looks):
-        path = folder / f"{name}.py"
-        path.write_text(SOURCE.format(looks=looks), encoding="utf-8")
-        os.utime(path, (time := next(times), time))  # or Python takes the bytecode of before
-        sys.modules.pop(name, None)
-        importlib.invalidate_caches()
-        return importlib.import_module(name)
-
-    yield write
-    sys.modules.pop(name, None)
-
 
 def steps_of(run):
     return [len(trial.steps) for trial in run.trials()]
 
 
 @pytest.mark.long
-def test_one_process_and_two_write_equal_logs(module, tmp_path):
+def test_one_process_and_two_write_equal_logs(module, tmp_path, contents):
     config = OfflineConfig("cy101", 1, 8, (module(1).Looker(2), "predefined"), seed=1)
     runs = [run_offline(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]
     one, two = (contents(run.folder) for run in runs)
@@ -130,7 +75,7 @@ def test_an_observation_model_is_a_value(tmp_path):
         np.testing.assert_allclose(trial.last_belief.positive, 0.5)
 
 
-def test_online_runs_take_them_too(own_data, module, tmp_path):
+def test_online_runs_take_them_too(own_data, module, tmp_path, contents):
     looker = module(2).Looker()
     config = OnlineConfig(
         str(own_data), root=str(own_data.parent), agents=(looker,), batches=1, trials=4

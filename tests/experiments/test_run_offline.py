@@ -1,6 +1,3 @@
-import os
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -11,11 +8,6 @@ from meal_bayes.trial_log import read_header, read_trials
 
 AGENTS = ("random", "predefined_plus")
 CONFIG = OfflineConfig("roc36", 2, 130, AGENTS, seed=3)  # two units an agent
-
-
-def contents(folder):
-    """Bytes of all logs below a folder, by their relative names."""
-    return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +38,10 @@ class TestAFinishedRun:
             np.testing.assert_array_equal(trial.report, expected.report)
             np.testing.assert_array_equal(trial.last_belief.log_odds, expected.last_belief.log_odds)
 
-    def test_units_lie_by_agent(self, finished):
+    def test_headers_tell_the_settings(self, finished):
         names = [path.relative_to(finished.folder).as_posix() for path in finished.paths]
         assert names == [f"{name}/unit-{k:04d}.mcap" for name in AGENTS for k in (0, 1)]
         assert [sum(1 for _ in read_trials(path)) for path in finished.paths] == [100, 30] * 2
-        assert not list(finished.folder.rglob("*.active"))
-
-    def test_headers_tell_the_settings(self, finished):
         for path in finished.paths:
             header = read_header(path)
             assert header["seed"] == 3
@@ -71,38 +60,23 @@ class TestRunningAgain:
         assert again.seconds == finished.seconds
         assert {path: path.stat().st_mtime_ns for path in again.paths} == before
 
-    def test_only_what_is_missing_is_run(self, finished):
-        before = contents(finished.folder)
-        lost = finished.paths[1]
+    def test_only_what_is_missing_or_unfinished_is_run(self, finished, contents):
+        before, lost = contents(finished.folder), finished.paths[1]
         times = {path: path.stat().st_mtime_ns for path in finished.paths if path != lost}
+        torn = lost.with_name(lost.name + ".active")
+        torn.write_bytes(lost.read_bytes()[:5000])
         lost.unlink()
         steps = []
-        run_offline(
-            CONFIG, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
-        )
+        run_offline(CONFIG, logs=finished.folder.parent, on_progress=lambda *at: steps.append(at))
         assert steps == [(230, 260), (260, 260)]
         assert contents(finished.folder) == before
+        assert not torn.exists()
         assert {path: path.stat().st_mtime_ns for path in times} == times
 
-    def test_unfinished_units_are_replaced(self, finished):
-        before = contents(finished.folder)
-        whole = finished.paths[0]
-        torn = whole.with_name(whole.name + ".active")
-        torn.write_bytes(whole.read_bytes()[:5000])
-        whole.unlink()
-        run_offline(CONFIG, logs=finished.folder.parent)
-        assert contents(finished.folder) == before
-        assert not torn.exists()
-
-    def test_fresh_runs_everything_again(self, finished):
-        before = contents(finished.folder)
-        steps = []
-        run_offline(
-            CONFIG,
-            logs=finished.folder.parent,
-            fresh=True,
-            on_progress=lambda *step: steps.append(step),
-        )
+    def test_fresh_runs_everything_again(self, finished, contents):
+        before, steps = contents(finished.folder), []
+        logs = finished.folder.parent
+        run_offline(CONFIG, logs=logs, fresh=True, on_progress=lambda *at: steps.append(at))
         assert [done for done, _ in steps] == [0, 100, 200, 230, 260]
         assert contents(finished.folder) == before
 
@@ -137,11 +111,13 @@ class TestRunningAgain:
 
 
 @pytest.mark.long
-def test_two_processes_write_the_same_files(finished, tmp_path):
+def test_two_processes_write_the_same_files(finished, tmp_path, contents):
     run = run_offline(CONFIG, logs=tmp_path, jobs=2)
     assert run.folder.name == finished.folder.name
     assert contents(run.folder) == {
-        name: data for name, data in contents(finished.folder).items() if name.parts[0] in AGENTS
+        name: data
+        for name, data in contents(finished.folder).items()
+        if name.partition("/")[0] in AGENTS
     }
 
 
@@ -166,17 +142,6 @@ def test_changed_settings_use_another_folder(tmp_path):
         assert len(list(read_trials(path))) == config.trials
 
 
-def test_changed_code_uses_another_folder(tmp_path, monkeypatch):
-    config = OfflineConfig("roc36", 2, 1, ("random",))
-    folders = []
-    for digest in ("one", "other"):
-        monkeypatch.setattr(
-            "meal_bayes.experiments.store.code_digest", lambda digest=digest: digest
-        )
-        folders.append(run_offline(config, logs=tmp_path).folder)
-    assert folders[0] != folders[1]
-
-
 def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
     config = OfflineConfig("roc36", 2, 20, ("random",))
     run, calls = Learner.ask, []
@@ -196,14 +161,6 @@ def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
     assert len(list(run_offline(config, logs=tmp_path).trials())) == 20
 
 
-def test_progress_climbs_to_the_end(tmp_path):
-    steps = []
-    run_offline(CONFIG, logs=tmp_path, on_progress=lambda *step: steps.append(step))
-    assert steps[0] == (0, 260)
-    assert steps[-1] == (260, 260)
-    assert all(one[0] < other[0] for one, other in pairwise(steps))
-
-
 def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
     config = OfflineConfig("roc36", 1, 5, ("predefined",), percepts="model", reward=42.0)
     for trial in run_offline(config, logs=tmp_path).trials():
@@ -218,7 +175,6 @@ def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
         ({"agents": ("bayes", "bayes")}, "named twice"),
         ({"agents": ()}, "No agent named"),
         ({"seed": -1}, "seed is -1"),
-        ({"reward": 0.0}, "reward is 0"),
         ({"reward": float("nan")}, "reward is nan"),
         ({"reward": float("inf")}, "reward is inf"),
     ],
@@ -244,18 +200,6 @@ def test_what_cannot_be_run_leaves_no_log(tmp_path, wrong, message):
     with pytest.raises(SettingsError, match=message):
         run_offline(config, logs=tmp_path)
     assert not list(tmp_path.rglob("*.mcap*"))
-
-
-@pytest.mark.parametrize("jobs", [0, -2])
-def test_jobs_are_processes(tmp_path, jobs):
-    with pytest.raises(SettingsError, match="1 or more"):
-        run_offline(CONFIG, logs=tmp_path, jobs=jobs)
-
-
-def test_logs_may_be_named_by_a_text(tmp_path):
-    config = OfflineConfig("roc36", 1, 1, ("random",))
-    run = run_offline(config, logs=os.fspath(tmp_path / "deep" / "logs"))
-    assert run.folder.parent == tmp_path / "deep" / "logs"
 
 
 def test_another_domain_under_its_name_is_another_run(tmp_path):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from meal_bayes.errors import LogError
 from meal_bayes.experiments import OfflineConfig, run_offline, store
 from meal_bayes.experiments.store import digest_of, fingerprint, is_whole, run_folder
 
@@ -61,15 +60,6 @@ def test_fresh_replaces_and_never_deletes(unit, kept, monkeypatch):
     run_offline(CONFIG, logs=unit.parents[2], fresh=True)
     assert unit.stat().st_ino != before
     assert unit.read_bytes() == kept
-
-
-def test_fresh_where_nothing_can_be_replaced_is_an_error(unit, kept, monkeypatch):
-    def no_place(self):
-        raise LogError(f"{self.path} cannot be written: Permission denied.")
-
-    monkeypatch.setattr("meal_bayes.trial_log.writer.TrialWriter.__enter__", no_place)
-    with pytest.raises(LogError, match="cannot be written"):
-        run_offline(CONFIG, logs=unit.parents[2], fresh=True)
 
 
 def test_the_parents_of_a_domain_are_another_run(tmp_path):

@@ -33,18 +33,14 @@ run_offline(OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3
 """
 
 
-def contents(folder):
-    return {p.relative_to(folder): p.read_bytes() for p in sorted(folder.rglob("*.mcap"))}
-
-
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory):
+def alone(tmp_path_factory, contents):
     """What one run writes that nobody disturbs."""
     return contents(run_offline(CONFIG, logs=tmp_path_factory.mktemp("alone")).folder)
 
 
 @pytest.mark.long
-def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path):
+def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path, contents):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     started = [
         subprocess.Popen([sys.executable, "-c", CODE, str(tmp_path), str(last)], env=environment)

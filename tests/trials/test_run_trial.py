@@ -193,28 +193,17 @@ def test_no_command_that_is_not_legal_reaches_the_robot(action, message):
         trial_of(momdp, Command(momdp, action), [(0, True)], [[1, 1]])
 
 
-def test_failures_that_change_nothing_are_not_free():
-    momdp = momdp_of()
-    trial = trial_of(momdp, Script(momdp, "lift", "lift"), [(0, False), (0, False)])
-    assert trial.cost == 10
-
-
-@pytest.mark.parametrize("most", [0, 1, 7])
-def test_endless_policies_report_after_the_last_step(most):
+@pytest.mark.parametrize(
+    ("options", "most"), [({"max_steps": 0}, 0), ({"max_steps": 7}, 7), ({}, 100)]
+)
+def test_endless_policies_report_after_the_last_step(options, most):
     momdp = momdp_of()
     policy = Script(momdp, *["look"] * 1000)
     outcomes, percepts = [(0, True)] * 1000, [[1, 0]] * 1000
-    trial = trial_of(momdp, policy, outcomes, percepts, max_steps=most)
+    trial = trial_of(momdp, policy, outcomes, percepts, **options)
     assert len(trial.steps) == most + 1
     assert trial.cost == most
     np.testing.assert_array_equal(trial.report, trial.last_belief.best_report)
-
-
-def test_a_hundred_behaviors_are_the_most_by_default():
-    momdp = momdp_of("roc36_published", ("heavy", "blue"))
-    trial = trial_of(momdp, Script(momdp, *["look"] * 1000), [(0, False)] * 1000)
-    assert len(trial.steps) == 101
-    assert trial.cost == 50
 
 
 def test_reports_after_the_last_step_are_not_replaced():
@@ -222,13 +211,6 @@ def test_reports_after_the_last_step_are_not_replaced():
     policy = Script(momdp, "look", report=(0, 1))  # not the most probable values
     trial = trial_of(momdp, policy, [(0, True)], [[1, 0]], max_steps=1)
     np.testing.assert_array_equal(trial.report, [False, True])
-
-
-def test_a_trial_without_steps_has_its_first_belief():
-    momdp = momdp_of()
-    trial = trial_of(momdp, Script(momdp))
-    assert len(trial.steps) == 1
-    np.testing.assert_array_equal(trial.last_belief.positive, trial.first_belief.positive)
 
 
 class TestTruth:
