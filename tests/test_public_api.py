@@ -62,6 +62,7 @@ def test_every_name_is_found_and_documented():
     assert 15 <= len(meal_bayes.__all__) <= 25
     assert set(meal_bayes.__all__) <= set(dir(meal_bayes))
     assert "__version__" in dir(meal_bayes)
+    assert re.fullmatch(r"\d+\.\d+\..+|unreleased", meal_bayes.__version__)
 
 
 def test_type_checkers_see_the_same_names():
@@ -83,10 +84,6 @@ def test_an_unknown_name_is_told():
         _ = meal_bayes.asc
     with pytest.raises(ImportError):
         exec("from meal_bayes import asc")
-
-
-def test_the_version_is_a_text():
-    assert re.fullmatch(r"\d+\.\d+\..+|unreleased", meal_bayes.__version__)
 
 
 def test_the_shape_alphabet_stands_here():

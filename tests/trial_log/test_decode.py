@@ -12,37 +12,25 @@ from meal_bayes.trial_log import TrialWriter, check_log, read_trials, salvage, s
 from meal_bayes.trial_log.container import FAULTS
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.encode import TrialEncoder, encode_momdp, numbered
-from meal_bayes.trial_log.schema import (
-    MOMDPS,
-    OUTCOME,
-    STEP,
-    TRIAL,
-    MomdpMessage,
-    OutcomeMessage,
-    StepMessage,
-    TrialMessage,
-)
+from meal_bayes.trial_log.schema import MOMDPS, OUTCOME, STEP, TRIAL, OutcomeMessage
 from meal_bayes.trials import Trial
 
+KINDS = {
+    MOMDPS: schema.MomdpMessage, TRIAL: schema.TrialMessage, STEP: schema.StepMessage,
+    OUTCOME: OutcomeMessage,
+}  # fmt: skip
 
-def sealed(trial, change=lambda kind, message: None, garble=lambda kind, data: data):
+
+def sealed(trial, change=lambda place, message: None, garble=lambda place, data: data):
     """Messages of a trial, changed; places count the MOMDP, the trial, its steps, its outcome."""
-    packed = [m for m in TrialEncoder(0, 0).whole(trial) if m.topic in (TRIAL, STEP)]
-    kinds = [MOMDPS, *(message.topic for message in packed)]
-    data = [numbered(0, encode_momdp(trial)), *(message.data for message in packed)]
-    classes = {MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage}
-    for place, kind in enumerate(kinds):
-        message = classes[kind].FromString(data[place])
+    packed = [m for m in TrialEncoder(0, 0).whole(trial) if m.topic in KINDS]
+    messages = [(MOMDPS, numbered(0, encode_momdp(trial))), *((m.topic, m.data) for m in packed)]
+    for place, (topic, data) in enumerate(messages):
+        message = KINDS[topic].FromString(data)
         change(place, message)
-        data[place] = garble(place, message.SerializeToString())
-    success = -1 if trial.success is None else int(trial.success)
-    outcome = OutcomeMessage(
-        trial=0, steps=len(data) - 2, success=success, cost=trial.cost, reward=trial.reward
-    )
-    if trial.report is not None:
-        outcome.report.extend(trial.report.tolist())
-    change(len(data), outcome)
-    return [*zip(kinds, data, strict=True), (OUTCOME, outcome.SerializeToString())]
+        changed = message.SerializeToString()
+        messages[place] = topic, changed if topic == OUTCOME else garble(place, changed)
+    return messages
 
 
 def built(messages):
@@ -71,31 +59,21 @@ def test_unchanged_messages_give_the_trial(trial, make):
 CHANGES = {
     "no attribute": (0, lambda m: m.ClearField("attributes")),
     "attribute twice": (0, lambda m: m.attributes.__setitem__(0, m.attributes[1])),
-    "too many x": (0, lambda m: m.x_names.extend(["x"] * 1000)),
-    "confusion short": (0, lambda m: m.confusion.pop()),
     "rows do not sum": (0, lambda m: m.confusion.__setitem__(0, 5.0)),
-    "transition short": (0, lambda m: m.transition.pop()),
-    "no precision": (0, lambda m: m.ClearField("precision")),
     "other momdp": (1, lambda m: setattr(m, "momdp", 3)),
     "other query": (1, lambda m: m.attributes.__setitem__(0, "blue")),
     "truth short": (1, lambda m: m.truth.pop()),
     "key is no JSON": (1, lambda m: setattr(m, "key", "[1")),
-    "key is no list": (1, lambda m: setattr(m, "key", "1")),
     "first belief short": (1, lambda m: m.log_prob.pop()),
     "first x": (1, lambda m: setattr(m, "belief_x", -1)),
     "counts short": (2, lambda m: m.percept_counts.extend([1, 2])),
-    "values short": (2, lambda m: m.values.pop()),
-    "errors long": (2, lambda m: m.value_se.append(0.0)),
     "visits short": (2, lambda m: m.visits.pop()),
     "next x": (2, lambda m: setattr(m, "next_x", 9)),
     "percept long": (2, lambda m: m.observation.append(0)),
     "percept level": (2, lambda m: m.observation.__setitem__(0, 4)),
-    "percept negative": (2, lambda m: m.observation.__setitem__(0, -1)),
     "negative action": (2, lambda m: setattr(m, "action", -1)),
-    "tree column": (2, lambda m: m.tree_visits.pop()),
     "tree percepts": (2, lambda m: m.tree_observation.append(1)),
     "step number": (2, lambda m: setattr(m, "step", 1)),
-    "step of other trial": (2, lambda m: setattr(m, "trial", 1)),
     "cost": (0, lambda m: m.cost.__setitem__(0, float("nan"))),
     "truth too long": (1, lambda m: m.truth.extend([0] * 3_000_000)),
     "reward": (2, lambda m: setattr(m, "reward", -float("inf"))),
@@ -119,7 +97,7 @@ def test_inconsistent_messages_are_refused(name, trial):
         built(sealed(trial, at_place))
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(50))
 def test_garbled_messages_raise_nothing_else(seed, trial, outcome_of):
     rng = random.Random(seed)
     target = rng.randrange(6)
@@ -194,12 +172,9 @@ def test_a_broken_write_never_takes_the_whole_name(trial, monkeypatch, tmp_path)
     ("place", "field"), [(2, "reward"), (5, "cost"), (6, "reward"), (6, "cost"), (6, "success")]
 )
 def test_an_outcome_that_its_steps_contradict_is_refused(place, field, trial):
-    messages = sealed(trial)
-    classes = {STEP: StepMessage, OUTCOME: OutcomeMessage}
-    topic, data = messages[place]
-    message = classes[topic].FromString(data)
-    old = getattr(message, field)
-    setattr(message, field, old + 1)
-    messages[place] = topic, message.SerializeToString()
+    def change(at, message):
+        if at == place:
+            setattr(message, field, getattr(message, field) + 1)
+
     with pytest.raises(LogCorruptError, match="not that of its steps"):
-        built(messages)
+        built(sealed(trial, change))
