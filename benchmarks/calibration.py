@@ -1,6 +1,6 @@
 """What beliefs are worth on the real recordings: NLL, Brier, ECE of observation models.
 
-python benchmarks/calibration.py [--dataset NAME ...] [--pairs decision|percept|all] [--json]
+python benchmarks/calibration.py [--dataset NAME ...] [--json]
 
 Everything is nested: percepts of an object come from classifiers, and what is believed of them
 from tables, that never saw it; the prior is the other objects' base rate.
@@ -9,21 +9,18 @@ Evidence: k recordings of one behavior (in a row, starting from each; the first 
 one recording of each behavior (the r-th, for every r), all recordings of all behaviors. Counted are
 attributes that experiments ask; of their behaviors those with TPR - FPR > .2 on the training
 objects of the held-out object at hand, and beliefs of several behaviors are those of these. TPR and
-FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum to more than 0
-(--pairs percept: where the class-balanced log-odds alone do; --pairs all: every pair with
-TPR > FPR).
+FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum to more than
+0.
 
 Intervals are of the NLL, 95 %, whole objects redrawn.
 """
 
-import argparse
-import json
 import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from calibration_misperception import misperception
+from measuring import options_of, show
 from numpy.typing import NDArray
 
 from meal_bayes.agents import knowledge_without
@@ -52,9 +49,7 @@ DEFAULT = "shared trait"
 LEVELS = {
     "counts": 2,
     "object level": 2,
-    "object level, latent class": 2,
     "graded": 4,
-    "graded, latent class": 4,
     DEFAULT: 4,
 }
 USEFUL = 0.2  # TPR - FPR of the pairs that count
@@ -62,7 +57,7 @@ SETS = 500  # bootstrap draws
 
 
 class Model(NamedTuple):
-    """An observation model without one object: P attributes, E behaviors, C kinds of objects."""
+    """An observation model without one object: P attributes, E behaviors, C latent classes."""
 
     confusion: Array  # (P,E,C,K)
     precision: Array  # (P,E,C)
@@ -77,7 +72,7 @@ class Fold(NamedTuple):
     models: dict[str, Model]
 
 
-def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]:
+def folds(table: PerceptTable, columns: list[int]) -> Iterator[Fold]:
     """Learn every observation model without each object in turn."""
     labels = table.labels
     posteriors = {}
@@ -92,33 +87,23 @@ def folds(table: PerceptTable, columns: list[int], pairs: str) -> Iterator[Fold]
         prior = np.log(rates) - np.log1p(-rates)
         models = {}
         for levels, graded in ((2, "object level"), (4, "graded")):
-            posterior, shown = posteriors[levels][o], table.training_levels(o, levels)
-            rows, precision = posterior.select(columns)
-            epsilon = misperception(posterior, shown, labels, rates)
-            soft = np.array([[1 - epsilon, epsilon], [epsilon, 1 - epsilon]])
-            models[graded] = Model(rows, precision, np.eye(2))
-            models[f"{graded}, latent class"] = Model(rows, precision, soft)
-            if levels == 2:
-                paper = ConfusionPosterior.from_counts(posterior.counts)
-                exact, known = paper.select(columns, exact=True)
-                models["counts"] = Model(exact, known, np.eye(2))
-            else:
-                trait = learn_trait(posterior, shown, labels, rates)
-                models[DEFAULT] = Model(*trait.select(rows, precision), trait.latent_classes)
-        useful = youden(decisions(table, o, prior, pairs))[columns] > USEFUL
-        if pairs == "all":
-            useful = posteriors[2][o].informative[columns]
+            models[graded] = Model(*posteriors[levels][o].select(columns), np.eye(2))
+        paper = ConfusionPosterior.from_counts(posteriors[2][o].counts)
+        models["counts"] = Model(*paper.select(columns, exact=True), np.eye(2))
+        trait = learn_trait(posteriors[4][o], table.training_levels(o, 4), labels, rates)
+        rows = trait.select(*posteriors[4][o].select(columns))
+        models[DEFAULT] = Model(*rows, trait.latent_classes)
+        useful = youden(decisions(table, o, prior))[columns] > USEFUL
         yield Fold(prior[columns], useful, models)
 
 
-def decisions(table: PerceptTable, held_out: int, prior: Array, pairs: str) -> Array:
+def decisions(table: PerceptTable, held_out: int, prior: Array) -> Array:
     """Count what would be decided of the training objects, (P,E,2,2) by truth and decision.
 
     Of the fine bin that holds the threshold, the share beyond it; outer bins reach to the limit.
     """
     ends = np.concatenate([[-LIMIT], table.edges, [LIMIT]])
-    threshold = -prior if pairs == "decision" else np.zeros(len(prior))
-    yes = np.clip((ends[1:] - threshold[:, None]) / np.diff(ends), 0.0, 1.0)  # (P,L)
+    yes = np.clip((ends[1:] + prior[:, None]) / np.diff(ends), 0.0, 1.0)  # (P,L)
     bins = by_truth(table.training_bins[held_out].astype(np.int64), table.labels).total()
     split = [(bins * side[:, None, None, :]).sum(axis=-1) for side in (1 - yes, yes)]
     return np.stack(split, axis=-1)
@@ -156,7 +141,7 @@ def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
     return found
 
 
-def measure(name: str, pairs: str) -> tuple[list[dict[str, Any]], float]:
+def measure(name: str) -> tuple[list[dict[str, Any]], float]:
     """Measure one data set: rows, and CPU seconds of learning all folds of the default."""
     table = load_percepts(name)
     columns = table.domain.columns(askable(table))
@@ -164,7 +149,7 @@ def measure(name: str, pairs: str) -> tuple[list[dict[str, Any]], float]:
     for o in range(len(table.objects)):
         knowledge_without(table, o, levels=LEVELS[DEFAULT])
     seconds = time.process_time() - start
-    known = list(folds(table, columns, pairs))
+    known = list(folds(table, columns))
     rows = []
     for kind, sets in evidence(table.recordings).items():
         for model in LEVELS:
@@ -218,33 +203,16 @@ def score(
 
 def main() -> None:
     """Measure the data sets and print a table, or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
-    parser.add_argument("--pairs", choices=("decision", "percept", "all"), default="decision")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rows, seconds = [], {}
     for name in options.dataset:
-        found, seconds[name] = measure(name, options.pairs)
-        rows += found
-    if options.json:
-        facts = {"default": DEFAULT, "pairs": options.pairs, "fit_cpu_s": seconds, "rows": rows}
-        print(json.dumps(facts, indent=2))
-        return
-    for name in options.dataset:
-        print(f"\n{name}: all folds of the default learned in {seconds[name]:.1f} s CPU")
-        print(f"{'':10s}{'':28s}{'NLL':>7s}  {'95 % interval':15s}{'Brier':>7s}{'ECE':>7s}"
-              f"{'calibrated':>12s}{'accuracy':>10s}")  # fmt: skip
-        last = ""
-        for row in (row for row in rows if row["dataset"] == name):
-            kind, last = row["evidence"] if row["evidence"] != last else "", row["evidence"]
-            model = row["observation_model"] + (" *" if row["observation_model"] == DEFAULT else "")
-            print(
-                f"{kind:10s}{model:28s}{row['nll']:7.4f}  {row['nll_low']:.3f} to "
-                f"{row['nll_high']:.3f} {row['brier']:7.4f}{row['ece']:7.3f}"
-                f"{row['ece_calibrated']:12.3f}{row['accuracy']:10.3f}"
-            )
-    print("\n* the default")
+        of_data, seconds[name] = measure(name)
+        rows += of_data
+    show(rows, {"default": DEFAULT, "fit_cpu_s": seconds, "rows": rows} if options.json else None)
+    if not options.json:
+        print(f"\nCPU seconds of all folds of {DEFAULT!r}, the default: {seconds}")
 
 
 if __name__ == "__main__":

@@ -10,11 +10,10 @@ paired difference (corrected resampled t) and that of the model contain it; and 
     python benchmarks/compare.py [--json] [--simulations 200] [--fits 200] [--measure success]
 """
 
-import argparse
-import json
 import warnings
 
 import numpy as np
+from measuring import options_of, show
 
 from meal_bayes.evaluation import holm, resampled
 from meal_bayes.evaluation.outcome_model import compare_outcomes
@@ -29,11 +28,7 @@ RATIO = TESTED / (OBJECTS - TESTED)
 FAMILY = 30  # statements of Fig. 10 in one column
 # standard deviations on the logistic scale, and of costs in s
 SPREAD = {"object": 0.8, "attribute": 0.8, "repeat": 0.2, "agent object": 0.4, "agent repeat": 0.1}
-LEAD, NOISE, SECONDS = (
-    0.5,
-    6.0,
-    5.0,
-)  # of the second agent; of a cost; s of cost a unit of the scale
+LEAD, NOISE, SECONDS = 0.5, 6.0, 5.0  # of the second agent; of a cost; s a unit of the scale
 
 
 def simulate(rng: np.random.Generator, lead: float) -> tuple[TrialOutcomes, np.ndarray, dict]:
@@ -78,8 +73,7 @@ def paired(outcomes: TrialOutcomes, repeats: np.ndarray, measure: str) -> Effect
 
 def main() -> None:
     """Measure, and print rows or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = options_of(__doc__)
     parser.add_argument("--simulations", type=int, default=200)
     parser.add_argument("--fits", type=int, help="simulations that the model is fitted to")
     parser.add_argument("--measure", choices=["success", "cost"], help="one of both")
@@ -106,11 +100,8 @@ def main() -> None:
         levels = np.array([min(one.level_above(0), one.level_below(0)) for one in effects])
         false.append(bool((levels <= holm(levels)).any()))
     report[f"any of {FAMILY} is decided where nothing differs"] = _share(false)
-    if options.json:
-        print(json.dumps(report))
-        return
-    for name, text in report.items():
-        print(f"{name}: {text}")
+    rows = [{"": name, "cases": text} for name, text in report.items()]
+    show(rows, report if options.json else None)
 
 
 def _share(cases: list[bool]) -> str:

@@ -7,11 +7,10 @@ synthetic data with weak features: once as a group, once with attributes that ar
 value` asks for the object's own value and for another one: alone, or by the answer to the group.
 """
 
-import argparse
-import json
 from typing import Any
 
 import numpy as np
+from measuring import options_of, show
 
 from meal_bayes import Learner, build_percept_table, load_percepts
 from meal_bayes.datasets import PerceptTable, make_synthetic
@@ -61,27 +60,20 @@ def measure(table: PerceptTable, group: str, agent: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measure all groups and print a table, or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--agent", default="bayes")
     parser.add_argument("--objects", type=int, default=60, help="of the synthetic data")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     roc36 = load_percepts("roc36")
     rows = [measure(roc36, group, options.agent) for group in roc36.domain.groups]
-    sizes = range(2, 7)
-    rows += [measure(synthetic(size, options.objects), "kind", options.agent) for size in sizes]
-    if options.json:
-        print(json.dumps(rows, indent=2))
-        return
-    print("data       group    values  asked      as a group  independent  gain in reward, 95 %")
-    for row in rows:
-        for key in ("value", "one value"):
-            found = row[key]
-            print(
-                f"{row['data']:10} {row['group']:8} {row['values']:6}  {key:10} "
-                f"{found['coupled']:10.1f} {found['independent']:12.1f}  "
-                f"{found['gain']:6.1f} ± {found['margin']:.1f}"
-            )
+    tables = (synthetic(size, options.objects) for size in range(2, 7))
+    rows += [measure(table, "kind", options.agent) for table in tables]
+    table = [
+        {"data": row["data"], "group": row["group"], "asked": asked, **row[asked]}
+        for row in rows
+        for asked in ("value", "one value")
+    ]
+    show(table, rows if options.json else None)
 
 
 if __name__ == "__main__":

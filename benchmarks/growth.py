@@ -9,16 +9,12 @@ over log size, from the first to the last size of a row.
     python benchmarks/growth.py --json
 """
 
-import argparse
-import json
 import math
-import resource
-import subprocess
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
+from measuring import alone, options_of, peak_mb, show
 
 from meal_bayes import Learner
 from meal_bayes.datasets import Dataset, make_synthetic
@@ -73,20 +69,7 @@ def measure(task: str, sizes: dict[str, int]) -> dict[str, float]:
     dataset, started = data_of(sizes), time.process_time()
     work(task, dataset)
     seconds = time.process_time() - started
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"cpu_seconds": round(seconds, 2), "peak_mb": round(kilobytes / 1024, 1)}
-
-
-def rows_of(axis: str, task: str, most: int) -> list[dict[str, object]]:
-    """Measure one task along one axis, each size in a process of its own."""
-    rows = []
-    for size in AXES[axis]:
-        if size <= most:
-            sizes = {**START, axis: size}
-            words = [sys.executable, __file__, "--one", json.dumps([task, sizes])]
-            done = subprocess.run(words, check=True, capture_output=True, text=True)
-            rows.append({"task": task, **sizes, **json.loads(done.stdout)})
-    return rows
+    return {"cpu_seconds": round(seconds, 2), "peak_mb": round(peak_mb(), 1)}
 
 
 def exponent(axis: str, rows: list[dict[str, object]]) -> float | None:
@@ -101,27 +84,25 @@ def exponent(axis: str, rows: list[dict[str, object]]) -> float | None:
 
 def main() -> None:
     """Print a row for every size, and the exponents."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_of(__doc__)
     parser.add_argument("--axis", choices=AXES, default="objects")
     parser.add_argument("--task", choices=TASKS, action="append")
     parser.add_argument("--most", type=int, default=10**9, help="largest size")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.one:
-        print(json.dumps(measure(*json.loads(options.one))))
-        return
-    found = {task: rows_of(options.axis, task, options.most) for task in options.task or TASKS}
-    exponents = {task: exponent(options.axis, rows) for task, rows in found.items()}
-    if options.json:
-        rows = [row for own in found.values() for row in own]
-        print(json.dumps({"axis": options.axis, "rows": rows, "exponents": exponents}))
-        return
-    for task, rows in found.items():
-        for row in rows:
-            size, seconds, peak = row[options.axis], row["cpu_seconds"], row["peak_mb"]
-            print(f"{task:6} {size:>6} {options.axis}: {seconds:>8} s CPU, {peak:>7} MB")
-        print(f"{task:6} exponent {exponents[task]}")
+    rows, exponents = [], {}
+    for task in options.task or TASKS:
+        all_sizes = [{**START, options.axis: size} for size in AXES[options.axis]]
+        mine = [
+            {"task": task, **sizes, **alone(measure, task, sizes)}
+            for sizes in all_sizes
+            if sizes[options.axis] <= options.most
+        ]
+        rows += mine
+        exponents[task] = exponent(options.axis, mine)
+    report = {"axis": options.axis, "rows": rows, "exponents": exponents}
+    show(rows, report if options.json else None)
+    if not options.json:
+        print(f"exponents: {exponents}")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ times in a row.
     python benchmarks/kill.py --rounds 10 --kind online --root FOLDER --kills 5 --at-once 1
 """
 
-import argparse
 import contextlib
 import hashlib
 import json
@@ -22,81 +21,74 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
+
+from measuring import options_of, show
 
 PATIENCE = 5.0  # s until nothing of a killed command may run
 LONGEST = 900.0  # s of one undisturbed command
 MARK = "MEAL_BAYES_KILL_ROUND"  # in the environment of all that a round starts
+WORDS = {
+    "offline": ["--trials", "300", "--agent", "random,predefined_plus"],
+    "online": ["--dataset", "cy101", "--agent", "bayes,morc_itrs", "--repeats", "2",
+               "--batches", "3", "--trials", "4"],
+}  # fmt: skip
 
+Process = subprocess.Popen[str]
 Outcome = tuple[str, dict[str, str]]  # the table of a run, and the digests of its logs by name
 
 
 def main() -> None:
     """Run the rounds and print what was found."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = options_of(__doc__)
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--kills", type=int, default=1, help="of a command, in a row")
     parser.add_argument("--at-once", type=int, default=2, help="commands on one folder")
-    parser.add_argument("--kind", choices=["offline", "online"], default="offline")
-    parser.add_argument("--trials", type=int, help="of each agent, or of a batch of it")
+    parser.add_argument("--kind", choices=WORDS, default="offline")
     parser.add_argument("--root", help="recordings of an online run")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    words = [*command(options), "--jobs", "2"]
-    with tempfile.TemporaryDirectory() as name:  # which compiles the kernels
-        finish(start(words, Path(name), "first"))
-    with tempfile.TemporaryDirectory() as name:
-        begin = time.monotonic()
-        printed = finish(start(words, Path(name), "undisturbed"))
-        seconds, expected = time.monotonic() - begin, outcome(Path(name), printed)
-    counts, moments = Counter[str](), random.Random(options.seed)
-    for number in range(options.rounds):
+    words = [options.kind, *WORDS[options.kind]]
+    words += ["--root", options.root] if options.root else []
+    for number in (-1, 0):  # the first compiles the kernels
         with tempfile.TemporaryDirectory() as name:
-            folder, mark = Path(name), str(number)
-            # so that most kills find something to kill
-            longest = 3.0 * seconds / (options.kills + 1)
+            begin = time.monotonic()
+            expected = outcome(Path(name), start(words, name, number))
+            seconds = time.monotonic() - begin
+    counts, moments = Counter[str](), random.Random(0)
+    longest = 3.0 * seconds / (options.kills + 1)  # so that most kills find something to kill
+    for number in range(1, options.rounds + 1):
+        with tempfile.TemporaryDirectory() as name:
             for _ in range(options.kills):
-                group = [start(words, folder, mark) for _ in range(options.at_once)]
+                group = [start(words, name, number) for _ in range(options.at_once)]
                 counts["killed"] += kill(group, sorted(moments.uniform(0, longest) for _ in group))
-                counts["processes_left"] += remaining(mark)
-            group = [start(words, folder, mark) for _ in range(options.at_once)]
-            outcomes = [outcome(folder, finish(process)) for process in group]
-            counts["processes_left"] += remaining(mark)
-            counts["different"] += any(found != expected for found in outcomes)
-            counts["different"] += any(folder.rglob("*.active"))  # a draft that nobody needs
-        print(f"round {number + 1} of {options.rounds}: {dict(counts)}", file=sys.stderr)
-    found = {
-        "rounds": options.rounds,
-        **{name: counts[name] for name in ("killed", "different", "processes_left")},
-        "undisturbed_s": round(seconds, 1),
-    }
-    if options.json:
-        print(json.dumps(found))
-        return
-    for name, value in found.items():
-        print(f"{name:>20}: {value}")
+                counts["processes_left"] += remaining(number)
+            group = [start(words, name, number) for _ in range(options.at_once)]
+            outcomes = [outcome(Path(name), process) for process in group]
+            counts["processes_left"] += remaining(number)
+            counts["different"] += any(each != expected for each in outcomes)
+            counts["different"] += any(Path(name).rglob("*.active"))  # a draft that nobody needs
+        print(f"round {number} of {options.rounds}: {dict(counts)}", file=sys.stderr)
+    facts = {name: counts[name] for name in ("killed", "different", "processes_left")}
+    row = {"rounds": options.rounds, **facts, "undisturbed_s": round(seconds, 1)}
+    show([row], row if options.json else None)
 
 
-def command(options: argparse.Namespace) -> list[str]:
-    """Return the command line, but its folder of logs and its workers."""
-    words = [sys.executable, "-m", "meal_bayes", "run", options.kind, "--json"]
-    if options.kind == "offline":
-        trials = options.trials or 300
-        return [*words, "--trials", str(trials), "--agent", "random,predefined_plus"]
-    words += ["--dataset", "cy101", "--agent", "bayes,morc_itrs", "--repeats", "2"]
-    words += ["--batches", "3", "--trials", str(options.trials or 4)]
-    return [*words, "--root", options.root] if options.root else words
+def start(words: list[str], folder: str, number: int) -> Process:
+    """Start a run on a folder of logs, with a round's number in its environment."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "meal_bayes", "run", *words, "--json", "--jobs", "2", "--logs",
+         folder],
+        env={**os.environ, MARK: str(number)}, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )  # fmt: skip
 
 
-def kill(group: list["subprocess.Popen[str]"], ends: list[float]) -> int:
+def kill(group: list[Process], ends: list[float]) -> int:
     """Kill commands so many seconds from now; return how many were still running."""
     begin, killed = time.monotonic(), 0
-    for process, end, kind in zip(
-        group, ends, cycle((signal.SIGKILL, signal.SIGTERM)), strict=False
-    ):
+    kinds = cycle((signal.SIGKILL, signal.SIGTERM))
+    for process, end, kind in zip(group, ends, kinds, strict=False):
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(max(0.0, begin + end - time.monotonic()))
         killed += process.poll() is None
@@ -105,54 +97,39 @@ def kill(group: list["subprocess.Popen[str]"], ends: list[float]) -> int:
     return killed
 
 
-def start(words: list[str], folder: Path, mark: str) -> "subprocess.Popen[str]":
-    """Start a command on a folder of logs."""
-    return subprocess.Popen(
-        [*words, "--logs", str(folder)], text=True, env={**os.environ, MARK: mark},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-
-
-def finish(process: "subprocess.Popen[str]") -> str:
-    """Wait for a command and return its output."""
+def outcome(folder: Path, process: Process) -> Outcome:
+    """Wait for a run; return its table without the clock's seconds, and digests of its logs."""
     printed, errors = process.communicate(timeout=LONGEST)
     if process.returncode:
         sys.exit(f"a run ended with {process.returncode}: {errors[-2000:]}")
-    return printed
-
-
-def outcome(folder: Path, printed: str) -> Outcome:
-    """Return the table of a run, and the digests of its logs by name."""
     facts = json.loads(printed)
     facts.pop("log", None)  # the folder
-    for row in facts["rows"]:  # seconds of the clock are no result
-        for name in [name for name in row if "seconds" in name]:
-            del row[name]
-    rows = json.dumps(facts, sort_keys=True)
+    facts["rows"] = [
+        {name: value for name, value in row.items() if "seconds" not in name}
+        for row in facts["rows"]
+    ]
     logs = {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.name.endswith(".mcap")
+        for path in sorted(folder.rglob("*.mcap"))
     }
-    return rows, logs
+    return json.dumps(facts, sort_keys=True), logs
 
 
-def remaining(mark: str) -> int:
+def remaining(number: int) -> int:
     """Count the processes of a round that still run when they have had their time."""
-    end = time.monotonic() + PATIENCE
-    while (count := sum(1 for _ in marked(mark))) and time.monotonic() < end:
+    end, mark = time.monotonic() + PATIENCE, f"{MARK}={number}".encode()
+    while (count := running(mark)) and time.monotonic() < end:
         time.sleep(0.1)
     return count
 
 
-def marked(mark: str) -> Iterator[int]:
-    """Find the processes that a round has started, and their children."""
-    wanted = f"{MARK}={mark}".encode()
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit() and int(folder.name) != os.getpid():
-            with contextlib.suppress(OSError):
-                if wanted in (folder / "environ").read_bytes().split(b"\0"):
-                    yield int(folder.name)
+def running(mark: bytes) -> int:
+    """Count the processes, and their children, that have a mark in their environment."""
+    count = 0
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            count += mark in path.read_bytes().split(b"\0")
+    return count
 
 
 if __name__ == "__main__":

@@ -6,43 +6,20 @@ Real recordings (MEAL_BAYES_DATA_URL, or downloaded once); the robot replays an 
 a name that the learner has not met. CPU milliseconds, the median and the largest of the words.
 """
 
-import argparse
-import json
 import time
 from collections.abc import Callable
 
 import numpy as np
+from measuring import options_of, show
 
-from meal_bayes import Learner, Outcome, load_dataset
+from meal_bayes import Learner, load_dataset
 from meal_bayes.agents import Agent
-from meal_bayes.datasets import Dataset
 from meal_bayes.planners import Predefined
+from meal_bayes.robots.recorded import RecordedRobot, replayable
+from meal_bayes.seeds import stream
 
 WORDS = 30
 BAR = 5.0  # ms
-
-
-class Replayer:
-    """Hands the recordings of one object out, whatever the state."""
-
-    def __init__(self, dataset: Dataset, o: int) -> None:
-        self._dataset, self._object = dataset, o
-        self._states = dataset.domain.diagram
-
-    def start(self) -> str:
-        """Return to the start."""
-        self._state = self._states.start
-        return self._state
-
-    def execute(self, behavior: str) -> Outcome:
-        """Succeed, and hand the first recording out."""
-        self._state = self._states.successes(self._state).get(behavior, self._state)
-        modalities = self._dataset.domain.behaviors[
-            self._dataset.domain.behavior_index(behavior)
-        ].modalities
-        if not modalities:
-            return Outcome(self._state)
-        return Outcome(self._state, self._dataset.instance(self._object, behavior, 0).features)
 
 
 def milliseconds(work: Callable[[], object]) -> float:
@@ -69,7 +46,9 @@ def measure(name: str) -> dict[str, object]:
         o = n % len(dataset.objects)
         known = np.flatnonzero(dataset.labels[o] >= 0)
         names = [domain.attributes[p] for p in known[: 1 + n % 3]]
-        trials.append(learner.ask(names, Replayer(dataset, o)))
+        luck = (stream(n, part) for part in ("order", "failures"))
+        robot = RecordedRobot(domain, o, replayable(dataset)[o], *luck, dataset)
+        trials.append(learner.ask(names, robot))
         values.append(
             {name: bool(dataset.labels[o, domain.attribute_index(name)]) for name in names}
         )
@@ -94,20 +73,10 @@ def measure(name: str) -> dict[str, object]:
 
 
 def main() -> None:
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true")
-    wanted = parser.parse_args()
+    """Measure, and print a table or JSON."""
+    options = options_of(__doc__).parse_args()
     rows = [measure(name) for name in ("roc36", "cy101", "ispy32")]
-    if wanted.json:
-        print(json.dumps(rows))
-        return
-    for row in rows:
-        print(
-            f"{row['dataset']:<8} tell {row['tell_ms']:.2f} ms (worst {row['tell_worst_ms']:.2f}, "
-            f"bar {BAR:g}), forget {row['forget_ms']:.2f} ms, fit {row['fit_ms']:.0f} ms, refit "
-            f"{row['refit_ms']:.0f} ms; left after forgetting {row['left_after_forgetting']:.1e}"
-        )
+    show(rows, rows if options.json else None)
 
 
 if __name__ == "__main__":

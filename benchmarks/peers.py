@@ -22,14 +22,11 @@ class PomdpPy:
     made once, only actions that a planner may choose, the most probable report where it reports,
     and UCB1's constant at the spread of the rewards [Silver2010].
 
-    Its models are written as its documentation has it (transition, observation, reward), where a
-    trial that has ended stays in its last state to the simulation's last step. With `shortcut`
-    one black box makes the whole step and, by way of its options that take several steps, lets a
+    One black box makes the whole step and, by way of its options that take several steps, lets a
     simulation end with the trial: undocumented, and the fastest that we could make it.
     """
 
     simulations: int = 1500  # a decision
-    shortcut: bool = False
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "PomdpPyPolicy":
         """Lay the MOMDP out as a model of pomdp-py.
@@ -44,14 +41,7 @@ class PomdpPy:
             exploration_const=momdp.correct - momdp.incorrect,
             rollout_policy=_Actions(tables),
         )
-        models = {
-            "transition_model": _Transition(tables),
-            "observation_model": _Perceived(tables),
-            "reward_model": _Reward(tables),
-        }
-        if self.shortcut:
-            models = {"blackbox_model": _Step(tables)}
-        return PomdpPyPolicy(momdp, tables, models, planner)
+        return PomdpPyPolicy(momdp, tables, planner)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +50,6 @@ class PomdpPyPolicy:
 
     momdp: MOMDP
     tables: "_Tables"
-    models: dict[str, object]
     planner: pomdp_py.POUCT
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -68,7 +57,7 @@ class PomdpPyPolicy:
         random.seed(int(rng.integers(2**63)))  # pomdp-py draws from Python's own generator
         e, belief = self.momdp.n_behaviors, history.belief
         start = _Belief(self.tables, belief)
-        agent = pomdp_py.Agent(start, _Actions(self.tables), **self.models)
+        agent = pomdp_py.Agent(start, _Actions(self.tables), blackbox_model=_Step(self.tables))
         action = int(self.planner.plan(agent).number)
         values = np.full(e + 1, np.nan)
         for taken in self.tables.allowed[belief.x]:
@@ -162,24 +151,6 @@ class _Tables:
         if action.number == self.abstention:
             return 0.0
         return self.correct if action.number - self.n_e == state.y else self.incorrect
-
-
-class _Transition(pomdp_py.TransitionModel):
-    def __init__(self, tables: _Tables) -> None:
-        self.sample = tables.next_state
-
-
-class _Perceived(pomdp_py.ObservationModel):
-    def __init__(self, tables: _Tables) -> None:
-        self.sample = tables.observation
-
-
-class _Reward(pomdp_py.RewardModel):
-    def __init__(self, tables: _Tables) -> None:
-        self.tables = tables
-
-    def sample(self, state: _State, action: _Action, next_state: _State) -> float:
-        return self.tables.reward(state, action)
 
 
 class _Step(pomdp_py.BlackboxModel):

@@ -8,9 +8,7 @@ Ours comes first; the paper's method and classifiers of one's own stand beside i
 sklearn.ensemble:RandomForestClassifier.
 """
 
-import argparse
 import dataclasses
-import json
 import pydoc
 import time
 from typing import Any
@@ -24,6 +22,7 @@ from held_out import (
     with_base_rate,
     yes_counts,
 )
+from measuring import options_of, show
 
 from meal_bayes.datasets import Dataset, load_dataset
 from meal_bayes.perception import PAPER, build_percept_table, with_classifier
@@ -84,7 +83,7 @@ def measure(
 
 def main() -> None:
     """Measure the data sets and print a table, or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
     parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
     parser.add_argument("--permutations", type=int, default=5)
@@ -92,7 +91,6 @@ def main() -> None:
     parser.add_argument("--width", type=float, help="of kernels, in medians; learned by default")
     parser.add_argument("--paper", action="store_true", help="measure the paper's method as well")
     parser.add_argument("--classifier", nargs="+", default=[], metavar="MODULE:NAME")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = dataclasses.replace(DEFAULT, width=options.width)
     if options.without:
@@ -108,12 +106,7 @@ def main() -> None:
         for name in options.dataset
         for method, chosen in methods.items()
     ]
-    if options.json:
-        print(json.dumps(rows, indent=2))
-        return
-    for key in rows[0]:
-        cells = [f"{row[key]:.3f}" if isinstance(row[key], float) else row[key] for row in rows]
-        print(f"{key:20s}", *(f"{str(cell)[-22:]:>22s}" for cell in cells))
+    show(rows, rows if options.json else None)
 
 
 if __name__ == "__main__":

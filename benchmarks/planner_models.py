@@ -4,10 +4,7 @@
 - `clean1` .. `clean5`: the same questions, asked of our own ROC36 perception: shipped tables,
   learned without the first object; r+ = -r- = 500, uniform prior, Eq. 8.
 - `A1-precision1` .. `A3-precision5`: A1 to A3 in worlds where every object has rows of its own
-  (Dirichlet of precision 1, 3, 5). `eq8` is the optimal policy of infinite precision, carried out
-  there with its own belief.
-- `super-A1` .. `super-A3`: A5, where the values of all attributes beyond 1 .. 3 are known before:
-  irrelevant attributes, whose percepts still come. Values must be those of A1 .. A3.
+  (Dirichlet of precision 1, 3, 5).
 - `random7-3`, `noisy7-3`: random problems (`planner_random.py`); not in `MODELS`.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
   as above; all but the first two are known before; nobody to ask.
@@ -34,7 +31,6 @@ MODELS = (
     *NOISY,
     *(f"clean{n}" for n in range(1, 6)),
     *(f"A{n}-precision{s}" for n in range(1, 4) for s in PRECISIONS),
-    *(f"super-A{n}" for n in range(1, 4)),
     *(f"ispy32-{n}" for n in LARGE),
 )
 
@@ -50,14 +46,7 @@ def momdp_of(model: str, reference: str | None) -> MOMDP:
         return replace(momdp, prior=np.where(np.arange(len(momdp.query)) < RELEVANT, 0.5, 0.0))
     if kind.startswith("clean"):
         return _learned("roc36", ASKED[: int(kind.removeprefix("clean"))])
-    models = load_reference(reference)
-    if kind == "super":
-        momdp, asked = models["A5"], models[rest].query.attributes
-        if momdp.query.attributes[: len(asked)] != asked:
-            raise SystemExit(f"{rest} does not ask the first attributes of A5")
-        known = np.arange(len(momdp.query)) >= len(asked)
-        return replace(momdp, prior=np.where(known, 1.0, momdp.prior))
-    momdp = models[kind]
+    momdp = load_reference(reference)[kind]
     if rest:
         precision = float(rest.removeprefix("precision"))
         momdp = replace(momdp, precision=np.full_like(momdp.precision, precision))

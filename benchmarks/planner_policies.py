@@ -2,17 +2,15 @@
 
 import importlib.util
 import os
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
 from planner_models import NOISY
-from planner_random import attributes_of
 
 from meal_bayes.domain import load_domain
-from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
@@ -39,42 +37,25 @@ SEARCHES = (
 BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
 PLANNERS = (  # those that others are compared with come first
     Planner("olfc"),
-    Planner("eq8"),
     Planner("factored"),
     *SEARCHES,
     *BASELINES,
     Planner("sarsop", "5s"),
     Planner("pomdp-py", "1500 simulations"),
-    Planner("pomdp-py-shortcut", "1500 simulations"),
 )
-
-
-def believed_in(planner: Planner, momdp: MOMDP) -> MOMDP:
-    """Give the MOMDP that a planner solves and filters in."""
-    if planner.policy == "eq8":
-        return replace(momdp, precision=np.full_like(momdp.precision, np.inf))
-    return momdp
 
 
 def planners_for(model: str) -> tuple[Planner, ...]:
     """List the planners that can be run on a model here."""
-    n = attributes_of(model)
-    if n is not None:
-        tabled = (Planner("factored"),) if n <= TABLED else ()
-        return (Planner("olfc"), *tabled, *SEARCHES)
-    kind, _, rest = model.partition("-")
-    if rest:
-        finite, few = rest.startswith("precision"), kind == "super"
-        eq8 = (Planner("eq8"),) if finite else ()
-        return (Planner("olfc"), *eq8, *SEARCHES, *(() if few else BASELINES))
-    n = int(model[-1])
-    absent = {"eq8"}
-    if n > TABLED:
-        absent.add("factored")
-    if shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
+    absent, small = set(), re.fullmatch(r"(?:(A|clean)|\w+-)([1-5])", model)
+    if small is None or int(small[2]) > TABLED:
+        absent |= {"factored", "pomdp-py"}
+    if small is not None and small[1] is None:
+        absent.add("predefined_plus")  # a random problem has behaviors of its own
+    if small is None or shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
         absent.add("sarsop")
-    if importlib.util.find_spec("pomdp_py") is None or model not in NOISY or n > TABLED:
-        absent |= {"pomdp-py", "pomdp-py-shortcut"}
+    if importlib.util.find_spec("pomdp_py") is None or model not in NOISY:
+        absent.add("pomdp-py")
     return tuple(planner for planner in PLANNERS if planner.policy not in absent)
 
 
@@ -84,7 +65,6 @@ def solver_of(planner: Planner, model: str) -> Solver:
     sequence = tuple(name for name in domain.predefined if name != "ask")
     by_policy: dict[str, Callable[[], Solver]] = {
         "olfc": OpenLoop,
-        "eq8": Factored,
         "factored": Factored,
         "pomcp": lambda: _search(str(planner.budget)),
         "pomcp-sampled": lambda: replace(_search(str(planner.budget)), backup="sampled"),
@@ -93,7 +73,6 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "random_legal": lambda: RandomLegal(50.0),
         "sarsop": lambda: _sarsop(planner),
         "pomdp-py": lambda: _pomdp_py(planner),
-        "pomdp-py-shortcut": lambda: _pomdp_py(planner),
     }
     return by_policy[planner.policy]()
 
@@ -114,4 +93,4 @@ def _pomdp_py(planner: Planner) -> Solver:
     from peers import PomdpPy  # noqa: PLC0415  not everyone has it
 
     simulations = int(str(planner.budget).split(maxsplit=1)[0])
-    return PomdpPy(simulations, shortcut=planner.policy.endswith("shortcut"))
+    return PomdpPy(simulations)

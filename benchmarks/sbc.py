@@ -11,12 +11,12 @@ And do grid and NUTS agree, on the real recordings?
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
 
 import numpy as np
+from measuring import options_of, show
 from sbc_ranks import coverage, rank_statistics, simulate, uniformity
 
 from meal_bayes.datasets import load_percepts
@@ -25,7 +25,7 @@ from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.draws import draw_grid, draws_of, replicate, rows_of
+from meal_bayes.posterior.draws import draw_dirichlet, draw_grid, draws_of, replicate, rows_of
 from meal_bayes.seeds import stream
 
 RANKED = 99  # posterior draws that a true value is ranked among
@@ -45,29 +45,21 @@ def _drawn(posterior: ConfusionPosterior, rng: np.random.Generator, size: int) -
 
 def main() -> None:
     """Measure, and print a table or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--only", choices=["closed", "same", "crossed", "agree"], help="one part")
+    parts = {"closed": closed, "same": same, "crossed": crossed, "agree": agree}
+    parser = options_of(__doc__)
+    parser.add_argument("--only", choices=parts, help="one part")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--fits", type=int, default=SIMULATIONS, help="of the crossed model")
     parser.add_argument("--jobs", type=int, default=1, help="processes that fit it")
-    arguments = parser.parse_args()
-    parts = {"closed": closed, "same": same, "crossed": crossed, "agree": agree}
-    rows = []
-    for name in [arguments.only] if arguments.only else parts:
-        for row in parts[name](arguments):
-            rows.append(row)
-            if not arguments.json:
-                print(tell(row), flush=True)
-    if arguments.json:
-        print(json.dumps({"seed": arguments.seed, "ranked_among": RANKED, "rows": rows}))
-
-
-def tell(row: Row) -> str:
-    """Give a row in words."""
-    rest = {key: value for key, value in row.items() if key not in ("posterior", "of")}
-    told = " ".join(f"{key} {value}" for key, value in rest.items())
-    return f"{row['posterior']:<24} {row['of']:<22} {told}"
+    options = parser.parse_args()
+    report = []
+    for name in [options.only] if options.only else parts:
+        rows = list(parts[name](options))
+        report += rows
+        if not options.json:
+            show(rows)
+    if options.json:
+        show([], {"seed": options.seed, "ranked_among": RANKED, "rows": report})
 
 
 def judged(posterior: str, of: str, truth: object, draws: object, rng: np.random.Generator) -> Row:
@@ -134,15 +126,9 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
             kind = f"from_objects, {levels} levels"
             yield judged(kind, "m", yes(made.mean)[0], yes(drawn)[:, 0], rng)
             alpha = summed.precision[..., None] * summed.mean
-            own = dirichlet(rng, made.dispersion[..., None] * made.mean)
-            drawn = dirichlet(rng, np.broadcast_to(alpha, (499, *alpha.shape)))
-            yield judged(kind, "a new object's row", yes(own)[0], yes(drawn)[:, 0], rng)
-
-
-def dirichlet(rng: np.random.Generator, alpha: np.ndarray) -> np.ndarray:
-    """Draw rows; parameters far below 1 underflow."""
-    gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
-    return gamma / gamma.sum(axis=-1, keepdims=True)
+            true = draw_dirichlet(rng, made.dispersion[..., None] * made.mean)
+            drawn = draw_dirichlet(rng, np.broadcast_to(alpha, (499, *alpha.shape)))
+            yield judged(kind, "a new object's row", yes(true)[0], yes(drawn)[:, 0], rng)
 
 
 def same(settings: argparse.Namespace) -> Iterator[Row]:
@@ -227,18 +213,6 @@ def spread_error(values: np.ndarray) -> np.ndarray:
     return np.asarray(batches.std(axis=0, ddof=1) / BATCHES**0.5 / (2 * squares.mean(axis=0)))
 
 
-def width(values: np.ndarray) -> np.ndarray:
-    """Width of the central 90 % interval of draws (L,...); tails are no part of it."""
-    low, high = np.quantile(values, [0.05, 0.95], axis=0)
-    return np.asarray(high - low)
-
-
-def width_error(values: np.ndarray) -> np.ndarray:
-    """Relative Monte Carlo error of the widths, by batches of the chains' draws (L,...)."""
-    widths = np.stack([width(part) for part in np.array_split(values, BATCHES)])
-    return np.asarray(widths.std(axis=0, ddof=1) / BATCHES**0.5 / widths.mean(axis=0))
-
-
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
@@ -258,8 +232,6 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         first, second = (yes(rows_of(found)[0])[:, votes] for found in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))
-        widths = width(first) / width(second)
-        width_off = np.hypot(width_error(first), width_error(second))
         s = [1 / (1 + rows_of(found)[1][:, votes]) for found in (nuts, exact)]
         told = convergence(to_idata(nuts))
         yield {
@@ -271,8 +243,6 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "sd_ratio_error": round(float(error.max()), 4),
             "sd_off_in_errors": round(float((np.abs(ratio - 1) / error).max()), 1),
             "sd_off_pooled": round(float(np.average(ratio - 1, weights=error**-2.0)), 4),
-            "width_ratio": [round(float(widths.min()), 4), round(float(widths.max()), 4)],
-            "width_ratio_error": round(float(width_off.max()), 4),
             "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
             "r_hat": round(max(one.r_hat for one in told), 4),
             "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),

@@ -9,17 +9,13 @@ each batch of each repeat, a log a batch; another log holds all of them in one f
 in a process of its own, so that its memory is its own.
 """
 
-import argparse
-import json
-import resource
-import subprocess
-import sys
 import tempfile
 import time
 from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
+from measuring import alone, options_of, peak_mb, show
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import load_domain
@@ -103,8 +99,8 @@ def write_compact(folder: Path, trials: int) -> int:
     return len(units)
 
 
-def part(name: str, folder: Path) -> None:
-    """Run one part and print what it took."""
+def part(name: str, folder: Path) -> dict[str, float]:
+    """Run one part and return what it took."""
     start, wall, log, written = time.process_time(), time.perf_counter(), folder / "all.mcap", 0
     if name == "log info":
         log_info(log)
@@ -114,27 +110,21 @@ def part(name: str, folder: Path) -> None:
     else:
         run = folder / "run" if (folder / "run").is_dir() else log
         written = write_report(Logs(run), folder / "report.html").size
-    facts = {
+    return {
         "cpu_s": time.process_time() - start,
         "wall_s": time.perf_counter() - wall,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "peak_mb": peak_mb(),
         "written_mb": written / 1e6,
     }
-    print(json.dumps(facts))
 
 
 def main() -> None:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--compact", action="store_true", help="outcomes alone, a million")
     parser.add_argument("--trials", type=int)
     parser.add_argument("--agent", default="bayes", help="of whole trials")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--part", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.part:
-        part(options.part[0], Path(options.part[1]))
-        return
     form = "compact" if options.compact else "full"
     trials = max(options.trials or TRIALS[form], SIZE if options.compact else 1)
     with tempfile.TemporaryDirectory() as name:
@@ -144,23 +134,14 @@ def main() -> None:
         else:
             counted = {"steps": write_full(folder, trials, options.agent)}
         size = (folder / "all.mcap").stat().st_size
-        facts = {"trials": trials, **counted, "cpu_s": time.process_time() - start,
-                 "bytes_a_trial": size / trials}  # fmt: skip
-        found: dict[str, dict[str, float]] = {"log": facts}
-        for each in BARS[form]:
-            words = [sys.executable, __file__, "--part", each, name]
-            done = subprocess.run(words, check=True, capture_output=True, text=True)
-            found[each] = json.loads(done.stdout)
-    if options.json:
-        print(json.dumps(found))
-        return
-    print(", ".join(f"{name} {value:,.0f}" for name, value in found.pop("log").items()))
-    for each, facts in found.items():
-        limits = " and ".join(f"{bar:g}" for bar in BARS[form][each])
-        print(
-            f"{each:<10} {facts['cpu_s']:6.2f} s CPU, {facts['peak_mb']:5.0f} MB, "
-            f"{facts['written_mb']:6.1f} MB written (bars: {limits})"
-        )
+        log = {"trials": trials, **counted, "cpu_s": time.process_time() - start,
+               "bytes_a_trial": size / trials}  # fmt: skip
+        parts = {name: alone(part, name, folder) for name in BARS[form]}
+    rows = [
+        {"part": name, **facts, "bar_s": BARS[form][name][0], "bar_mb": BARS[form][name][1]}
+        for name, facts in parts.items()
+    ]
+    show([{"part": "log", **log}, *rows], {"log": log, **parts} if options.json else None)
 
 
 if __name__ == "__main__":

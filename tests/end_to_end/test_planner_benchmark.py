@@ -19,12 +19,9 @@ TIMES = {"ms_per_decision", "solve_s", "simulations_per_s"}
 def run(*arguments: str) -> list[dict[str, object]]:
     done = subprocess.run(
         [sys.executable, os.fspath(SCRIPT), "--json", *arguments],
-        capture_output=True, encoding="utf-8", check=True, env={**os.environ, "COLUMNS": "90"},
+        capture_output=True, encoding="utf-8", check=True,
     )  # fmt: skip
-    report = json.loads(done.stdout)
-    assert list(report) == ["rows", "mean_gaps"]
-    assert "model" in done.stderr
-    return report["rows"]
+    return json.loads(done.stdout)["rows"]
 
 
 @pytest.fixture(scope="module")
