@@ -25,19 +25,10 @@ def test_it_tells_every_part_of_a_trial(told):
     assert "\x1b" not in text
     assert max(map(len, text[: text.index("what next")].splitlines())) <= 80
     for part in (
-        "Is it heavy, and does it hold beans?",
-        "heavy_blue_beans",
-        "before any behavior",
-        "1  look",
-        "expected reward",
-        "report now",
-        "failed, x",
-        "nothing perceived",
-        "percept    heavy: ",
-        "answer     heavy, beans",
-        "truth      heavy, beans",
-        "verdict    right",
-    ):
+        "Is it heavy, and does it hold beans?", "heavy_blue_beans", "before any behavior",
+        "1  look", "expected reward", "report now", "failed, x", "nothing perceived",
+        "percept    heavy: ", "answer     heavy, beans", "verdict    right",
+    ):  # fmt: skip
         assert part in text
     assert text.count("  belief ") == text.count("  outcome ") + 1
 

@@ -33,22 +33,16 @@ def torn(log):
     return path
 
 
-def test_info(run, log):
+def test_info_and_show(run, log, fails):
     text = run("log", "info", log).stdout
     assert "3 trials" in text
     assert "dataset roc36" in text
     told = json.loads(run("log", "info", log, "--json").stdout)
-    assert told["path"] == "a.mcap"
-    assert told["trials"] == 3
-    assert told["format_version"] == FORMAT_VERSION
+    assert (told["path"], told["trials"]) == ("a.mcap", 3)
     assert told["header"]["config"] == HEADER["config"]
-
-
-def test_show(run, log, fails):
-    first = run("log", "show", log)
-    assert first.exit_code == 0
-    assert "heavy_blue_beans" in first.stdout
-    assert "verdict    right" in first.stdout
+    first = run("log", "show", log).stdout
+    assert "heavy_blue_beans" in first
+    assert "verdict    right" in first
     assert "medium_green_glass" in run("log", "show", log, "--trial", "2").stdout
     assert "holds 3 trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
 
@@ -69,9 +63,7 @@ def test_folders_and_compact_logs_are_read(run, log, torn):
 
 
 def test_check(run, log, torn):
-    sound = run("log", "check", log)
-    assert sound.exit_code == 0
-    assert "whole" in sound.stdout
+    assert "whole" in run("log", "check", log).stdout
     broken = run("log", "check", torn, "--json")
     assert broken.exit_code == 1
     told = json.loads(broken.stdout)

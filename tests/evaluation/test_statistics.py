@@ -45,12 +45,10 @@ def test_bootstrap_of_a_mean_agrees_with_the_clustered_error():
 
 @pytest.mark.statistical
 def test_clustered_intervals_cover():
-    rng = np.random.default_rng(0)
-    covered = 0
+    rng, objects, covered = np.random.default_rng(0), np.repeat(np.arange(20), 8), 0
     for _ in range(400):
-        shared = np.repeat(rng.normal(size=20), 8)
-        difference = shared + rng.normal(size=160)
-        interval = clustered(difference, np.repeat(np.arange(20), 8)).interval()
+        difference = rng.normal(size=20)[objects] + rng.normal(size=160)
+        interval = clustered(difference, objects).interval()
         covered += interval.low < 0 < interval.high
     assert abs(covered / 400 - 0.95) < 5 * math.sqrt(0.95 * 0.05 / 400)
 
@@ -78,30 +76,20 @@ def test_wrong_input_teaches(call, says):
         call()
 
 
-class TestSplitsOfTheSameObjects:
-    """Repeats of an online run split one set of objects again and again."""
-
-    OBJECTS, TESTED, SPLITS = 100, 34, 20
-
-    def simulated(self, rng):
-        """Draw differences of two equal agents: objects differ, a third is tested in each split."""
-        own = rng.normal(size=self.OBJECTS)
-        tested = [rng.permutation(self.OBJECTS)[: self.TESTED] for _ in range(self.SPLITS)]
-        return np.array([own[split].mean() for split in tested]) + 0.02 * rng.normal(size=20)
-
-    def test_corrected_intervals_cover_and_plain_ones_do_not(self):
-        rng, ratio = np.random.default_rng(0), self.TESTED / (self.OBJECTS - self.TESTED)
-        corrected = plain = 0
-        for _ in range(400):
-            values = self.simulated(rng)
-            _, _, low, high = resampled(values, ratio).interval()
-            corrected += low <= 0 <= high
-            _, _, low, high = clustered(values, range(self.SPLITS)).interval()
-            plain += low <= 0 <= high
-        assert 0.93 <= corrected / 400 <= 0.97
-        assert plain / 400 < 0.6
-        assert resampled([0.0, 2.0, 1.0, 1.5], 0.5).needed(0.0, 0.05) is None  # by more splits
-        assert resampled([9.0, 11.0, 10.0, 10.5], 0.5).needed(7.0, 0.05) > 4
+def test_intervals_of_splits_of_the_same_objects_cover_and_plain_ones_do_not():
+    """Of two equal agents: objects differ, 34 of 100 are tested in each of 20 splits."""
+    rng, covered = np.random.default_rng(0), np.zeros(2)
+    for _ in range(400):
+        gains = rng.normal(size=100)
+        values = [gains[rng.permutation(100)[:34]].mean() for _ in range(20)]
+        values += 0.02 * rng.normal(size=20)
+        for i, effect in enumerate((resampled(values, 34 / 66), clustered(values, range(20)))):
+            _, _, low, high = effect.interval()
+            covered[i] += low <= 0 <= high
+    assert 0.93 <= covered[0] / 400 <= 0.97
+    assert covered[1] / 400 < 0.6
+    assert resampled([0.0, 2.0, 1.0, 1.5], 0.5).needed(0.0, 0.05) is None  # by more splits
+    assert resampled([9.0, 11.0, 10.0, 10.5], 0.5).needed(7.0, 0.05) > 4
 
 
 def test_intervals_of_proportions_stay_within_0_and_1():

@@ -11,27 +11,24 @@ from rerun.chunk import RrdReader
 
 from meal_bayes.domain import Query
 from meal_bayes.trial_log import read_trials
-from meal_bayes.trial_log.schema import OutcomeMessage, StepMessage, TrialMessage
+from meal_bayes.trial_log.schema import StepMessage, TrialMessage
 from meal_bayes.trials import Task, TrialOutcomes
 from meal_bayes.viewer import write_recording
 
 TIMELINES = {"trial", "step", "sim_time"}
-KINDS = {"/trial": TrialMessage, "/step": StepMessage, "/outcome": OutcomeMessage}
 
 
 @pytest.fixture(scope="module")
 def messages(log):
-    """The log's own numbers, by MCAP's reader: for each trial its start, steps, and outcome."""
-    found = []
+    """The log's own numbers, by MCAP's reader: for each trial its start and its steps."""
+    trials = []
     with log.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
             if channel.topic == "/trial":
-                found.append((TrialMessage.FromString(message.data), [], []))
+                trials.append((TrialMessage.FromString(message.data), []))
             elif channel.topic == "/step":
-                found[-1][1].append(StepMessage.FromString(message.data))
-            elif channel.topic == "/outcome":
-                found[-1][2].append(OutcomeMessage.FromString(message.data))
-    return found
+                trials[-1][1].append(StepMessage.FromString(message.data))
+    return trials
 
 
 def series(recorded, entity, column):
@@ -43,7 +40,7 @@ def series(recorded, entity, column):
 def starts(messages):
     """First row of each trial: rows of the trials before it, and one free row behind each."""
     first = 0
-    for start, steps, _ in messages:
+    for start, steps in messages:
         yield first, start, steps
         first += len(steps) + 2
 
@@ -70,7 +67,7 @@ def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
         free = (start.trial, first + len(steps) + 1)  # where lines break
         assert np.isnan(entropy[free] + cost[free]).all()
     assert compared > 30
-    assert len(entropy) == sum(len(steps) + 2 for _, steps, _ in messages)
+    assert len(entropy) == sum(len(steps) + 2 for _, steps in messages)
 
 
 def test_expected_rewards_and_their_errors_are_the_logs(messages, recorded):
@@ -107,23 +104,20 @@ def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
 
 def test_log_lines_fit_their_column(messages, recorded):
     rows = recorded["/log"]
-    lines = [text for (text,) in rows["TextLog:text"]]
-    assert len(set(rows["step"])) == sum(len(steps) + 1 for _, steps, _ in messages)
-    assert len(lines) > len(set(rows["step"]))
-    assert max(map(len, lines)) <= 38
+    assert len(set(rows["step"])) == sum(len(steps) + 1 for _, steps in messages)
+    assert 30 < max(len(text) for (text,) in rows["TextLog:text"]) <= 38
 
 
 def test_measures_of_the_run_count_every_trial(trials, recorded):
     agents = {trial.agent for trial in trials}
-    for agent in agents:
-        own = [trial for trial in trials if trial.agent == agent]
-        found = recorded[f"/run/accuracy/{agent}"]["Measurements:values"]
-        right = np.cumsum([trial.success for trial in own])
-        assert np.ravel(found) == pytest.approx(right / np.arange(1, len(own) + 1))
-        cost = recorded[f"/run/cost/{agent}"]["Measurements:values"][-1]
-        assert cost == pytest.approx([np.mean([trial.cost for trial in own])])
     (table,) = recorded["static /run/table"]["TextDocument:text"][-1]
     for agent in agents:
+        own = [trial for trial in trials if trial.agent == agent]
+        accuracy = recorded[f"/run/accuracy/{agent}"]["Measurements:values"]
+        right = np.cumsum([trial.success for trial in own])
+        assert np.ravel(accuracy) == pytest.approx(right / np.arange(1, len(own) + 1))
+        cost = recorded[f"/run/cost/{agent}"]["Measurements:values"][-1]
+        assert cost == pytest.approx([np.mean([trial.cost for trial in own])])
         assert f"|{agent}|" in table
     for entity, columns in recorded.items():
         assert entity.startswith("static ") or set(columns) >= TIMELINES, entity
@@ -146,8 +140,7 @@ def test_one_trial_alone_and_the_measures_of_all(trials, log, read_back, tmp_pat
 def test_equal_logs_give_equal_rows(log, tmp_path):
     """However rerun divides the rows into chunks, which is up to its threads and their timing."""
     values = []
-    for name in ("a", "b"):
-        path = tmp_path / f"{name}.rrd"
+    for path in (tmp_path / "a.rrd", tmp_path / "b.rrd"):
         write_recording(read_trials(log), path, {})
         cells = Counter()
         for chunk in RrdReader(str(path)).stream():

@@ -10,18 +10,14 @@ from meal_bayes.viewer import write_recording
 def frame(seconds):
     rng = np.random.default_rng(int(seconds * 10))
     shapes = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
-    shape = (len(shapes), 3)
+    half, contacts = np.full((6, 3), 0.5, np.float32), 2 * int(seconds > 0)
     return Frame(
-        seconds,
-        rng.normal(size=shape).astype(np.float32),
-        np.full(shape, 0.1, np.float32),
-        np.tile(np.array([0, 0, 0, 1], np.float32), (len(shapes), 1)),
-        np.full(shape, 0.5, np.float32),
-        shapes,
-        np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], np.float32)[: int(seconds > 0) * 2],
-        np.array([[0.0, 0.0, 3.0], [0.0, 4.0, 0.0]], np.float32)[: int(seconds > 0) * 2],
+        seconds, rng.normal(size=(6, 3)).astype(np.float32), half / 5,
+        np.tile(np.array([0, 0, 0, 1], np.float32), (6, 1)), half, shapes,
+        np.zeros((2, 3), np.float32)[:contacts],
+        np.array([[0.0, 0.0, 3.0], [0.0, 4.0, 0.0]], np.float32)[:contacts],
         np.full((4, 6, 3), 0.5, np.float32),
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
