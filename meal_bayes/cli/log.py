@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -28,7 +29,7 @@ def info(file: Path, as_json: bool) -> None:
 
     infos = list(map(log_info, log_files(file)))
     if as_json:
-        print_json(_listed([dataclasses.asdict(one) for one in infos], file))
+        _print_json(infos, file)
         return
     size, trials, steps, momdps = (
         sum(getattr(one, name) for one in infos) for name in ("size", "trials", "steps", "momdps")
@@ -81,7 +82,7 @@ def check(file: Path, as_json: bool) -> None:
 
     reports = list(map(check_log, log_files(file)))
     if as_json:
-        print_json(_listed([dataclasses.asdict(one) for one in reports], file))
+        _print_json(reports, file)
     else:
         for report in reports:
             state = "whole, nothing is missing or changed" if report.whole else "not sound"
@@ -111,10 +112,10 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
     say(f"{saved.path}: {saved.trials} whole trials saved")
 
 
-def _listed(facts: list[dict[str, object]], path: Path) -> dict[str, object]:
-    """Return the facts of one log, or of a folder's logs, for JSON."""
-    facts = [{**one, "path": str(one["path"])} for one in facts]
-    return {"files": facts} if path.is_dir() else facts[0]
+def _print_json(logs: list[Any], path: Path) -> None:
+    """Print the facts of one log, or of a folder's logs."""
+    facts = [dataclasses.asdict(log) | {"path": str(log.path)} for log in logs]
+    print_json({"files": facts} if path.is_dir() else facts[0])
 
 
 def _as_text(value: object) -> str:

@@ -16,7 +16,7 @@ from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from meal_bayes.evaluation import LearningSummary
+    from meal_bayes.evaluation.learning import LearningSummary
     from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
     Training = Callable[[str], list[TrialOutcomes]]
@@ -105,7 +105,7 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted continues when the same command is given again.
     """
-    from meal_bayes.evaluation import decided, learning_rows, summarize_learning
+    from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
 
     how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
@@ -135,7 +135,7 @@ def online(
 
 
 def _print(results: "list[BatchOutcomes]", training: "Training") -> None:
-    from meal_bayes.evaluation import learning_rows, summarize_learning
+    from meal_bayes.evaluation.learning import learning_rows, summarize_learning
 
     rows, summary = learning_rows(results), summarize_learning(results)
     last, cells = max(row.batch for row in rows), []

@@ -10,12 +10,6 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.learning import (
-    LearningSummary,
-    decided,
-    learning_rows,
-    summarize_learning,
-)
 from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.statistics import (
     Effect,
@@ -35,8 +29,7 @@ from meal_bayes.evaluation.summary import (
 )
 
 __all__ = [
-    "Effect", "Interval", "LearningSummary", "SummaryRow", "bootstrap_interval", "brier",
-    "calibration_error", "clustered", "compare", "compare_outcomes", "decided", "difference",
-    "expected_calibration_error", "holm", "learning_rows", "mean", "mean_effect",
-    "negative_log_likelihood", "resampled", "summarize", "summarize_learning",
+    "Effect", "Interval", "SummaryRow", "bootstrap_interval", "brier", "calibration_error",
+    "clustered", "compare", "compare_outcomes", "difference", "expected_calibration_error", "holm",
+    "mean", "mean_effect", "negative_log_likelihood", "resampled", "summarize",
 ]  # fmt: skip

@@ -138,23 +138,19 @@ def summarize_learning(
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
     base, rows = curves[reference or agents[0]], []
-    for agent in agents:
-        own, shared = curves[agent], _shared(curves[agent], base)
-        end = float(np.mean([base[repeat][0, -1] for repeat in shared]))
-        area = _difference(own, base, partial(mean_until, end=end), ratio, mass)
-        after = _difference(own, base, lambda hours, reward: reward[-1], ratio)
-        last = max(result.batch for result in results if result.agent == agent)
-        accuracy = [
-            result.outcomes.success[result.outcomes.judged].mean()
-            for result in results
-            if (result.agent, result.batch) == (agent, last)
-        ]
+    for agent, curve in curves.items():
+        end = float(np.mean([base[repeat][0, -1] for repeat in _shared(curve, base)]))
+        area = _difference(curve, base, partial(mean_until, end=end), ratio, mass)
+        after = _difference(curve, base, lambda hours, reward: reward[-1], ratio)
+        batches = [result for result in results if result.agent == agent]
+        last = max(result.batch for result in batches)
+        final = [result.outcomes for result in batches if result.batch == last]
         rows.append(LearningSummary(
             agent, end, area.estimate, area.low, area.high,
-            reward_after=float(np.mean([reward[-1] for _, reward in own.values()])),
+            reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
             reward_after_difference=after.estimate,
-            accuracy_after=float(np.mean(accuracy)),
-            ece_after=pooled_ece(result for result in results if result.agent == agent)[0],
+            accuracy_after=float(np.mean([each.success[each.judged].mean() for each in final])),
+            ece_after=pooled_ece(batches)[0],
         ))  # fmt: skip
     return rows
 
@@ -170,17 +166,13 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
     return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 
 
-def difference_at(own: Curves, base: Curves, budget: float, *, ratio: float = RATIO) -> Interval:
+def difference_at(own: Curves, base: Curves, budget: float) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches."""
-    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)), ratio)
+    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)), RATIO)
 
 
 def mean_until(hours: Array, values: Array, end: float) -> float:
-    """Average a curve, linear between its points, over the first hours; its start where end is 0.
-
-    >>> mean_until(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]), 4.0)
-    0.875
-    """
+    """Average a curve, linear between its points, over the first hours; at 0 it is its start."""
     if end <= 0:
         return float(values[0])
     points = np.append(hours[hours < end], end)
@@ -193,25 +185,21 @@ def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
 
 
 def success_difference(
-    own: Sequence[TrialOutcomes],
-    base: Sequence[TrialOutcomes],
-    budget: float,
-    *,
-    ratio: float = RATIO,
+    own: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
 ) -> Interval:
     """Compare two agents' successes in training within a budget (s, Eq. 7), paired by repeat."""
-    first, second = ([successes_within(one, budget) for one in trials] for trials in (own, base))
-    return resampled(np.subtract(first, second), ratio).interval()
+    pairs = zip(own, base, strict=True)
+    gains = [successes_within(a, budget) - successes_within(b, budget) for a, b in pairs]
+    return resampled(gains, RATIO).interval()
 
 
-def pooled_ece(results: Iterable[BatchOutcomes], *, last: int = _LAST) -> tuple[float, float]:
+def pooled_ece(results: Sequence[BatchOutcomes]) -> tuple[float, float]:
     """Compute the ECE over all repeats of an agent's last batches, and that of calibrated beliefs.
 
     The second is what calibrated beliefs of the same values would show.
     """
-    every = list(results)
-    end = max(result.batch for result in every)
-    chosen = [result.outcomes.beliefs() for result in every if result.batch > end - last]
+    end = max(result.batch for result in results)
+    chosen = [result.outcomes.beliefs() for result in results if result.batch > end - _LAST]
     positive, truth = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
     rng = stream(0, "calibrated belief")
     return calibration_error(positive, truth), expected_calibration_error(positive, rng, draws=20)

@@ -133,8 +133,6 @@ def compare_outcomes(
 
     Parameters
     ----------
-    trials : Trials
-        Of two agents or more.
     measure : str
         "success", "cost" or "reward".
     reference : str | None
@@ -145,8 +143,6 @@ def compare_outcomes(
         Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.
     draws : int
         Of the posterior, in each of two chains.
-    seed : int
-        Of the sampler.
 
     Raises
     ------
@@ -227,8 +223,7 @@ def population_means(cells: Cells, posterior: dict[str, Array]) -> Array:
     """
     attributes = np.zeros((len(posterior["mean"]), 1))
     if "attribute" in cells.terms:
-        asked = posterior["attribute"][:, cells.terms["attribute"]]  # (draws, C, N)
-        attributes = asked.mean(axis=2)
+        attributes = posterior["attribute"][:, cells.terms["attribute"]].mean(axis=2)  # (draws, C)
     eta = posterior["mean"][:, None, None] + posterior["agent"][:, :, None] + attributes[:, None]
     if math.isnan(cells.spread):
         drawn = ("object", "repeat", "agent object", "agent repeat")

@@ -81,11 +81,7 @@ class Effect:
         return Interval(p, self.se, *ends.tolist())
 
     def level_above(self, bound: float) -> float:
-        """Return the smallest level at which the two-sided interval lies above a bound.
-
-        >>> round(Effect(2.0, 1.0, 10).level_above(0.0), 4)
-        0.0766
-        """
+        """Return the smallest level at which the two-sided interval lies above a bound."""
         distance, se = self.estimate - bound, self.se
         if self.fraction and 0 < bound < 1:
             se = math.sqrt(bound * (1 - bound) / self._cases)
@@ -144,15 +140,8 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 
     Splits share objects, so their spread alone is too small: J of them have the variance
-    (1/J + test objects / training objects) s^2 [Nadeau2003], of which more splits reduce the first
-    part alone.
-
-    Parameters
-    ----------
-    values : ArrayLike
-        (J,) a value a split; of agents compared, their paired difference.
-    ratio : float
-        Test objects / training objects.
+    (1/J + ratio) s^2 [Nadeau2003], the ratio being test objects / training objects. More splits
+    reduce the first part alone.
 
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951
@@ -170,9 +159,7 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
 def holm(levels: ArrayLike, level: float = 1 - MASS) -> Array:
     """Return the level of each test of a family, so that it has a false one at `level` [Holm1979].
 
-    The tests are those whose smallest levels are given, (m,).
-
-    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()
+    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()  # of their smallest levels
     [0.05, 0.0167, 0.025]
     """
     p = np.asarray(levels, float)
@@ -213,11 +200,7 @@ def bootstrap_interval(
 
 
 def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
-    """Compute Wilson's interval of a fraction of independent cases.
-
-    >>> [round(v, 3) for v in wilson_interval(0, 10)[2:]]
-    [0.0, 0.278]
-    """
+    """Compute Wilson's interval of a fraction of independent cases."""
     from scipy.stats import binomtest  # noqa: PLC0415  takes a third of a second
 
     if not 0 <= hits <= n or n == 0:

@@ -50,14 +50,12 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ----------
     dataset : str | Path | PerceptTable
         A shipped data set, or the path of a percept table (.npz).
-    attributes : int
-        N, asked at a time.
     agent : object
         Whose belief is observed, and who decides in `decide`; see `as_agent`.
     seed : int
         Of the task list, and of the trials of tasks that are chosen by number.
-    trials : int
-        Tasks in the list, of all objects.
+    attributes, trials : int
+        N, asked at a time, and tasks in the list, of all objects.
     objects : str | Sequence[str]
         Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
         or names. Percepts of an object never come from classifiers that learned from it.
@@ -71,8 +69,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         Behaviors after which an episode is truncated.
     logs : str | Path | None
         Folder of the logs of episodes, if they are logged.
-    render_mode : str | None
-        "ansi" or None.
     """
 
     metadata = {"render_modes": ["ansi"], "render_fps": 1}  # noqa: RUF012  Gymnasium's

@@ -10,13 +10,7 @@ _NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
 def blueprint(
-    *,
-    single: bool,
-    steps: bool,
-    crowded: bool,
-    run_first: bool,
-    live: bool,
-    robot: bool,
+    *, single: bool, steps: bool, crowded: bool, run_first: bool, live: bool, robot: bool
 ) -> rrb.Blueprint:
     """Return the layout of a recording.
 
@@ -40,13 +34,11 @@ def blueprint(
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
-            state="collapsed",
-            timeline="sim_time" if robot else "step",
+            state="collapsed", timeline="sim_time" if robot else "step",
             play_state="following" if live else "paused",
         ),
-        auto_layout=False,
-        auto_views=False,
-    )
+        auto_layout=False, auto_views=False,
+    )  # fmt: skip
 
 
 def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
@@ -58,23 +50,20 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         rrb.TextDocumentView(origin=scene.NARRATION, name="question and answer"),
         rrb.TextDocumentView(origin=scene.DECISION, name="why this action"),
         rrb.TextLogView(
-            origin=scene.LOG,
-            name="log",
+            origin=scene.LOG, name="log",
             columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
         ),
         row_shares=[4, 4, 3],
-    )
+    )  # fmt: skip
     belief = rrb.Vertical(
         rrb.Spatial2DView(origin=scene.BARS, name="belief now (orange: before the step)"),
         rrb.TimeSeriesView(
-            origin=scene.BELIEF,
-            name="belief over steps",
-            axis_x=over,
+            origin=scene.BELIEF, name="belief over steps", axis_x=over,
             axis_y=rrb.ScalarAxis(range=(-0.02, 1.02), zoom_lock=False),
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=not crowded),
         ),
         row_shares=[2, 3],
-    )
+    )  # fmt: skip
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
         name="expected reward of each action, band = one standard error",
@@ -102,14 +91,11 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
 
 
 def _robot() -> rrb.Vertical:
+    eye = rrb.EyeControls3D(position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10))
     return rrb.Vertical(
         rrb.Spatial3DView(
-            origin=robot_view.ROBOT,
-            name="the robot (red: contact forces)",
-            line_grid=rrb.LineGrid3D(visible=False),
-            eye_controls=rrb.EyeControls3D(
-                position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10)
-            ),
+            origin=robot_view.ROBOT, name="the robot (red: contact forces)",
+            line_grid=rrb.LineGrid3D(visible=False), eye_controls=eye,
         ),
         rrb.Horizontal(
             rrb.Spatial2DView(origin=robot_view.CAMERA, name="the robot's camera"),
@@ -118,7 +104,7 @@ def _robot() -> rrb.Vertical:
             ),
         ),
         row_shares=[3, 1],
-    )
+    )  # fmt: skip
 
 
 def _run() -> rrb.Vertical:

@@ -1,7 +1,6 @@
 """Two graphs with positions of their own: the transition diagram, the top of the search tree."""
 
 from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +27,7 @@ class Node(NamedTuple):
     color: Color
 
 
-@dataclass(frozen=True)
-class Graph:
+class Graph(NamedTuple):
     """Boxes and arrows."""
 
     nodes: tuple[Node, ...]
@@ -104,8 +102,7 @@ def search_tree(frame: TrialFrame) -> Graph:
     if step is None:
         return Graph((Node("root", "nothing is decided yet", 0, 0, GRAY),), ())
     decision, chosen = step.decision, min(step.decision.action, momdp.n_behaviors)
-    actions = best_options(decision.values, chosen, _ACTIONS)
-    if not actions:
+    if not (actions := best_options(decision.values, chosen, _ACTIONS)):
         return Graph((Node("root", "no search: a fixed rule", 0, 0, GRAY),), ())
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"
@@ -179,6 +176,6 @@ def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]
 
 
 def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:
-    names = level_names(momdp.levels)
-    percept = ", ".join(names[z] for z in edge.observation if 0 <= z < len(names)) or "nothing"
+    names = dict(enumerate(level_names(momdp.levels)))
+    percept = ", ".join(names[z] for z in edge.observation if z in names) or "nothing"
     return f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"

@@ -87,15 +87,11 @@ class Replay:
 
     def send_layout(self, *, run_first: bool = False, live: bool = False) -> None:
         """Send the layout that fits the trials so far, the run's tab in front where wanted."""
-        layout = blueprint(
-            single=self._only is not None or (self.trials == 1 and not live),
-            steps=self._shows_steps,
-            crowded=self._scene.crowded,
-            run_first=run_first,
-            live=live,
-            robot=self._shows_robot,
-        )
-        self._stream.send_blueprint(layout)
+        single = self._only is not None or (self.trials == 1 and not live)
+        self._stream.send_blueprint(blueprint(
+            single=single, steps=self._shows_steps, crowded=self._scene.crowded,
+            run_first=run_first, live=live, robot=self._shows_robot,
+        ))  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -121,13 +117,7 @@ def write_recording(
     header: Mapping[str, object],
     **options: Any,
 ) -> int:
-    """Write trials into an .rrd file as `send_recording` does, and return their number.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; one that was there stays.
-    """
+    """Send trials into an .rrd file, which replaces an earlier one when it is whole."""
     with draft_of(path) as draft:
         return send_recording(trials, draft, header, **options)
 

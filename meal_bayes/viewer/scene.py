@@ -19,7 +19,6 @@ NARRATION, DECISION, LOG = "/narration", "/decision", "/log"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
 VALUES, DIAGRAM, TREE, CONFUSION = "/expected_reward", "/diagram", "/search_tree", "/confusion"
 LANES = "/lanes"
-_REPORT = "report"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
 _CROWD = 9  # attributes in a legend
@@ -124,11 +123,9 @@ class Scene:
             entity = self._actions[names] = f"{VALUES}/set_{len(self._actions)}"
             colors = [GRAY, *(series_color(action) for action in range(len(names)))]
             style = rr.Measurements.from_fields(
-                names=[_REPORT, *map(plain_text, names)],
-                colors=np.array(colors, np.uint32),
-                widths=2,
-                interpolation_mode="StepAfter",
-            )
+                names=["report", *map(plain_text, names)], colors=np.array(colors, np.uint32),
+                widths=2, interpolation_mode="StepAfter",
+            )  # fmt: skip
             self._to.add_static(entity, style)
         self._to.add(entity, rr.Measurements, time, values=values, variances=variances)
 

@@ -42,14 +42,13 @@ class ViewerError(MealBayesError):
 class Viewer:
     """The viewer as a process of its own, which ends with the `with` block.
 
+    It shows a window, a page (`web`), or nothing: `headless` it needs a Vulkan driver, which may be
+    one in software.
+
     Parameters
     ----------
     arguments : Sequence[str | Path]
         Files to open and options of rerun's command line.
-    headless : bool
-        Without a window; needs a Vulkan driver, which may be one in software.
-    web : bool
-        Without a window, as a page.
 
     Attributes
     ----------
@@ -94,16 +93,8 @@ class Viewer:
         return self._process is not None and self._process.poll() is None
 
     def wait(self) -> None:
-        """Wait until the user closes it.
-
-        Raises
-        ------
-        ViewerError
-            It ended with an error, such as on a machine without a display.
-        """
-        if self._process is None:
-            return
-        if self._process.wait():
+        """Wait until the user closes it; raise a `ViewerError` if it ended with one."""
+        if self._process is not None and self._process.wait():
             self._errors.seek(0)
             raise ViewerError(_error_message(self._errors.read()))
 
@@ -143,12 +134,8 @@ def take_picture(
 ) -> tuple[bytes, Any]:
     """Return a picture (PNG) of a recording in a viewer without a window, and the viewer's state.
 
-    It shows a row of the timeline `step`, and is written to `path`, if any.
-
-    Raises
-    ------
-    ViewerError
-        The viewer does not start (no Vulkan driver), or its picture never settles.
+    It shows a row of the timeline `step`, and is written to `path`, if any. A `ViewerError` is
+    raised where the viewer does not start (no Vulkan driver), or its picture never settles.
     """
     with Viewer(headless=True) as viewer:
         client = viewer.client()
