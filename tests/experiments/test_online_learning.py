@@ -217,14 +217,6 @@ class TestLearningFromATrial:
         assert run.evidence[0].sum() > evidence
         np.testing.assert_array_equal(run.posterior.counts, before.counts)
 
-    def test_later_answers_are_planned_with_it(self):
-        run = Run("iterative_morc", answers="all")
-        test, other = task_of(13, "red"), task_of(13, "heavy")
-        first, kept = run.test(test).momdp, run.test(other).momdp
-        run.train(task_of(7, "red"))
-        assert (run.test(test).momdp.rows != first.rows).any()
-        assert run.test(other).momdp is kept
-
     def test_base_rates_follow_the_labels(self):
         run = Run("bayes", answers="all")
         run.train(task_of(7, "red"))
@@ -265,13 +257,6 @@ class TestPublishedVariants:
             assert known.tolist() == [int(DATASET.labels[o].all()) if trial.success else -1] * 2
             judged += trial.success
         assert judged
-
-    def test_model_percepts_are_drawn_without_end(self):
-        run = Run("iterative_morc", percepts="model")
-        trial = run.test(task_of(13, "red"))
-        assert np.isinf(trial.momdp.limit).all()
-        plain = Run("iterative_morc").test(task_of(13, "red"))
-        assert (plain.momdp.limit[:2] == RECORDINGS).all()
 
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_model_percepts_do_not_run_out_in_training_either(self, name):

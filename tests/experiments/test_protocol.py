@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import Dataset, load_dataset, make_synthetic
+from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.protocol import Protocol, learnable, restricted
@@ -150,12 +150,3 @@ def test_restricted_keeps_the_columns_of_what_is_kept():
     assert restricted(data, data.domain.attributes) is data
     group, members = next(iter(data.domain.groups.items()))
     assert restricted(data, members).domain.groups == {group: members}
-
-
-@pytest.mark.real_data
-def test_real_splits_have_three_of_every_attribute(recordings):
-    data = load_dataset("cy101", root=recordings)
-    for repeat in range(3):
-        split = protocol(data, repeat=repeat).split
-        for part in (split.pre, split.train, split.test):
-            assert (data.labels[part] == 1).sum(axis=0).min() >= 3

@@ -1,8 +1,6 @@
 """Online runs: their protocol, and that a run which was stopped goes on to the same end."""
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,16 +199,6 @@ def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
     assert contents(run.folder) == before
 
 
-def test_fresh_runs_everything_again(config, whole, tmp_path, contents):
-    one = replace(config, agents=AGENTS[1:], repeats=1)
-    steps = []
-    run_online(one, logs=tmp_path)
-    run = run_online(one, logs=tmp_path, fresh=True, on_progress=lambda *step: steps.append(step))
-    assert steps == [(0, 3), (3, 3)]
-    expected = run_online(one, logs=tmp_path / "other").folder
-    assert contents(run.folder) == contents(expected)
-
-
 @pytest.mark.long
 def test_every_setting_reaches_the_run(config, whole, tmp_path, contents):
     one = replace(config, agents=AGENTS[1:], repeats=1)
@@ -332,14 +320,3 @@ def test_true_dynamics_keep_the_fractions_of_outcomes(own_data):
     dynamics = true_dynamics(two, {"lift": 0.4})
     assert [e.probability for e in dynamics.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
     assert true_dynamics(two, {}) == two
-
-
-def test_other_data_under_the_same_path_are_another_run(config, tmp_path):
-    one = replace(config, agents=AGENTS[1:], repeats=1, batches=1)
-    root = tmp_path / "data"
-    shutil.copytree(config.root, root)
-    own = replace(one, dataset=str(root / Path(config.dataset).name), root=str(root))
-    before = run_online(own, logs=tmp_path).folder
-    labels = root / "labels.csv"
-    labels.write_text(labels.read_text(encoding="utf-8").replace(",1\n", ",0\n", 1))
-    assert run_online(own, logs=tmp_path).folder != before

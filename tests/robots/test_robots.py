@@ -144,23 +144,6 @@ def test_failures_have_the_diagram_s_frequency():
     assert_frequency(successes, n, 0.95)
 
 
-@pytest.mark.statistical
-def test_published_shakes_are_felt_only_when_the_object_falls():
-    domain, n = load_domain("roc36_published"), 3000
-    robot = repeating(domain, 17, 18)
-    plan = [domain.behavior_index(name) for name in ("look", "grasp", "lift_slow", "hold")]
-    shake, falls, shaken = domain.behavior_index("shake"), 0, 0
-    for _ in range(n):
-        robot.start()
-        if [robot.execute(behavior).next_x for behavior in plan][-1] != 4:
-            continue
-        execution = robot.execute(shake)
-        assert (execution.next_x == 5) == (execution.instance is not None)
-        falls += execution.next_x == 5
-        shaken += 1
-    assert_frequency(falls, shaken, 0.05)
-
-
 def test_each_recording_comes_once_and_then_none():
     domain = load_domain("ispy32")
     robot, press = recorded(domain, 19, 20), domain.behavior_index("press")
