@@ -299,24 +299,22 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1
     rows = message.sampled_rows  # (M,N,K) of the sampled MOMDPs that the decision kept, if any
+    arrays: dict[str, Any] = {
+        name: np.array(getattr(message, name), kind)
+        for name, kind in schema.DECISION_ARRAYS.items()
+    }
     return Step(
-        x=message.x,
         decision=Decision(
             action=action,
-            values=np.array(message.values, np.float64),
-            value_se=np.array(message.value_se, np.float64),
-            visits=np.array(message.visits, np.int64),
             tree=_tree(message),
             simulations=message.simulations,
             sampled_rows=_array(rows, (-1, n, k)) if rows else None,
             gap=message.gap[0] if message.gap else None,
+            **arrays,
         ),
-        next_x=message.next_x,
         observation=freeze(levels, np.int8) if levels else None,
-        cost=message.cost,
-        reward=message.reward,
         belief=_belief(message, counts, momdp),
-        warning=message.warning,
+        **{name: getattr(message, name) for name in schema.STEP_VALUES},
     )
 
 

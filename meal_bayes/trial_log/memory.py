@@ -51,7 +51,8 @@ def read_memory(folder: str | Path, data: str) -> list[ObjectLabels]:
             header = read_header(path)
             facts = header.get("labels")
             if isinstance(facts, dict) and header.get("data") == data:
-                memory.append(_labels(facts, path))
+                number, name, values = (facts[key] for key in ("number", "object", "values"))
+                memory.append(ObjectLabels(number, name, values, path))
         except LogError as fault:
             log.warning("left out of the memory: %s (move the file away to silence this)", fault)
     return sorted(memory, key=lambda labels: labels.number)
@@ -70,18 +71,6 @@ def forget(memory: Sequence[ObjectLabels]) -> int:
         except LogCorruptError:
             log.warning("%s holds no whole trial; remove it to forget its labels", labels.path)
     return forgotten
-
-
-def _labels(facts: Mapping[str, object], path: Path) -> ObjectLabels:
-    number, name, values = (facts.get(key) for key in ("number", "object", "values"))
-    if (
-        not isinstance(number, int)
-        or not isinstance(name, str)
-        or not isinstance(values, dict)
-        or not all(isinstance(value, bool) for value in values.values())
-    ):
-        raise LogError(f"{path} holds labels that cannot be read; remove it.")
-    return ObjectLabels(number, name, values, path)
 
 
 def _rewrite(path: Path, facts: Mapping[str, object]) -> None:

@@ -75,6 +75,8 @@ MOMDP_ARRAYS = {
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
     "limit": "e",
 }  # fmt: skip
+STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
+DECISION_ARRAYS = {"values": float, "value_se": float, "visits": int}
 MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")
 _LOG = "timestamp:time level:level message:string name:string file:string line:fixed32"
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
