@@ -18,18 +18,7 @@ from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.named import AGENTS, as_agent, distinct, load_agent
 
 __all__ = [
-    "AGENTS",
-    "Agent",
-    "ExplorationBonus",
-    "FittedITRSBonus",
-    "ITRSBonus",
-    "InformationBonus",
-    "Knowledge",
-    "NoBonus",
-    "Progress",
-    "as_agent",
-    "distinct",
-    "information_value",
-    "knowledge_without",
-    "load_agent",
-]
+    "AGENTS", "Agent", "ExplorationBonus", "FittedITRSBonus", "ITRSBonus", "InformationBonus",
+    "Knowledge", "NoBonus", "Progress", "as_agent", "distinct", "information_value",
+    "knowledge_without", "load_agent",
+]  # fmt: skip

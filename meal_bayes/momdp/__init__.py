@@ -22,24 +22,8 @@ from meal_bayes.momdp.shaping import ITRS, observation_entropy, shape_reward
 from meal_bayes.momdp.solver_files import write_pomdp, write_pomdpx
 
 __all__ = [
-    "ITRS",
-    "MOMDP",
-    "Belief",
-    "FlatPOMDP",
-    "Objective",
-    "Transition",
-    "answer_value",
-    "belief_of",
-    "best_answer",
-    "best_report",
-    "build_momdp",
-    "flatten",
-    "initial_belief",
-    "observation_entropy",
-    "percept_probabilities",
-    "report_value",
-    "shape_reward",
-    "update_belief",
-    "write_pomdp",
-    "write_pomdpx",
-]
+    "ITRS", "MOMDP", "Belief", "FlatPOMDP", "Objective", "Transition", "answer_value",
+    "belief_of", "best_answer", "best_report", "build_momdp", "flatten", "initial_belief",
+    "observation_entropy", "percept_probabilities", "report_value", "shape_reward",
+    "update_belief", "write_pomdp", "write_pomdpx",
+]  # fmt: skip

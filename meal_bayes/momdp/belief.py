@@ -151,11 +151,6 @@ class Belief:
         return float(-sum((row * np.log2(row)).sum() for row in rows))
 
 
-def _log_sum(log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum probabilities given by their logarithms, over the last axis."""
-    return np.asarray(np.logaddexp.reduce(log_prob, axis=-1))
-
-
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
@@ -170,7 +165,9 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
     Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
     """
     with np.errstate(invalid="ignore"):  # nan where these are no logarithms of probabilities
-        of_truth = _log_sum(log_prob[..., None, :] + momdp.log_truth)  # (...,N,2)
+        of_truth = np.logaddexp.reduce(
+            log_prob[..., None, :] + momdp.log_truth, axis=-1
+        )  # (...,N,2)
         odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
     for group in map(list, momdp.query.groups):
         prior = momdp.prior[group]
@@ -180,7 +177,7 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
         weight[..., prior == 0], weight[..., prior == 1] = -np.inf, 0.0
         others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
         with np.errstate(invalid="ignore"):  # nan where no value is possible
-            odds[..., group] = weight - _log_sum(others)
+            odds[..., group] = weight - np.logaddexp.reduce(others, axis=-1)
     return odds
 
 
@@ -226,7 +223,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     counts = percept_counts[attributes, levels][:, None]
     with np.errstate(divide="ignore"):
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
-        log_total = _log_sum(log_prob)
+        log_total = np.logaddexp.reduce(log_prob, axis=-1)
     contradicted = np.isneginf(log_total)
     if contradicted.any():
         bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]

@@ -22,22 +22,7 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "POMCP",
-    "Decision",
-    "Factored",
-    "Greedy",
-    "History",
-    "OpenLoop",
-    "OpenLoopPolicy",
-    "Policy",
-    "Predefined",
-    "Random",
-    "RandomLegal",
-    "Remembering",
-    "Solver",
-    "TreeEdge",
-    "batched_value_iteration",
-    "unvalued",
-    "warm_up",
-    "watch_compilation",
-]
+    "POMCP", "Decision", "Factored", "Greedy", "History", "OpenLoop", "OpenLoopPolicy",
+    "Policy", "Predefined", "Random", "RandomLegal", "Remembering", "Solver", "TreeEdge",
+    "batched_value_iteration", "unvalued", "warm_up", "watch_compilation",
+]  # fmt: skip

@@ -66,6 +66,10 @@ class ValueIteration:
             even = self._lowered(even)
             grid, fall = even, self._fall(grid, even)
         fine: set[int] = set()
+
+        def grown(finer: _Grid) -> float:
+            return math.log(finer.table.value.shape[1] / grid.table.value.shape[1])
+
         while True:
             finer = {i: self._finer(grid, [i], points) for i in moving if i not in fine}
             tried = {i: g for i, g in finer.items() if g is not None}
@@ -74,7 +78,7 @@ class ValueIteration:
             best = next(iter(tried))
             if len(tried) > 1:
                 tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
-                best = max(tried, key=lambda i: self._fall_rate(grid, tried[i]))
+                best = max(tried, key=lambda i: self._fall(grid, tried[i]) / grown(tried[i]))
             chosen = self._lowered(tried[best])
             fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
             grid = chosen
@@ -172,10 +176,6 @@ class ValueIteration:
         x, prior = self.momdp.start, self.momdp.prior
         one, other = (t.value[x, t.position(prior)] for t in (grid.table, finer.table))
         return float(one - other)
-
-    def _fall_rate(self, grid: _Grid, finer: _Grid) -> float:
-        growth = finer.table.value.shape[1] / grid.table.value.shape[1]
-        return self._fall(grid, finer) / math.log(growth)
 
 
 def _inner_points(size: NDArray[np.float64], points: int) -> list[int]:

@@ -4,30 +4,27 @@ With attributes that are independent a priori, percepts that are independent giv
 rows that are known, the belief stays a product of N marginals b = (b_1 .. b_N). That is solved by
 value iteration on a product grid of marginals, multilinear between the points, from above.
 
-*The bound.* (1) Fix a policy, as a rule from histories to actions. What it earns is an expectation
-over the truth y of something that does not depend on b; Pr(y) = prod_i Pr(y_i) is linear in each
-b_i while the others are held. The optimum V(x, b) is the supremum over policies, so it is convex
-in each b_i while the others are held (in all of b at once it need not be). (2) Hence interpolation
-along one axis lies above V, and the mixture it makes over that axis is still convex along the next
-(weights are >= 0 and depend on the first b_i only): axis by axis, the multilinear interpolation I U
-of any U >= V on the grid lies above V everywhere. (3) A Bellman backup T is monotone and T V = V,
-so T I U >= V on the grid, and so is min(U, T I U). Started from a constant that no reward exceeds,
-every table is therefore an upper bound, however coarse the grid and however few the sweeps, and so
-is what a finer grid reads off it. Bonuses of shaping are linear in each b_i; geometric failures
-are summed out, and abstaining is worth a constant. As the grid grows, the bound gets tight.
+*The bound.* (1) What a fixed policy earns is an expectation over the truth y of something that does
+not depend on b, and Pr(y) = prod_i Pr(y_i) is linear in each b_i. So the optimum V(x, b), the
+supremum over policies, is convex in each b_i while the others are held (in all of b at once it need
+not be). (2) Hence interpolation along one axis lies above V, and is still convex along the next, as
+its weights are >= 0: axis by axis, the multilinear interpolation I U of any U >= V on the grid lies
+above V everywhere. (3) A Bellman backup T is monotone and T V = V, so T I U >= V on the grid, and
+so is min(U, T I U). Started from a constant that no reward exceeds, every table is therefore an
+upper bound, however coarse the grid and however few the sweeps, and tight as the grid grows.
+Bonuses of shaping are linear in each b_i; geometric failures are summed out.
 
-*The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a grid
-that is too coarse the bound promises information that is not there, and its policy puts the report
-off; so the second table, the estimate, is iterated with cubic interpolation in log-odds, which is
-no bound but much nearer the optimum on the same grid.
+*The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a coarse
+grid the bound promises information that is not there, and its policy puts the report off; so the
+second table, the estimate, is iterated with cubic interpolation in log-odds, which is no bound but
+much nearer the optimum.
 
 What is left out of the state, and what then holds:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
-  (unless shaping takes pay away). In a trial, behaviors that have run out are planned without, by a
-  table that is made when first needed.
-- finite precision and several latent classes a truth: the marginals are no longer the state.
-  `Factored` refuses; plan with `POMCP`.
+  (unless shaping takes pay away). Behaviors that have run out are planned without, by a table that
+  is made when first needed.
+- finite precision and several latent classes a truth: `Factored` refuses; plan with `POMCP`.
 - undiscounted behaviors that cost nothing and inform of nothing: going round them for ever is worth
   what the table started from. The bound holds, but is idle, and the policy may go round.
 """

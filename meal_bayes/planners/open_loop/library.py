@@ -70,9 +70,8 @@ class Diagram:
                     here = int(self.ways.end[here, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
-        every = np.full((len(rows), max(map(len, rows))), -1)
-        for row, path in zip(every, rows, strict=True):
-            row[: len(path)] = path
+        longest = max(map(len, rows))
+        every = np.array([(*row, *(-1,) * (longest - len(row))) for row in rows])
         return _cheapest(_summed_up(self, np.array(start), every, _last(every)))
 
 

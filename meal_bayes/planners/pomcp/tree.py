@@ -75,9 +75,8 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
     taken = [a for a, n in enumerate(visits) if n]
     edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
-    rows = [np.arange(first[a], first[a] + count[a]) for a in taken]
-    children = np.concatenate([np.zeros(0, np.int64), *rows])
-    parent = np.repeat(np.arange(len(taken)), [len(row) for row in rows])
+    below = [(i, first[a] + k) for i, a in enumerate(taken) for k in range(count[a])]
+    parent, children = np.array(below, np.int64).reshape(-1, 2).T
     opened = tree.node["visits"][children] > 0  # else without edges
     children, parent = children[opened], parent[opened]
     often = tree.edge["visits"][children]
@@ -86,14 +85,9 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     child, b = child[most], b[most]
     observations = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
     value = tree.edge["value"][children[child], b]
-    columns = (
-        parent[child].tolist(),
-        b.tolist(),
-        observations,
-        often[child, b].tolist(),
-        value.tolist(),
-    )
-    return (*edges, *(TreeEdge(2, *edge) for edge in zip(*columns, strict=True)))
+    counts, parents = often[child, b].tolist(), parent[child].tolist()
+    rows = zip(parents, b.tolist(), observations, counts, value.tolist(), strict=True)
+    return (*edges, *(TreeEdge(2, *row) for row in rows))
 
 
 class Sampled(NamedTuple):
