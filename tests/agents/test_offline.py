@@ -124,22 +124,6 @@ def test_recorded_percepts_are_the_recordings_model_percepts_the_model_s(table, 
     assert np.mean(said["model"]) > 0.9
 
 
-@pytest.mark.statistical
-def test_model_percepts_have_the_confusion_s_frequencies(table, make):
-    morc = make.learner(table, EAGER, 2, percepts="model")
-    confusion, _ = morc.knowledge(table.objects[0]).posterior.select([0, 1], exact=True)
-    yes, n = np.zeros(2), 0
-    for number in range(60):
-        task = dataclasses.replace(make.task(table, 0), key=("toy", number))
-        trial = morc.ask(task)
-        felt = [s.observation for s in trial.steps if s.observation is not None]
-        yes += np.sum(felt, axis=0)
-        n += len(felt)
-    for i in range(2):
-        p = confusion[i, 0, int(table.labels[0, i]), 1]
-        assert abs(yes[i] / n - p) <= 5 * np.sqrt(p * (1 - p) / n)
-
-
 def test_model_percepts_never_run_out(table, make):
     morc = make.learner(table, EAGER, 2, percepts="model")
     assert np.isinf(morc.problem(make.task(table, 0)).limit).all()

@@ -85,23 +85,6 @@ def test_latent_classes_are_split_where_someone_answers():
     np.testing.assert_array_equal(again.confusion, momdp.confusion)  # split already
 
 
-def test_truths_may_share_latent_classes():
-    rng = np.random.default_rng(0)
-    rows, latent_classes = rng.dirichlet(np.ones(2), (2, 3, 5)), rng.dirichlet(np.ones(5), (2, 2))
-    momdp = build_momdp(
-        load_domain("toy"), Query(("red", "heavy")), rows, latent_classes=latent_classes
-    )
-    assert momdp.n_classes == 5
-    assert not momdp.class_is_truth
-    np.testing.assert_array_equal(momdp.latent_classes, latent_classes)
-    np.testing.assert_array_equal(momdp.confusion[:, :2], rows[:, :2])
-    expected = latent_classes / latent_classes.sum(axis=1, keepdims=True)  # Bayes, at even odds
-    np.testing.assert_allclose(np.exp(momdp.log_truth), expected)
-    sure = replace(momdp, prior=[0.0, 1.0])
-    np.testing.assert_array_equal(np.exp(sure.log_truth), [[[1.0] * 5, [0.0] * 5],
-                                                           [[0.0] * 5, [1.0] * 5]])  # fmt: skip
-
-
 def test_a_kind_that_the_prior_rules_out_keeps_its_truth():
     momdp = uninformed("toy", 2, prior=[0.0, 1.0])
     assert momdp.class_is_truth

@@ -10,7 +10,7 @@ from scipy.stats import betabinom, binom
 
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective
-from meal_bayes.planners.compiled import class_prior, compile_momdp
+from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import (
     PLAN,
@@ -71,13 +71,6 @@ def exact_values(problem, plans, x, weights):
             right[:, i] = 1 - (percepts.truth[i] @ joint).min(axis=1).sum(axis=1)
         gained = problem.incorrect + problem.gap * right.prod(axis=1)
         out[:, row] = plans.plan["discount"][j] * gained - plans.plan["cost"][j]
-    return out
-
-
-def by_behavior(problem, plans, x, values):
-    """Best of the plans' values by first behavior, (E,)."""
-    out = np.full(problem.dynamics.step["legal"].shape[1], -np.inf)
-    np.maximum.at(out, plans.plan["action"][plans.first[x] : plans.first[x + 1]], values)
     return out
 
 
@@ -176,19 +169,6 @@ def test_plan_values_are_lower_bounds(small, n, levels, finite, options):
         belief = optimum.belief(x, seen)
         values = values_at(problem, plans, x, np.exp(belief.log_prob), belief.percept_counts)
         assert values.max() <= optimum.value(x, seen) + 1e-9
-
-
-@pytest.mark.parametrize("prior", [0.0, 1.0, [0.0, 0.5]])
-def test_sure_priors_of_shared_latent_classes_have_plans(small, prior):
-    """No percept moves them; every plan is worth its report, less what it costs."""
-    momdp = small.toy(1, 2, 2, finite=True, shared=3)
-    momdp = replace(momdp, prior=np.broadcast_to(prior, 2))
-    problem, plans = made(momdp)
-    sure = class_prior(momdp)
-    values = values_at(problem, plans, 0, sure)
-    exact = by_behavior(problem, plans, 0, exact_values(problem, plans, 0, sure[None])[0])
-    np.testing.assert_allclose(values, exact, atol=2.0)
-    assert (values <= exact + 1e-9).all()
 
 
 def test_what_cannot_be_undone_is_never_planned(small):

@@ -191,27 +191,3 @@ class TestWithoutThese:
         for solver in (POMCP(30), POMCP(30, points=0)):
             policy = solver.solve(momdp, np.random.default_rng(0))
             assert simulate(momdp, policy, 60, np.random.default_rng(1)).value > floor
-
-
-def test_latent_classes_that_truths_share_are_worth_what_split_ones_are(small):
-    """By the same library of plans: both are one problem, of which one form is twice as large."""
-    momdp = small.toy(6, 2, 4, finite=True, shared=5)
-    twice = {"confusion": (1, 1, 2, 1), "precision": (1, 1, 2)}
-    halves = {name: np.tile(getattr(momdp, name), times) for name, times in twice.items()}
-    problems = momdp, replace(momdp, latent_classes=small.split(momdp.latent_classes), **halves)
-    shared = POMCP(200).solve(momdp, np.random.default_rng(0))
-    split = shared.sharing_plans(problems[1])
-    steps = (0, np.array([3, 0])), (1, np.array([2, 2])), (0, np.array([0, 1]))
-    beliefs = [initial_belief(problem) for problem in problems]
-    for action, percept in steps:
-        one, other = (
-            policy.decide(History(belief), np.random.default_rng(0))
-            for policy, belief in zip((shared, split), beliefs, strict=True)
-        )
-        # A decision rule is sought from the one found last, so it may be the one beside it.
-        np.testing.assert_allclose(one.values, other.values, atol=0.05)
-        assert one.action == other.action
-        beliefs = [
-            update_belief(belief, problem, Transition(action, belief.x, percept))
-            for belief, problem in zip(beliefs, problems, strict=True)
-        ]
