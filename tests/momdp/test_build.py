@@ -139,27 +139,6 @@ def test_arrays_cannot_be_written_to():
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"prior": 1.5}, r"prior must lie in \[0, 1\]"),
-        ({"prior": np.nan}, r"prior must lie in \[0, 1\]"),
-        ({"precision": 0.0}, "precision must be above 0"),
-        ({"objective": Objective(discount=0.0)}, "discount must be above 0"),
-        ({"objective": Objective(correct=-9, incorrect=9)}, "correct >= incorrect"),
-        ({"objective": Objective(correct=np.inf)}, "correct must be finite"),
-        ({"objective": Objective(incorrect=-np.inf)}, "incorrect must be finite"),
-        ({"objective": Objective(incorrect=np.nan)}, "incorrect must be finite"),
-        ({"limit": -1}, "0 or more"),
-        ({"limit": np.nan}, "0 or more"),
-        ({"levels": 3}, "an even number"),
-    ],
-)
-def test_settings_out_of_range_are_refused(options, says):
-    with pytest.raises(SettingsError, match=says):
-        uninformed("toy", 2, **options)
-
-
-@pytest.mark.parametrize(
     ("confusion", "says"),
     [
         (np.full((2, 3, 2, 2), 0.4), "confusion must be >= 0 and sum to 1"),
@@ -177,14 +156,24 @@ def test_confusion_that_is_none_is_refused(confusion, says):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("cost", np.inf),
-        ("cost", np.nan),
-        ("cost", -1.0),
-        ("bonus", np.inf),
-        ("observation_probability", 1.5),
+        ("prior", 1.5), ("prior", np.nan), ("observation_probability", 1.5), ("precision", 0.0),
+        ("limit", -1.0), ("limit", np.nan), ("cost", np.inf), ("cost", -1.0), ("bonus", np.inf),
+        ("correct", np.inf), ("incorrect", np.nan), ("discount", 0.0),
+    ],
+)  # fmt: skip
+def test_numbers_out_of_range_are_refused(name, value):
+    momdp = uninformed("toy", 2)
+    with pytest.raises(SettingsError, match=rf"MOMDP\.{name} must"):
+        replace(momdp, **{name: np.full_like(getattr(momdp, name), value)})
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"objective": Objective(correct=-9, incorrect=9)}, "correct >= incorrect"),
+        ({"levels": 3}, "an even number"),
     ],
 )
-def test_arrays_out_of_range_are_refused(name, value):
-    momdp = uninformed("toy", 2)
-    with pytest.raises(SettingsError, match=f"MOMDP.{name}"):
-        replace(momdp, **{name: np.full_like(getattr(momdp, name), value)})
+def test_settings_that_do_not_fit_are_refused(options, says):
+    with pytest.raises(SettingsError, match=says):
+        uninformed("toy", 2, **options)

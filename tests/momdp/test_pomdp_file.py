@@ -1,6 +1,5 @@
 """Written .pomdp files are the problem that `flatten` gives."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -188,29 +187,3 @@ def test_tiny_probabilities_have_digits_on_both_sides_of_the_point(tmp_path):
     assert "e-" not in (tmp_path / "own.pomdp").read_text()
     np.testing.assert_array_equal(read_back.observation[0, 0, 0, :2], rows[0, 0, 0])
     np.testing.assert_array_equal(read_back.observation[0, 0, 1, :2], rows[0, 0, 1])
-
-
-def test_a_broken_off_file_never_gets_its_name(tmp_path, monkeypatch):
-    path = tmp_path / "own.pomdp"
-    path.write_text("what was there")
-
-    def broken(*_):
-        yield "discount: 0.9"
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("meal_bayes.momdp.solver_files._pomdp", broken)
-    with pytest.raises(KeyboardInterrupt):
-        write_pomdp(momdp_of("toy", 1), path)
-    assert path.read_text() == "what was there"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_file_is_written_line_by_line(tmp_path):
-    momdp = momdp_of("ispy32", 6)
-    tracemalloc.start()
-    try:
-        write_pomdp(momdp, tmp_path / "own.pomdp")
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 0.4 * (tmp_path / "own.pomdp").stat().st_size

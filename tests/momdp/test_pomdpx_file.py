@@ -153,11 +153,3 @@ def test_a_branching_diagram_is_written_as_x_is_observed(tmp_path):
         momdp, transition=transition, observation_probability=observation_probability, legal=legal
     )
     np.testing.assert_array_equal(written(branching, tmp_path).x[0, 0], [0.5, 0.5, 0.0])
-
-
-def test_names_cannot_break_the_file(tmp_path):
-    names = ('<!DOCTYPE a [ <!ENTITY b "c"> ]>', "]]>&amp;\n", "*")
-    momdp = replace(momdp_of("toy", 1), behavior_names=names, x_names=("-", "<x>", "term"))
-    ours = written(momdp, tmp_path)
-    assert ours.values["a"][:3] == ["n__DOCTYPE_a_____ENTITY_b__c_____", "n____amp__", "n_"]
-    assert ours.values["x0v"] == ["n_", "n_x_", "term"]

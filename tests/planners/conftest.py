@@ -320,7 +320,6 @@ def small() -> SimpleNamespace:
         expectimax=Expectimax,
         believing=believing,
         weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).log_prob),
-        split=split,
         search=search,
         best_value=lambda decision: float(np.nanmax(decision.values)),
         start=lambda momdp: History(initial_belief(momdp)),

@@ -74,8 +74,3 @@ def test_bits_that_cost_too_much_are_not_bought(small):
     assert decision.values[-1] == pytest.approx(100 * (2 * 0.999 - 1))
     cheap = replace(momdp, cost=[1e-6, 5.0, 2.0])
     assert decide(cheap, small.start(cheap)).action == 0
-
-
-@pytest.mark.parametrize("odds", [[np.inf, -np.inf], [900.0, -900.0]])
-def test_certain_beliefs_report(small, toy, odds):
-    assert decide(toy, History(small.believing(toy, odds))).action == toy.n_behaviors + 2
