@@ -162,7 +162,7 @@ def _back_up(backups, value, m, scratch, row):
     source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
     for b in range(points):
         scratch[2, b] = 0.0
-    for percept in range(1, -1, -1):
+    for percept in range(1, -1, -1):  # sum over x' of Pr(x', no z) V(x', b) + Pr(x', z) E V(x', b')
         comes = False
         for x in range(value.shape[0]):
             p = outcome[m, percept, x]

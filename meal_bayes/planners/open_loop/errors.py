@@ -73,7 +73,7 @@ def _count_yes(percepts, i, c, e, k, scratch):
     for t in range(k):
         out[c, t + 1] = 0.0
         for j in range(t, -1, -1):
-            q = predictive(mean, s, yes + j, total + t)
+            q = predictive(mean, s, yes + j, total + t)  # Pr(next is yes | j of t were)
             p = out[c, j]
             out[c, j + 1] += p * q
             out[c, j] = p * (1.0 - q)

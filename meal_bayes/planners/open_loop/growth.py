@@ -130,6 +130,7 @@ def _next_percept(ways, here, growth, chance, b):
                         more += k - 1 if o == e else 0
                         log_r[1, i] += _log_affinity(bhattacharyya, i, o, counts[o] + more)
                         log_r[1, i] -= _log_affinity(bhattacharyya, i, o, counts[o])
+            # ln Pr(right | k more) - ln Pr(right), a second
             price = ways.cost[here, e] + (k - 1) * ways.cost[end, e] + 1e-6
             gain = np.log(_right(log_r[1], rate, 0.0, chance, b) / right) / price
             if gain > best:
@@ -222,6 +223,7 @@ def follow(step, ways, start, path, plan, counts, executions, reached):
                 counts[r, t, e] = counts[r, t - 1, e] if t > 0 else 0
                 executions[r, t, e] = executions[r, t - 1, e] if t > 0 else 0.0
             counts[r, t, a] += ways.senses[x, a]
+            # cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
             executions[r, t, a] += discount * step[x, a].bonus_scale
             cost += discount * step[x, a].cost
             discount *= step[x, a].discount

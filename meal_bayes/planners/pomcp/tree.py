@@ -166,6 +166,7 @@ def draw_percept(percepts, sampled, e, level, rng):
 @kernel
 def condition(percepts, scratch, prob, i, e, z, out):
     """Condition attribute i of a belief (N,C) on level z of behavior e -> out[i]; return Pr(z)."""
+    # Pr(c | z) ~ Pr(c) (s c_z + n_z) / (s + n)
     evidence, count, total = 0.0, scratch.counts[i, e, z], scratch.total[e]
     for c in range(prob.shape[1]):
         mean, s = percepts.rows[i, e, c, z], percepts.precision[i, e, c]
