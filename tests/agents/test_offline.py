@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from meal_bayes.agents import AGENTS, Agent, load_agent
-from meal_bayes.momdp import Transition, update_belief
 from meal_bayes.planners import POMCP, Predefined, RandomLegal
 
 QUICK = ("random_legal", "predefined", "predefined_plus", "greedy")
@@ -86,17 +85,6 @@ def test_recordings_come_once_each_and_then_none(table, make):
         recorded = table.levels_of(table.log_odds[index, :, 0, :2], 2)  # (R,N)
         assert sorted(map(tuple, percepts[:4])) == sorted(map(tuple, recorded))
         np.testing.assert_array_equal(trial.momdp.limit, 4)
-
-
-def test_beliefs_replay(table, make):
-    for name in QUICK:
-        trial = make.learner(table, fast(name), 3).ask(make.task(table, 2))
-        belief = trial.first_belief
-        for step in trial.steps:
-            transition = Transition(step.decision.action, step.next_x, step.observation)
-            belief = update_belief(belief, trial.momdp, transition)
-            np.testing.assert_array_equal(step.belief.log_odds, belief.log_odds)
-            assert step.belief.x == belief.x
 
 
 def misleading(table):

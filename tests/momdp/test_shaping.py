@@ -77,12 +77,6 @@ def test_latent_classes_are_mixed():
     np.testing.assert_allclose(found, expected)
 
 
-def test_certain_percepts_have_no_entropy():
-    certain = np.tile(np.eye(2), (2, E, 1, 1))
-    entropies = observation_entropy(build_momdp(ISPY32, QUERY, certain))
-    np.testing.assert_allclose(entropies[:, ISPY32.behavior_index("look")], 0.0, atol=1e-12)
-
-
 def test_wrong_settings_are_refused():
     momdp = build_momdp(ISPY32, QUERY, np.full((2, E, 2, 2), 0.5))
     with pytest.raises(SettingsError, match="alpha >= 0"):

@@ -229,14 +229,6 @@ class TestPartsOfAQuery:
         assert policy.upper_bound == pytest.approx(solve(reduced).upper_bound, abs=0.05)
         assert upper_bound(momdp, size=1) == pytest.approx(policy.upper_bound, abs=0.05)
 
-    def test_twenty_attributes(self, small):
-        """Mixed in one query: told of and not, more than any grid could hold."""
-        momdp = small.ispy32(20, (0.95, 0.05))
-        hopeless = replace(
-            momdp, confusion=np.where(np.arange(20)[:, None, None, None] < 5, 0.5, momdp.confusion)
-        )
-        assert upper_bound(hopeless, size=2) < upper_bound(momdp, size=2) <= momdp.correct
-
     @pytest.mark.parametrize("seed", range(4))
     def test_of_finite_precision(self, small, seed):
         """Percepts that repeat themselves tell less than fresh ones."""

@@ -69,16 +69,3 @@ def test_what_is_not_informative_is_not_done_again(small, solver, settings):
     policy = solver.solve(momdp, np.random.default_rng(0))
     done = simulate(momdp, policy, 30, np.random.default_rng(1))
     assert done.decisions <= 30 * 3  # two looks and the report
-
-
-@pytest.mark.parametrize("precision", [8.0, np.inf])
-def test_what_can_bring_nothing_has_no_value(small, precision):
-    """A look that has run out stays where it is: it is as good as illegal."""
-    momdp = small.momdp("toy", small.rates, precision, limit=[0, 2, np.inf])
-    for decision in (
-        OpenLoop().solve(momdp, None).decide(small.start(momdp), None),
-        small.search(momdp, 20),
-    ):
-        assert np.isnan(decision.values[0])
-        assert decision.visits[0] == 0
-        assert np.isfinite(decision.values[1])

@@ -71,15 +71,6 @@ def root_values(small, momdp, simulations, **settings):
     return [small.best_value(decision) for decision in decisions]
 
 
-@pytest.mark.long
-@pytest.mark.statistical
-def test_both_backups_reach_one_value_on_the_noisy_robot(small):
-    """With tables, where nothing is explored for its own sake; averages hold what that costs."""
-    momdp = small.noisy_roc36(2)
-    expected, sampled = root_values(small, momdp, 100_000, capacity=2_000_000)
-    assert sampled == pytest.approx(expected, abs=0.01 * momdp.correct)
-
-
 @pytest.mark.statistical
 def test_both_backups_reach_one_value_at_finite_precision(small):
     momdp = small.momdp("toy", small.rates, 3.0, limit=2)
