@@ -26,18 +26,9 @@ Context = tuple[str, str]  # behavior, modality
 
 
 class FeatureRows(NamedTuple):
-    """Rows of one context.
+    """Rows of one context: values (n,D), their keys (object, recording), and where they stand.
 
-    Attributes
-    ----------
-    source : str
-        The file, or what else the rows stand in.
-    places : Sequence[str]
-        (n,) where each row stands in it, such as "line 3".
-    keys : Sequence[tuple[str, ...]]
-        (n,) object and recording.
-    values : NDArray[np.floating]
-        (n,D).
+    The source is a file, or what else the rows stand in; a place is such as "line 3".
     """
 
     source: str
@@ -95,11 +86,8 @@ def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
 def read_features(path: Path, key_columns: Sequence[str], *, header: bool = False) -> FeatureRows:
     """Read `key, ..., number, ...` rows; every row must be as long as the first.
 
-    Raises
-    ------
-    DataError
-        A row too short or too long, a cell that is no finite number, a header that does not begin
-        with the key columns, no rows, bytes that are not UTF-8.
+    A row of another length, a cell that is no finite number, a header that does not begin with the
+    key columns, no rows, or bytes that are not UTF-8 are a `DataError`.
     """
     count, width = len(key_columns), 0
     places, keys, values = list[str](), list[tuple[str, ...]](), list[list[float]]()
@@ -147,20 +135,9 @@ def join_features(
 ) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
-    Parameters
-    ----------
-    objects : Sequence[str]
-        (O,) names.
-    contexts : Iterable[tuple[Context, FeatureRows]]
-        Rows of each context; those of one behavior must be of the same recordings.
-    recordings : int | None
-        How many every object must have, named from 1; by default what the first context of a
-        behavior has, 2 before 10.
-
-    Raises
-    ------
-    DataError
-        An unknown object or recording, one that comes twice, one that is missing.
+    Rows of one behavior must be of the same recordings. Every object must have so many
+    `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
+    unknown object or recording, one that comes twice or is missing is a `DataError`.
     """
     place = {name: o for o, name in enumerate(objects)}
     by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order

@@ -66,16 +66,9 @@ class KernelFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BehaviorClassifier:
-    """Psi(f_a, .): a fitted behavior and the feature spaces of its modalities.
+    """Psi(f_a, .): a fitted behavior, the spaces of its modalities, and which attributes are used.
 
-    Attributes
-    ----------
-    spaces : Mapping[str, FeatureSpace]
-        By modality.
-    fit : BehaviorFit
-        Of all the behavior's attributes.
-    used : NDArray[np.bool_]
-        (P,) elsewhere the log-odds are 0.
+    Where they are not, (P,), log-odds are 0.
     """
 
     spaces: Mapping[str, FeatureSpace]

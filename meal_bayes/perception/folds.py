@@ -90,25 +90,11 @@ def _decisions(estimator: Any, features: Floats) -> Floats:
 class FoldProblem:
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
-    Attributes
-    ----------
-    inputs : NDArray[np.float64]
-        (M,n,d), see `Machines`.
-    truth : NDArray[np.bool_]
-        (n,P) labels, of rows whose fold is not `UNKNOWN`.
-    objects : NDArray[np.int64]
-        (n,) rising.
-    folds : NDArray[np.int64]
-        (n,) of each recording's object.
-    units : NDArray[np.int64]
-        (n,) what a percept table holds out: objects, or folds where there are many.
-    estimator : Any
-        Cloned for every input, attribute and set of folds.
-    fit_pool : Callable
-        From decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who
-        never saw them, to a pool; r may be 0.
-    threads : int
-        That train at a time. More than one only where training is thread-safe.
+    Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the
+    recordings' objects, units (n,) what a percept table holds out: objects, or folds where there
+    are many. `fit_pool` takes decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided
+    by those who never saw them; r may be 0. More than one thread trains only where training is
+    thread-safe.
     """
 
     inputs: Floats

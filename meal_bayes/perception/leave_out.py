@@ -34,22 +34,13 @@ _JITTER = 1e-9  # on the landmarks' kernel, where two of them are alike
 class Problem:
     """Recordings of one behavior whose labels are known, group by group.
 
-    Attributes
-    ----------
-    groups : NDArray[np.int64]
-        (k,) names, rising.
-    starts : NDArray[np.int64]
-        (k+1,) where each group's recordings start.
-    weights : NDArray[np.float64]
-        (n,) of each recording in a stacker's loss, 2 an object.
-    targets : NDArray[np.float64]
-        (P,n) +-1.
-    duals : NDArray[np.float64]
-        (M,P,m) weights of what recordings are compared with, trained on all groups.
-    score : Callable
-        From groups left out (s,), and whether those who decide on the others did not see them
-        either, to decisions on the recordings left out, (M,P,q), in the order of `rows`, and on
-        every other group by itself left out too, (M,P,n), 0 where they are left out.
+    Groups (k,) rise; the recordings of each begin at `starts` (k+1,). Weights (n,) are of each
+    recording in a stacker's loss, 2 an object; targets (P,n) are +-1; duals (M,P,m) the weights of
+    what recordings are compared with, trained on all groups.
+
+    `score` takes groups left out (s,), and whether those who decide on the others did not see them
+    either. It returns decisions on the recordings left out, (M,P,q), in the order of `rows`, and on
+    every other group by itself left out too, (M,P,n), 0 where they are left out.
     """
 
     groups: Ints

@@ -23,20 +23,9 @@ class FeatureSpace:
     standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
     objects are known, directions in which they differ are shrunk (within-object whitening).
 
-    Attributes
-    ----------
-    kept : NDArray[np.int64]
-        (d,) features that vary.
-    center, scale : NDArray[np.float64]
-        (d,).
-    rows : NDArray[np.float64]
-        (n,d) the recordings, standardized.
-    kernel : str
-        "rbf" or "polynomial".
-    width : float
-        Of the RBF, the median distance between two recordings times a learned factor.
-    mix : NDArray[np.float64], optional
-        (d,d) whitening, applied last.
+    Of D features those `kept` (d,) vary; `rows` (n,d) are the recordings, standardized, after `mix`
+    (d,d), the whitening. The width of an RBF is the median distance between two recordings times a
+    learned factor.
     """
 
     kept: NDArray[np.int64]

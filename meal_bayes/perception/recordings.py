@@ -22,19 +22,10 @@ Spaces = Mapping[tuple[str, str], FeatureSpace]  # (behavior, modality) -> rows 
 class BehaviorRecordings:
     """Recordings of one behavior, sorted by object and recording.
 
-    Attributes
-    ----------
-    objects : NDArray[np.int64]
-        (n,) rising.
-    labels : NDArray[np.int8]
-        (n,P) 1 true, 0 false, -1 unknown.
-    spaces : tuple[FeatureSpace, ...]
-        (M,) of the modalities, each with rows (n,d).
-    landmarks : NDArray[np.int64], optional
-        (m,) rows that all others are compared with; None where there are few recordings, which are
-        all compared with each other.
-    width : float
-        Factor by which their kernels are wider.
+    Objects (n,) rise; labels (n,P) are 1 true, 0 false, -1 unknown; spaces (M,) are those of the
+    modalities, each with rows (n,d). Landmarks (m,) are rows that all others are compared with;
+    None where there are few recordings, which are all compared with each other. Kernels are wider
+    by the factor `width`.
     """
 
     objects: NDArray[np.int64]
@@ -117,18 +108,9 @@ def fit_spaces(
 ) -> Spaces:
     """Fit feature spaces, which need no labels; a behavior without recordings has none.
 
-    A robot refits its classifiers as labels come in, and keeps the spaces.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        All n = O R recordings, which the spaces hold.
-    gathered : TrainingSet
-        Those that the robot has, to which the spaces are fitted.
-    kernel : str
-        "rbf" or "polynomial".
-    whiten : bool
-        Shrink directions in which repeats of one object differ.
+    A robot refits its classifiers as labels come in, and keeps the spaces. They hold all n = O R
+    recordings of the data set, and are fitted to those that the robot has gathered. Whitening
+    shrinks directions in which repeats of one object differ.
     """
     spaces = {}
     for context, values in dataset.features.items():

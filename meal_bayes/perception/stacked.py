@@ -97,23 +97,11 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelF
 def outputs(
     recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables.
+    """Score one behavior for the percept tables; of each object all labels are known, or none.
 
-    Parameters
-    ----------
-    recordings : BehaviorRecordings
-        All of the behavior; of each object all labels are known, or none.
-    held : NDArray[np.int64]
-        (H,) what to hold out: objects, or folds of them where there are many (see `dealt`).
-    settings : PerceptionSettings
-        The method.
-
-    Returns
-    -------
-    NDArray[np.float64]
-        (n,P) the outputs on what is held out.
-    NDArray[np.float64]
-        (H,n,P) for each of it those on the others; NaN where none was computed.
+    Held (H,) are objects, or folds of them where there are many (see `dealt`). Returns the outputs
+    (n,P) on what is held out, and for each of it those on the others, (H,n,P), NaN where none was
+    computed.
     """
     kernels = recordings.kernels(joint=settings.joint)
     (part,) = parts(recordings, kernels, settings, by_object=True)

@@ -32,25 +32,11 @@ def learned_widths(
     held: Iterable[int] = (),
     each: Map = map,
 ) -> tuple[float, Floats]:
-    """Learn the factor of the kernels' widths.
+    """Learn the factor of the kernels' widths, by all labels, and without each held object's, (H,).
 
-    Parameters
-    ----------
-    behaviors : Iterable[BehaviorRecordings]
-        All that sense.
-    settings : PerceptionSettings
-        Their width, where one is set, is the factor; it is 1 where there is no RBF or no stacker.
-    held : Iterable[int]
-        Objects, or folds of them where there are many, each left out in turn.
-    each : Map
-        Calls a function on every behavior, perhaps at once; results may come in any order.
-
-    Returns
-    -------
-    float
-        By all labels.
-    NDArray[np.float64]
-        (H,) by all labels but the held one's.
+    Where the settings fix a width it is the factor; it is 1 where there is no RBF or no stacker.
+    Held are objects, or folds of them where there are many. `each` calls a function on every
+    behavior, perhaps at once; results may come in any order.
     """
     groups = np.fromiter(held, np.int64)
     fixed = settings.width if (settings.method, settings.kernel) == ("stacked", "rbf") else 1.0

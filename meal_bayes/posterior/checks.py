@@ -17,12 +17,8 @@ Array = NDArray[np.float64]
 class Prediction(NamedTuple):
     """Numbers of "yes" among the n percepts that most objects have, observed and predicted.
 
-    Attributes
-    ----------
-    observed, predicted : NDArray[np.int64]
-        (2,n+1) cases (object, attribute, behavior) by truth and number of yes; (S,2,n+1).
-    p_values : NDArray[np.float64]
-        (2,) fraction of replicates whose numbers of yes vary at least as much.
+    Cases (object, attribute, behavior) by truth and number of yes, observed (2,n+1) and of S
+    replicates (S,2,n+1); and the fraction (2,) of replicates that vary at least as much.
     """
 
     observed: NDArray[np.int64]

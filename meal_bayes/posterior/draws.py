@@ -60,22 +60,9 @@ def rows_of(draws: xr.Dataset) -> tuple[Array, Array, Array]:
 def draws_in(idata: Any) -> xr.Dataset:
     """Read the draws of an InferenceData or DataTree, by the names of its coordinates.
 
-    Parameters
-    ----------
-    idata : InferenceData or DataTree
-        Of `to_idata`, or of a model of one's own: its group posterior has the variables named
-        above; truths are named "false" and "true", levels as `level_names` has them. The order of
-        dimensions and names is free.
-
-    Returns
-    -------
-    xr.Dataset
-        Truths and levels in our order.
-
-    Raises
-    ------
-    DataError
-        No such variables, names or values.
+    It is made by `to_idata`, or by a model of one's own: its group posterior has the variables
+    named above; truths are named "false" and "true", levels as `level_names` has them. The order of
+    dimensions and names is free. A `DataError` where there are no such variables, names or values.
     """
     try:
         posterior = idata["posterior"]

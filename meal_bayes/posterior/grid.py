@@ -27,16 +27,8 @@ _TINY = np.float32(1e-30)
 class RowStatistics(NamedTuple):
     """The sufficient statistics of S rows.
 
-    Attributes
-    ----------
-    tails : NDArray[np.float64]
-        (S,K,I) #{o: c_ok > i}.
-    sums : NDArray[np.float64]
-        (S,J) #{o: n_o > j}.
-    sizes : NDArray[np.float64]
-        (U,) distinct n_o.
-    totals : NDArray[np.float64]
-        (S,U,K) counts of the objects of each size.
+    Tails (S,K,I) are #{o: c_ok > i}, sums (S,J) #{o: n_o > j}; sizes (U,) the distinct n_o, totals
+    (S,U,K) the counts of the objects of each size.
     """
 
     tails: Array

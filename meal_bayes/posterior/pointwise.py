@@ -20,14 +20,8 @@ Array = NDArray[np.float64]
 class Units(NamedTuple):
     """The percepts of one attribute of one object, whose label is known: U units.
 
-    Attributes
-    ----------
-    names : list[str]
-        "object: attribute", (U,).
-    attribute, truth : NDArray[np.intp]
-        (U,) column of the attribute; 1 true, 0 false.
-    counts : NDArray[np.int64]
-        (U,E,K) of the behaviors that sense.
+    Names (U,) are "object: attribute"; attributes (U,) columns; counts (U,E,K) those of the
+    behaviors that sense.
     """
 
     names: list[str]
