@@ -86,11 +86,7 @@ class TrainingSet:
         )
 
     def extend(
-        self,
-        object: ArrayLike,
-        behavior: ArrayLike,
-        recording: ArrayLike,
-        labels: ArrayLike,
+        self, object: ArrayLike, behavior: ArrayLike, recording: ArrayLike, labels: ArrayLike
     ) -> "TrainingSet":
         """Return the set with more instances (n,) and labels (n,P), or one with labels (P,)."""
         return TrainingSet(

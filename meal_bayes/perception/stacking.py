@@ -145,12 +145,7 @@ def _newton_step(
 
 @_kernel
 def fit_stacker(
-    features: Floats,
-    target: Floats,
-    weight: Floats,
-    ridge: float,
-    nonnegative: bool,
-    theta: Floats,
+    features: Floats, target: Floats, weight: Floats, ridge: float, nonnegative: bool, theta: Floats
 ) -> float:
     """Fit a logistic regression with ridge on the slopes, by projected Newton from `theta`.
 

@@ -8,13 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.domain import (
-    domain_from_table,
-    domain_names,
-    domain_table,
-    load_domain,
-    tables,
-)
+from meal_bayes.domain import domain_from_table, domain_names, domain_table, load_domain, tables
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.untrusted import LARGEST
 

@@ -2,11 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from held_out import (
-    base_rate_log_loss,
-    held_out_log_loss,
-    held_out_log_odds,
-)
+from held_out import base_rate_log_loss, held_out_log_loss, held_out_log_odds
 from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import Dataset, Instance, TrainingSet

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import TrainingSet
-from meal_bayes.perception import (
-    DEFAULT,
-    build_percept_table,
-    fit_and_validate,
-)
+from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate
 from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.leave_out import kernel_problem, landmark_problem, leave_out
 from meal_bayes.perception.recordings import dealt
