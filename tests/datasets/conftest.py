@@ -1,43 +1,33 @@
 """Small folders in the layouts of the data sets, to be read and to be broken."""
 
-from collections.abc import Callable
-from pathlib import Path
+import json
 
 import pytest
 
 DOMAIN = """
 name = "own"
 data = "{data}"
-attributes = [{attributes}]
+attributes = {attributes}
 behaviors = [{behaviors}]
 [diagram]
 states = ["x0"]
 start = "x0"
 effects = [{effects}]
 """
-Context = tuple[str, tuple[str, ...]]
 
 
-def write_domain(path: Path, data: str, attributes: list[str], contexts: list[Context]) -> Path:
-    def listed(names: list[str] | tuple[str, ...]) -> str:
-        return ", ".join(f'"{name}"' for name in names)
-
-    behaviors = [f'{{name="{n}", cost=1.0, modalities=[{listed(m)}]}}' for n, m in contexts]
+def write_domain(path, data, attributes, contexts):
+    rows = [f'{{name="{n}", cost=1.0, modalities={json.dumps(m)}}}' for n, m in contexts]
     effects = [f'{{from="x0", do="{n}", to="x0"}}' for n, _ in contexts]
-    text = DOMAIN.format(
-        data=data,
-        attributes=listed(attributes),
-        behaviors=", ".join(behaviors),
-        effects=", ".join(effects),
-    )
+    names = {"data": data, "attributes": json.dumps(attributes)}
+    text = DOMAIN.format(**names, behaviors=", ".join(rows), effects=", ".join(effects))
     path.write_text(text, encoding="utf-8")
-    return path
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Path:
+def own(tmp_path):
     """Write one's own data: 2 objects, 2 recordings, look_color (2 features), lift_haptics (1)."""
-    contexts: list[Context] = [("look", ("color",)), ("lift", ("haptics",))]
+    contexts = [("look", ("color",)), ("lift", ("haptics",))]
     write_domain(tmp_path / "own.toml", "own", ["red", "heavy"], contexts)
     (tmp_path / "labels.csv").write_text("object,heavy,red\ncup,0,1\nstone,1,\n")
     (tmp_path / "look_color.csv").write_text(
@@ -50,7 +40,7 @@ def own(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def cy101(tmp_path: Path) -> Path:
+def cy101(tmp_path):
     """Write a CY101 of three objects in the published layout, with its quirks."""
     write_domain(
         tmp_path / "own.toml",
@@ -75,7 +65,7 @@ def cy101(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def ispy32(tmp_path: Path) -> Path:
+def ispy32(tmp_path):
     """Write an ISPY32 of two objects in the published layout."""
     write_domain(tmp_path / "own.toml", "ispy32", ["light", "heavy"], [("look", ("rgb",))])
     (tmp_path / "corl_features").mkdir()
@@ -86,7 +76,7 @@ def ispy32(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def roc36(tmp_path: Path) -> Path:
+def roc36(tmp_path):
     """Write a ROC36 of two objects in the published layout."""
     attributes = ["light", "heavy", "brown", "rice", "beans"]
     write_domain(tmp_path / "own.toml", "roc36", attributes, [("look", ("patch",))])
@@ -99,10 +89,10 @@ def roc36(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def change() -> Callable[[Path, str, str], None]:
+def change():
     """Replace text in a file that must hold it exactly once."""
 
-    def replace(path: Path, old: str, new: str) -> None:
+    def replace(path, old, new):
         text = path.read_bytes().decode()
         assert text.count(old) == 1
         path.write_bytes(text.replace(old, new).encode("utf-8", "surrogateescape"))

@@ -2,8 +2,6 @@
 
 import os
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +13,8 @@ from meal_bayes.datasets.feature_file import read_features, read_rows, read_text
 from meal_bayes.domain import read_query
 from meal_bayes.errors import DataError, SettingsError
 
-Change = Callable[[Path, str, str], None]
 
-
-def test_rows_are_joined_by_key(own: Path) -> None:
+def test_rows_are_joined_by_key(own):
     dataset = load_dataset(own / "own.toml", root=own)
     assert dataset.objects == ("cup", "stone")
     assert dataset.domain.attributes == ("red", "heavy")
@@ -31,13 +27,13 @@ def test_rows_are_joined_by_key(own: Path) -> None:
     assert dataset.recordings == 2
 
 
-def test_spreadsheet_habits_are_understood(own: Path) -> None:
+def test_spreadsheet_habits_are_understood(own):
     text = (own / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
     (own / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_dataset(own / "own.toml", root=own).objects == ("cup", "stone")
 
 
-def test_unknown_label_cannot_be_a_truth(own: Path) -> None:
+def test_unknown_label_cannot_be_a_truth(own):
     dataset = load_dataset(own / "own.toml", root=own)
     query = read_query("red", dataset.domain)
     assert dataset.truth(0, query).tolist() == [True]
@@ -45,12 +41,12 @@ def test_unknown_label_cannot_be_a_truth(own: Path) -> None:
         dataset.truth(1, query)
 
 
-def test_a_table_holds_no_recordings() -> None:
+def test_a_table_holds_no_recordings():
     with pytest.raises(SettingsError, match="which holds no recordings"):
         load_dataset("own.npz")
 
 
-def test_own_data_needs_a_folder(own: Path) -> None:
+def test_own_data_needs_a_folder(own):
     with pytest.raises(SettingsError, match="give root="):
         load_dataset(own / "own.toml")
     with pytest.raises(SettingsError, match="make_synthetic"):
@@ -79,9 +75,7 @@ BROKEN_FEATURES = [
 
 
 @pytest.mark.parametrize(("old", "new", "line", "found", "expected"), BROKEN_FEATURES)
-def test_broken_feature_file(
-    own: Path, change: Change, old: str, new: str, line: int, found: str, expected: str
-) -> None:
+def test_broken_feature_file(own, change, old, new, line, found, expected):
     change(own / "look_color.csv", old, new)
     with pytest.raises(DataError) as caught:
         load_dataset(own / "own.toml", root=own)
@@ -93,7 +87,7 @@ def test_broken_feature_file(
     assert len(message.split("; ")) >= 3  # found; expected; how to mend
 
 
-def test_recordings_may_be_ragged(own: Path, change: Change) -> None:
+def test_recordings_may_be_ragged(own, change):
     change(own / "look_color.csv", "cup,1,0.5,1\n", "")  # one recording of cup is left
     change(own / "lift_haptics.csv", "stone,2,9\n", "")
     change(own / "lift_haptics.csv", "stone,1,8\n", "")  # stone lacks the behavior
@@ -111,9 +105,7 @@ def test_recordings_may_be_ragged(own: Path, change: Change) -> None:
         ("cup,2,2\n", "", "line 4 (its last): found no row of recording 2 of cup; expected 2"),
     ],
 )
-def test_files_of_one_behavior_hold_the_same_recordings(
-    own: Path, change: Change, old: str, new: str, expected: str
-) -> None:
+def test_files_of_one_behavior_hold_the_same_recordings(own, change, old, new, expected):
     (own / "lift_audio.csv").write_text((own / "lift_haptics.csv").read_text())
     change(own / "own.toml", 'modalities=["haptics"]', 'modalities=["haptics", "audio"]')
     assert load_dataset(own / "own.toml", root=own).recordings == 2
@@ -123,7 +115,7 @@ def test_files_of_one_behavior_hold_the_same_recordings(
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "look_color.csv"])
-def test_files_without_rows(own: Path, name: str) -> None:
+def test_files_without_rows(own, name):
     header = (own / name).read_text().split("\n")[0]
     for content, expected in (
         ("\n \n", ", line 1: found an empty file; expected rows"),
@@ -146,7 +138,7 @@ BROKEN_LABELS = [
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), BROKEN_LABELS)
-def test_broken_labels(own: Path, change: Change, old: str, new: str, expected: str) -> None:
+def test_broken_labels(own, change, old, new, expected):
     change(own / "labels.csv", old, new)
     with pytest.raises(DataError, match=re.escape(expected)) as caught:
         load_dataset(own / "own.toml", root=own)
@@ -160,9 +152,7 @@ def test_broken_labels(own: Path, change: Change, old: str, new: str, expected: 
     st.integers(0, 4),
     st.one_of(st.binary(max_size=6), st.sampled_from([b'"', b"\n", b",", b"1e999", b"1", b"cup"])),
 )
-def test_any_damage_is_told_or_harmless(
-    own: Path, name: str, place: int, length: int, damage: bytes
-) -> None:
+def test_any_damage_is_told_or_harmless(own, name, place, length, damage):
     whole = (own / name).read_bytes()
     (own / name).write_bytes(whole[:place] + damage + whole[place + length :])
     message = ""
@@ -175,27 +165,27 @@ def test_any_damage_is_told_or_harmless(
     assert "\n" not in message
 
 
-def test_huge_quoted_cell(own: Path, change: Change) -> None:
+def test_huge_quoted_cell(own, change):
     change(own / "look_color.csv", "stone,1,3,4", f'stone,1,3,"{"4" * 200_000}"')
     with pytest.raises(DataError, match="line 4: found a row of 1 columns") as caught:
         load_dataset(own / "own.toml", root=own)
     assert len(str(caught.value)) < 500
 
 
-def test_numbers_in_every_usual_form_are_read(tmp_path: Path) -> None:
+def test_numbers_in_every_usual_form_are_read(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text('object,recording,a,b,c,d\nmug,1, -.5 ,1e-3,+2.,"7"\n')
     rows = read_features(path, ("object", "recording"), header=True)
     assert rows.values.tolist() == [[-0.5, 1e-3, 2.0, 7.0]]
 
 
-def test_a_quote_in_the_middle_joins_no_cells(tmp_path: Path) -> None:
+def test_a_quote_in_the_middle_joins_no_cells(tmp_path):
     (tmp_path / "a.csv").write_text('"a"b,1\n"a,b",1\n')
     cells = [cells for _, cells in read_rows(tmp_path / "a.csv")]
     assert cells == [['"a"b,1'], ["a,b", "1"]]
 
 
-def test_endless_files_are_not_read(tmp_path: Path) -> None:
+def test_endless_files_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(DataError, match="no regular file"):
         read_text(tmp_path / "pipe.csv")

@@ -1,7 +1,5 @@
 """A `Dataset` that is wrong cannot be made; one that is made cannot be changed."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,12 +11,12 @@ LOOK = ("look", "color")
 FEATURES = {LOOK: np.arange(12.0).reshape(2, 3, 2), ("lift", "haptics"): np.zeros((2, 3, 1))}
 
 
-def fields(**changes: Any) -> dict[str, Any]:
+def fields(**changes):
     whole = {"domain": load_domain("toy"), "objects": ("cup", "stone")}
     return {**whole, "features": FEATURES, "labels": [[1, 0], [0, -1]], **changes}
 
 
-def test_instance_has_the_features_of_its_behavior() -> None:
+def test_instance_has_the_features_of_its_behavior():
     instance = Dataset(**fields()).instance(1, "look", 2)
     assert instance.features is not None
     assert set(instance.features) == {"color"}
@@ -26,7 +24,7 @@ def test_instance_has_the_features_of_its_behavior() -> None:
     assert (instance.object_index, instance.behavior, instance.recording) == (1, "look", 2)
 
 
-def test_arrays_are_read_only() -> None:
+def test_arrays_are_read_only():
     dataset = Dataset(**fields())
     for array in (dataset.labels, *dataset.features.values()):
         with pytest.raises(ValueError, match="read-only"):
@@ -49,17 +47,17 @@ def test_arrays_are_read_only() -> None:
         ({"features": {**FEATURES, LOOK: np.zeros((2, 2, 1))}}, "same number of recordings"),
     ],
 )
-def test_bad_parts_are_refused(changes: dict[str, Any], message: str) -> None:
+def test_bad_parts_are_refused(changes, message):
     with pytest.raises(DataError, match=message):
         Dataset(**fields(**changes))
 
 
-def test_labels_that_are_not_known_are_not_false() -> None:
+def test_labels_that_are_not_known_are_not_false():
     labels = [[1.0, np.nan], [None, False]]
     assert Dataset(**fields(labels=labels)).labels.tolist() == [[1, -1], [-1, 0]]
 
 
-def test_object_index() -> None:
+def test_object_index():
     assert object_index(("cup", "stone"), "stone") == 1
     with pytest.raises(SettingsError, match="did you mean 'stone'"):
         object_index(("cup", "stone"), "stome")

@@ -4,8 +4,6 @@ import functools
 import hashlib
 import http.server
 import threading
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +16,7 @@ HOME = "shiqizhang6/perception_pomdp/4ab4abf1a47ce184f0327d3c143533d482c2604c/da
 
 
 @pytest.fixture
-def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def mirror(tmp_path, monkeypatch):
     """Make a mirror of two files, whose checksums stand in the registry."""
     folder = tmp_path / "mirror"
     rows = {}
@@ -35,9 +33,9 @@ def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def server(mirror: Path) -> Iterator[str]:
+def server(mirror):
     class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, format: str, *args: object) -> None:
+        def log_message(self, format, *args):
             pass
 
     with http.server.ThreadingHTTPServer(
@@ -50,14 +48,12 @@ def server(mirror: Path) -> Iterator[str]:
         thread.join()
 
 
-def states() -> list[str]:
+def states():
     return [state for _, state in verify("roc36")]
 
 
 @pytest.mark.parametrize("kind", ["folder", "address", "server"])
-def test_a_mirror_fills_the_cache(
-    kind: str, server: str, mirror: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mirror_fills_the_cache(kind, server, mirror, tmp_path, monkeypatch):
     url = {"folder": f"{mirror}/", "address": f"file://{mirror}", "server": server}[kind]
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", url)
     assert states() == ["missing", "missing"]
@@ -66,7 +62,7 @@ def test_a_mirror_fills_the_cache(
     assert (tmp_path / "cache" / HOME / "sub" / "a.txt").read_text() == "1,2"
 
 
-def test_what_is_cached_is_not_fetched_again(mirror: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_cached_is_not_fetched_again(mirror, monkeypatch):
     fetch("roc36")
     (mirror / HOME / "objects.txt").unlink()
     fetch("roc36")
@@ -74,7 +70,7 @@ def test_what_is_cached_is_not_fetched_again(mirror: Path, monkeypatch: pytest.M
     fetch("roc36")
 
 
-def test_damaged_cache_is_mended(mirror: Path, tmp_path: Path) -> None:
+def test_damaged_cache_is_mended(mirror, tmp_path):
     fetch("roc36")
     (tmp_path / "cache" / HOME / "objects.txt").write_text("light_brown_mice")
     assert sorted(states()) == ["changed", "ok"]
@@ -82,7 +78,7 @@ def test_damaged_cache_is_mended(mirror: Path, tmp_path: Path) -> None:
     assert states() == ["ok", "ok"]
 
 
-def test_wrong_checksum_names_file_digests_and_way_out(mirror: Path, tmp_path: Path) -> None:
+def test_wrong_checksum_names_file_digests_and_way_out(mirror, tmp_path):
     (mirror / HOME / "objects.txt").write_text("heavy_blue_rice")
     found = hashlib.sha256(b"heavy_blue_rice").hexdigest()[:12]
     expected = hashlib.sha256(b"light_brown_rice").hexdigest()[:12]
@@ -97,9 +93,7 @@ def test_wrong_checksum_names_file_digests_and_way_out(mirror: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("kind", ["folder", "server", "http://127.0.0.1:9"])  # nobody is there
-def test_what_a_mirror_lacks_is_told_with_the_way_out(
-    kind: str, server: str, mirror: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_mirror_lacks_is_told_with_the_way_out(kind, server, mirror, monkeypatch):
     urls = {"folder": str(mirror), "server": server}
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", urls.get(kind, kind))
     (mirror / HOME / "sub" / "a.txt").unlink()
@@ -109,7 +103,7 @@ def test_what_a_mirror_lacks_is_told_with_the_way_out(
 
 
 @pytest.mark.usefixtures("mirror")
-def test_offline_forbids_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_offline_forbids_the_network(monkeypatch):
     monkeypatch.setenv("MEAL_BAYES_OFFLINE", "1")
     with pytest.raises(DownloadError, match=r"is missing .2 files of roc36 in all.*unset it"):
         load_dataset("roc36")
@@ -117,7 +111,7 @@ def test_offline_forbids_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
     fetch("roc36")
 
 
-def test_registry_lists_every_file_the_domains_need() -> None:
+def test_registry_lists_every_file_the_domains_need():
     for data, separator, others in (("roc36", "-", 3), ("ispy32", "_", 1), ("cy101", "_", 2)):
         listed = registry(data)
         contexts = [f"{separator.join(names)}.txt" for names in load_domain(data).contexts]
@@ -127,13 +121,13 @@ def test_registry_lists_every_file_the_domains_need() -> None:
         assert all(len(digest) == 64 for digest in listed.values())
 
 
-def test_unknown_data_set() -> None:
+def test_unknown_data_set():
     with pytest.raises(SettingsError, match="did you mean 'roc36'"):
         registry("rock36")
 
 
 @pytest.mark.real_data
-def test_registry_agrees_with_the_recordings(recordings: Path) -> None:
+def test_registry_agrees_with_the_recordings(recordings):
     for data in ("roc36", "ispy32", "cy101"):
         for name, digest in registry(data).items():
             assert hashlib.sha256((recordings / name).read_bytes()).hexdigest() == digest

@@ -1,26 +1,23 @@
 """Data frames, dictionaries and arrays: the same data set, and every mistake told."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from meal_bayes.datasets import Dataset, load_dataset
-from meal_bayes.domain import Domain, load_domain
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, QueryError
 
 
 @pytest.fixture
-def from_files(own: Path) -> Dataset:
+def from_files(own):
     """Read `own` as the CSV folder's reader does, with a recording of stone left out."""
     path = own / "lift_haptics.csv"
     path.write_text(path.read_text().replace("stone,2,9\n", ""))
     return load_dataset(own / "own.toml", root=own)
 
 
-def frames(own: Path) -> tuple[dict[tuple[str, str], pd.DataFrame], pd.DataFrame]:
+def frames(own):
     features = {
         ("look", "color"): pd.read_csv(own / "look_color.csv"),
         ("lift", "haptics"): pd.read_csv(own / "lift_haptics.csv"),
@@ -28,7 +25,7 @@ def frames(own: Path) -> tuple[dict[tuple[str, str], pd.DataFrame], pd.DataFrame
     return features, pd.read_csv(own / "labels.csv")
 
 
-def same(found: Dataset, expected: Dataset) -> None:
+def same(found, expected):
     assert found.objects == expected.objects
     np.testing.assert_array_equal(found.labels, expected.labels)
     np.testing.assert_array_equal(found.recording_counts, expected.recording_counts)
@@ -36,7 +33,7 @@ def same(found: Dataset, expected: Dataset) -> None:
         np.testing.assert_array_equal(found.features[context], values)
 
 
-def test_frames_are_read_as_files_are(own: Path, from_files: Dataset) -> None:
+def test_frames_are_read_as_files_are(own, from_files):
     features, labels = frames(own)
     same(Dataset.from_frames(from_files.domain, features, labels), from_files)
     indexed = {c: frame.set_index(["object", "recording"]) for c, frame in features.items()}
@@ -44,7 +41,7 @@ def test_frames_are_read_as_files_are(own: Path, from_files: Dataset) -> None:
     same(found, from_files)
 
 
-def test_dictionaries_and_arrays_are_read_as_files_are(from_files: Dataset) -> None:
+def test_dictionaries_and_arrays_are_read_as_files_are(from_files):
     by_object = {
         context: {
             name: values[o, : from_files.recording_counts[o, e]]
@@ -61,7 +58,7 @@ def test_dictionaries_and_arrays_are_read_as_files_are(from_files: Dataset) -> N
     same(found, from_files)
 
 
-def spoil(name: str, features: Any, labels: Any) -> tuple[Any, Any]:
+def spoil(name, features, labels):
     """Make one mistake in the frames of look, or in those of the labels."""
     look = features["look", "color"]
     looks = {
@@ -93,14 +90,14 @@ def spoil(name: str, features: Any, labels: Any) -> tuple[Any, Any]:
         ("column", "did you mean 'rad'"),
     ],
 )
-def test_mistakes_are_told(own: Path, from_files: Dataset, name: str, message: str) -> None:
+def test_mistakes_are_told(own, from_files, name, message):
     features, labels = spoil(name, *frames(own))
     with pytest.raises(DataError, match=message):
         Dataset.from_frames(from_files.domain, features, labels)
 
 
-def test_labels_of_attributes_that_do_not_exist_are_told(own: Path, from_files: Dataset) -> None:
-    domain: Domain = from_files.domain
+def test_labels_of_attributes_that_do_not_exist_are_told(own, from_files):
+    domain = from_files.domain
     with pytest.raises(QueryError, match="did you mean 'heavy'"):
         Dataset.from_frames(domain, frames(own)[0], {"cup": {"heavey": 1}, "stone": {}})
 
@@ -109,7 +106,7 @@ def test_labels_of_attributes_that_do_not_exist_are_told(own: Path, from_files: 
     "rows",
     [[["4_0", "1"]], [[1j, 2]], np.ma.array([[1.0, 2.0]], mask=[[False, True]]), [[None, 1]]],
 )
-def test_what_is_no_real_number_is_no_feature(from_files: Dataset, rows: Any) -> None:
+def test_what_is_no_real_number_is_no_feature(from_files, rows):
     """NumPy would read 40, drop the imaginary part, and drop the mask."""
     features = {**from_files.features, ("look", "color"): {"cup": rows, "stone": [[1, 2]]}}
     with pytest.raises(DataError, match="numbers"):
@@ -118,7 +115,7 @@ def test_what_is_no_real_number_is_no_feature(from_files: Dataset, rows: Any) ->
         )
 
 
-def test_recordings_of_one_behavior_are_joined_by_their_number(own: Path) -> None:
+def test_recordings_of_one_behavior_are_joined_by_their_number(own):
     """Equal counts of other recordings were once joined by their order."""
     (own / "own.toml").write_text(
         (own / "own.toml").read_text().replace('["haptics"]', '["haptics", "audio"]')

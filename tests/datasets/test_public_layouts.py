@@ -1,8 +1,6 @@
 """The published layouts in small: joins and repairs."""
 
 import logging
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +8,8 @@ import pytest
 from meal_bayes.datasets import load_dataset
 from meal_bayes.errors import DataError
 
-Change = Callable[[Path, str, str], None]
 
-
-def test_cy101_joins_and_repairs(cy101: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_cy101_joins_and_repairs(cy101, caplog):
     with caplog.at_level(logging.INFO, logger="meal_bayes.datasets"):
         dataset = load_dataset(cy101 / "own.toml", root=cy101)
     assert dataset.objects == ("ball_t", "can", "bear")  # no_object is left out
@@ -25,27 +21,27 @@ def test_cy101_joins_and_repairs(cy101: Path, caplog: pytest.LogCaptureFixture) 
     assert told in caplog.text
 
 
-def test_ispy32_trial_number_is_no_feature(ispy32: Path) -> None:
+def test_ispy32_trial_number_is_no_feature(ispy32):
     dataset = load_dataset(ispy32 / "own.toml", root=ispy32)
     expected = [[[o + 0.5, k] for k in range(1, 6)] for o in (1, 2)]
     np.testing.assert_array_equal(dataset.features["look", "rgb"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 1], [0, 0]])  # light, heavy
 
 
-def test_roc36_recordings_in_file_order(roc36: Path) -> None:
+def test_roc36_recordings_in_file_order(roc36):
     dataset = load_dataset(roc36 / "own.toml", root=roc36)
     expected = [[[o, k] for k in range(10)] for o in (0, 1)]
     np.testing.assert_array_equal(dataset.features["look", "patch"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 0, 1, 1, 0], [0, 1, 0, 0, 1]])
 
 
-def test_folder_without_recordings(roc36: Path, tmp_path: Path) -> None:
+def test_folder_without_recordings(roc36, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="expected shiqizhang6/perception_pomdp/"):
         load_dataset(roc36 / "own.toml", root=tmp_path / "empty")
 
 
-def test_clone_of_the_repository_serves(roc36: Path) -> None:
+def test_clone_of_the_repository_serves(roc36):
     clone = roc36 / "clone" / "data" / "icra2014"
     clone.mkdir(parents=True)
     for name in ("objects.txt", "sensorimotor_features"):
@@ -75,9 +71,9 @@ BROKEN = [
 
 @pytest.mark.parametrize(("data", "name", "old", "new", "expected"), BROKEN)
 def test_broken_files_are_told(
-    request: pytest.FixtureRequest, change: Change, data: str, name: str, old: str, new: str,
-    expected: str,
-) -> None:  # fmt: skip
+    request, change, data, name, old, new,
+    expected,
+):  # fmt: skip
     folder = request.getfixturevalue(data)
     change(folder / name, old, new)
     with pytest.raises(DataError, match=expected) as caught:
@@ -85,18 +81,18 @@ def test_broken_files_are_told(
     assert "\n" not in str(caught.value)
 
 
-def test_ispy32_without_heavy_and_light(ispy32: Path, change: Change) -> None:
+def test_ispy32_without_heavy_and_light(ispy32, change):
     change(ispy32 / "own.toml", '"light", "heavy"', '"pineapple"')
     assert load_dataset(ispy32 / "own.toml", root=ispy32).labels.tolist() == [[0], [1]]
 
 
-def test_file_of_one_column(roc36: Path) -> None:
+def test_file_of_one_column(roc36):
     (roc36 / "sensorimotor_features" / "look-patch.txt").write_text("light_brown_rice 1 2\n")
     with pytest.raises(DataError, match=r"line 1: .* 2 \(object and the features, separated"):
         load_dataset(roc36 / "own.toml", root=roc36)
 
 
-def test_folder_in_a_file_s_place(roc36: Path) -> None:
+def test_folder_in_a_file_s_place(roc36):
     (roc36 / "objects.txt").unlink()
     (roc36 / "objects.txt").mkdir()
     with pytest.raises(DataError, match=r"objects.txt: cannot be read"):

@@ -1,22 +1,20 @@
 """The public recordings themselves: shapes, labels, repairs."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import Dataset, load_dataset
+from meal_bayes.datasets import load_dataset
 from meal_bayes.domain import domain_names, load_domain
 
 pytestmark = pytest.mark.real_data
 
 
 @pytest.fixture(scope="module")
-def loaded(recordings: Path) -> dict[str, Dataset]:
+def loaded(recordings):
     return {name: load_dataset(name, root=recordings) for name in ("roc36", "ispy32", "cy101")}
 
 
-def test_roc36(loaded: dict[str, Dataset]) -> None:
+def test_roc36(loaded):
     roc36 = loaded["roc36"]
     assert roc36.labels.shape == (36, 10)
     assert roc36.recordings == 10
@@ -32,7 +30,7 @@ def test_roc36(loaded: dict[str, Dataset]) -> None:
     np.testing.assert_allclose(first["color"][:2], [0.16385252, -11.10606688])
 
 
-def test_ispy32(loaded: dict[str, Dataset]) -> None:
+def test_ispy32(loaded):
     ispy32 = loaded["ispy32"]
     assert ispy32.labels.shape == (32, 81)
     assert ispy32.recordings == 5
@@ -49,7 +47,7 @@ def test_ispy32(loaded: dict[str, Dataset]) -> None:
     assert ispy32.labels[cup, ispy32.domain.attribute_index("pineapple")] == 1
 
 
-def test_cy101(loaded: dict[str, Dataset]) -> None:
+def test_cy101(loaded):
     cy101 = loaded["cy101"]
     assert cy101.labels.shape == (100, 10)
     assert "no_object" not in cy101.objects
@@ -63,9 +61,7 @@ def test_cy101(loaded: dict[str, Dataset]) -> None:
     assert np.isclose(cy101.features["push", "flow"][ball, 0, 0], 48.434673258635215)
 
 
-def test_published_domains_read_the_same_recordings(
-    recordings: Path, loaded: dict[str, Dataset]
-) -> None:
+def test_published_domains_read_the_same_recordings(recordings, loaded):
     published = load_dataset("roc36_published", root=recordings)
     assert published.domain == load_domain("roc36_published")
     for context, values in published.features.items():

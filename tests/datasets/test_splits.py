@@ -10,13 +10,13 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 
 
-def small(objects: int) -> Dataset:
+def small(objects):
     rng = np.random.default_rng(objects)
     return make_synthetic(load_domain("toy"), objects=objects, recordings=1, rng=rng)
 
 
 @given(st.integers(3, 40), st.integers(0, 2**32))
-def test_three_equal_disjoint_parts(objects: int, seed: int) -> None:
+def test_three_equal_disjoint_parts(objects, seed):
     split = ObjectSplit.random(small(objects), np.random.default_rng(seed))
     parts = [split.pre, split.train, split.test]
     assert sorted(np.concatenate(parts)) == list(range(objects))
@@ -29,7 +29,7 @@ def test_three_equal_disjoint_parts(objects: int, seed: int) -> None:
     )
 
 
-def test_minimum_of_positives_in_each_part() -> None:
+def test_minimum_of_positives_in_each_part():
     dataset = small(24)
     rng = np.random.default_rng(3)
     for _ in range(20):
@@ -38,18 +38,18 @@ def test_minimum_of_positives_in_each_part() -> None:
             assert (dataset.labels[part].sum(axis=0) >= 3).all()
 
 
-def test_sizes_may_leave_objects_out() -> None:
+def test_sizes_may_leave_objects_out():
     split = ObjectSplit.random(small(20), np.random.default_rng(0), sizes=(3, 8, 5))
     assert (len(split.pre), len(split.train), len(split.test)) == (3, 8, 5)
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (0, 3, 3), (5, 5, 5)])
-def test_sizes_that_do_not_fit(sizes: tuple[int, ...]) -> None:
+def test_sizes_that_do_not_fit(sizes):
     with pytest.raises(SettingsError, match="do not fit 12 objects"):
         ObjectSplit.random(small(12), np.random.default_rng(0), sizes=sizes)
 
 
-def test_minimum_that_cannot_be() -> None:
+def test_minimum_that_cannot_be():
     with pytest.raises(SettingsError, match=r"Only 6 objects are 'red'; 3 in each .* need 9"):
         ObjectSplit.random(small(12), np.random.default_rng(0), minimum=3)
     labels = np.repeat([[1, 0], [0, 1]], 6, axis=0)  # six of each, yet parts too small for both
@@ -64,6 +64,6 @@ def test_minimum_that_cannot_be() -> None:
     )
 
 
-def test_parts_must_be_disjoint() -> None:
+def test_parts_must_be_disjoint():
     with pytest.raises(SettingsError, match="in two parts"):
-        ObjectSplit([0, 1], [1], [2])  # type: ignore[arg-type]
+        ObjectSplit([0, 1], [1], [2])

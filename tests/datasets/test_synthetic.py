@@ -1,7 +1,5 @@
 """Made-up data have the structure that they promise."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,9 +11,7 @@ from meal_bayes.errors import SettingsError
 
 
 @given(st.integers(1, 50), st.integers(1, 4), st.integers(1, 9), st.integers(0, 2**32))
-def test_any_size_and_exclusive_groups(
-    objects: int, recordings: int, dimensions: int, seed: int
-) -> None:
+def test_any_size_and_exclusive_groups(objects, recordings, dimensions, seed):
     domain = load_domain("roc36")
     dataset, again = (
         make_synthetic(
@@ -34,7 +30,7 @@ def test_any_size_and_exclusive_groups(
         assert counts.max() - counts.min() <= 1
 
 
-def test_free_attributes_are_balanced() -> None:
+def test_free_attributes_are_balanced():
     dataset = make_synthetic(
         load_domain("toy"), objects=11, recordings=1, rng=np.random.default_rng(1)
     )
@@ -42,8 +38,8 @@ def test_free_attributes_are_balanced() -> None:
 
 
 @pytest.mark.statistical
-def test_object_effect_makes_repeats_dependent() -> None:
-    def between(effect: float) -> float:
+def test_object_effect_makes_repeats_dependent():
+    def between(effect):
         """Variance of the objects' means, beyond what recordings of variance 1 / 50 explain."""
         dataset = make_synthetic(
             load_domain("toy"), objects=300, recordings=50, signal=0.0, object_effect=effect,
@@ -57,8 +53,8 @@ def test_object_effect_makes_repeats_dependent() -> None:
 
 
 @pytest.mark.statistical
-def test_signal_moves_the_classes_apart() -> None:
-    def distance(signal: float) -> float:
+def test_signal_moves_the_classes_apart():
+    def distance(signal):
         """Distance of two classes' means, of which 20,000 recordings leave an error of .03."""
         dataset = make_synthetic(
             load_domain("toy"), objects=8, recordings=20_000, signal=signal, object_effect=0.0,
@@ -77,7 +73,7 @@ def test_signal_moves_the_classes_apart() -> None:
     [("objects", 0), ("recordings", 0), ("dimensions", 0), ("signal", -1.0),
      ("object_effect", float("nan"))],
 )  # fmt: skip
-def test_settings_out_of_range(name: str, value: float) -> None:
-    options: Any = {"objects": 3, "recordings": 1, "rng": np.random.default_rng(0), name: value}
+def test_settings_out_of_range(name, value):
+    options = {"objects": 3, "recordings": 1, "rng": np.random.default_rng(0), name: value}
     with pytest.raises(SettingsError, match=name):
         make_synthetic(load_domain("toy"), **options)

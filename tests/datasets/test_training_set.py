@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
+from meal_bayes.datasets import TrainingSet, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
 
@@ -13,7 +13,7 @@ ROW = st.tuples(st.integers(0, 3), st.integers(0, 1), st.integers(0, 2), st.samp
 TRUTH = np.array([[1, 0], [0, 0], [1, 1], [0, 1]], dtype=np.int8)
 
 
-def make(rows: list[tuple[int, int, int, int]]) -> TrainingSet:
+def make(rows):
     """Build D from (object, behavior, recording, which attribute was asked)."""
     training = TrainingSet.empty(2)
     for o, e, r, asked in rows:
@@ -23,7 +23,7 @@ def make(rows: list[tuple[int, int, int, int]]) -> TrainingSet:
     return training
 
 
-def same(a: TrainingSet, b: TrainingSet) -> bool:
+def same(a, b):
     return all(
         np.array_equal(getattr(a, name), getattr(b, name))
         for name in ("object", "behavior", "recording", "labels")
@@ -31,14 +31,14 @@ def same(a: TrainingSet, b: TrainingSet) -> bool:
 
 
 @pytest.fixture
-def dataset() -> Dataset:
+def dataset():
     return make_synthetic(load_domain("toy"), objects=4, recordings=3, rng=np.random.default_rng(0))
 
 
 @given(st.lists(ROW, max_size=12), st.randoms())
-def test_order_and_repetition_do_not_matter(rows: list, random: object) -> None:
+def test_order_and_repetition_do_not_matter(rows, random):
     shuffled = [*rows, *rows[:3]]
-    random.shuffle(shuffled)  # type: ignore[attr-defined]
+    random.shuffle(shuffled)
     training = make(rows)
     assert same(training, make(shuffled))
     assert len(training) == len({row[:3] for row in rows})
@@ -47,13 +47,13 @@ def test_order_and_repetition_do_not_matter(rows: list, random: object) -> None:
 
 
 @given(st.lists(ROW, max_size=12), st.integers(0, 3))
-def test_without_leaves_the_others_as_they_are(rows: list, held_out: int) -> None:
+def test_without_leaves_the_others_as_they_are(rows, held_out):
     left = make(rows).without(held_out)
     assert same(left, make([row for row in rows if row[0] != held_out]))
     assert held_out not in left.object
 
 
-def test_batch_equals_single_additions() -> None:
+def test_batch_equals_single_additions():
     rows = [(0, 1, 2, 0), (3, 0, 1, 1), (0, 1, 2, 1)]
     labels = [[1, -1], [-1, 1], [-1, 0]]
     keys = np.array(rows).T
@@ -62,7 +62,7 @@ def test_batch_equals_single_additions() -> None:
     assert together.labels.tolist() == [[1, 0], [-1, 1]]
 
 
-def test_everything(dataset: Dataset) -> None:
+def test_everything(dataset):
     whole = TrainingSet.everything(dataset)
     assert len(whole) == 4 * 2 * 3  # reinit has no recordings
     assert set(whole.behavior) == {0, 1}
@@ -73,7 +73,7 @@ def test_everything(dataset: Dataset) -> None:
     assert same(whole.extend(some.object, some.behavior, some.recording, some.labels), whole)
 
 
-def test_contradiction_is_refused() -> None:
+def test_contradiction_is_refused():
     training = TrainingSet.empty(2).extend(0, 0, 0, [1, -1])
     with pytest.raises(DataError, match="attribute 0 is both true and false"):
         training.extend(0, 0, 0, [0, -1])
@@ -82,6 +82,6 @@ def test_contradiction_is_refused() -> None:
 @pytest.mark.parametrize(
     ("labels", "message"), [([1, 3], "the label 3"), ([[1, 0], [0, 1]], "expected .1, attributes.")]
 )
-def test_bad_labels_are_refused(labels: list, message: str) -> None:
+def test_bad_labels_are_refused(labels, message):
     with pytest.raises(DataError, match=message):
         TrainingSet.empty(2).extend(0, 0, 0, labels)
