@@ -39,14 +39,12 @@ def make_synthetic(
     SettingsError
         A setting out of its range.
     """
-    for name, value in (
-        ("objects", objects), ("recordings", recordings), ("dimensions", dimensions)
+    for name, value, least in (
+        ("objects", objects, 1), ("recordings", recordings, 1), ("dimensions", dimensions, 1),
+        ("signal", signal, 0), ("object_effect", object_effect, 0),
     ):  # fmt: skip
-        if value < 1:
-            raise SettingsError(f"{name} = {value}; expected at least 1.")
-    for name, size in (("signal", signal), ("object_effect", object_effect)):
-        if not size >= 0 or not np.isfinite(size):
-            raise SettingsError(f"{name} = {size}; expected a finite number of at least 0.")
+        if not least <= value < np.inf:
+            raise SettingsError(f"{name} = {value}; expected a finite number of at least {least}.")
     labels = _draw_labels(domain, objects, rng)
     means = {}
     for context in domain.contexts:

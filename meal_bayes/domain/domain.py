@@ -196,9 +196,9 @@ class Domain:
             of_group = labels[:, self.columns(members)]
             wrong = ((of_group == 1).sum(axis=1) > 1) | (of_group == 0).all(axis=1)
             for row in np.flatnonzero(wrong)[:1].tolist():
-                true = [name for name, value in zip(members, of_group[row], strict=True) if value]
-                said = " and ".join(true) or "none"
-                return row, f"{said} of {group!r} ({', '.join(members)}); exactly one is true"
+                true = [name for name, v in zip(members, of_group[row], strict=True) if v == 1]
+                values = " and ".join(true) or "none"
+                return row, f"{values} of {group!r} ({', '.join(members)}); exactly one is true"
         return None
 
     def with_values(self, labels: Mapping[str, Any]) -> dict[str, Any]:
@@ -216,13 +216,10 @@ class Domain:
                 if value not in members:
                     raise QueryError(unknown(f"value of {group!r}", str(value), members))
                 by_name = {name: name == value for name in members} | by_name
-            known = [name for name in members if by_name.get(name) in (0, 1)]
-            true = [name for name in known if by_name[name]]
-            if len(true) > 1 or (not true and len(known) == len(members)):
-                raise QueryError(
-                    f"{' and '.join(true) or 'None'} of {group!r} ({', '.join(members)}) said to "
-                    "be true; exactly one is."
-                )
+        values = [by_name.get(name) if self.group_of(name) else None for name in self.attributes]
+        row = np.array([[value if value in (0, 1) else -1 for value in values]], np.int8)
+        if (misfit := self.group_misfit(row)) is not None:
+            raise QueryError(f"Labels are {misfit[1]}.")
         return by_name
 
     @property

@@ -71,7 +71,7 @@ class ClassifierFit(NamedTuple):
         if self.paper:
             inputs = [None if values is None else s.similarity(values) for s, values in pairs]
         else:
-            features = [np.zeros((n, len(s.kept))) if v is None else v for s, v in pairs]
+            features = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
             inputs = [np.hstack(features)]
         log_odds = np.zeros((n, self.nested.shape[1]))
         for attributes, machines, pool in self.parts:

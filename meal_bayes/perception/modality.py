@@ -23,12 +23,12 @@ class FeatureSpace:
     standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
     objects are known, directions in which they differ are shrunk (within-object whitening).
 
-    Of D features those `kept` (d,) vary; `rows` (n,d) are the recordings, standardized, after `mix`
-    (d,d), the whitening. The width of an RBF is the median distance between two recordings times a
-    learned factor.
+    Of D features those at `varying` (d,) vary; `rows` (n,d) are the recordings, standardized, after
+    `mix` (d,d), the whitening. The width of an RBF is the median distance between two recordings
+    times a learned factor.
     """
 
-    kept: NDArray[np.int64]
+    varying: NDArray[np.int64]
     center: Floats
     scale: Floats
     rows: Floats
@@ -37,14 +37,14 @@ class FeatureSpace:
     mix: Floats | None = None
 
     def __post_init__(self) -> None:
-        set_frozen(self, kept=freeze(self.kept, np.int64))
+        set_frozen(self, varying=freeze(self.varying, np.int64))
         for name in ("center", "scale", "rows", "mix"):
             if getattr(self, name) is not None:
                 set_frozen(self, **{name: freeze(getattr(self, name))})
 
     def standardize(self, features: NDArray[np.floating]) -> Floats:
         """Transform raw features (B,D) to this space, (B,d)."""
-        squashed = _squash(features)[:, self.kept]
+        squashed = _squash(features)[:, self.varying]
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
         return np.asarray(rows if self.mix is None else rows @ self.mix)
 
@@ -56,7 +56,7 @@ class FeatureSpace:
         """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
         product = rows @ self.rows.T
         if self.kernel == "polynomial":
-            return (1.0 + product / max(len(self.kept), 1)) ** 2
+            return (1.0 + product / max(len(self.varying), 1)) ** 2
         return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
 
     def at(self, rows: NDArray[np.integer]) -> "FeatureSpace":
@@ -70,12 +70,12 @@ def fit_space(
     """Fit the space of raw recordings (n,D); whitened where their objects (n,) are given."""
     squashed = _squash(features)
     sd = squashed.std(axis=0)
-    kept = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
-    center, scale = squashed[:, kept].mean(axis=0), sd[kept]
-    rows = np.clip((squashed[:, kept] - center) / scale, -_FAR, _FAR)
+    varying = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
+    center, scale = squashed[:, varying].mean(axis=0), sd[varying]
+    rows = np.clip((squashed[:, varying] - center) / scale, -_FAR, _FAR)
     mix = None if objects is None else _whitening(rows, objects)
     rows = rows if mix is None else rows @ mix
-    return FeatureSpace(kept, center, scale, rows, kernel, _median_distance(rows), mix)
+    return FeatureSpace(varying, center, scale, rows, kernel, _median_distance(rows), mix)
 
 
 def joint_kernel(kernels: Floats) -> Floats:

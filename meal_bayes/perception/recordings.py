@@ -120,7 +120,7 @@ def fit_spaces(
         objects = gathered.object[rows]
         raw = values[objects, gathered.recording[rows]]
         space = fit_space(raw, kernel, objects if whiten else None)
-        if len(raw) > 1 and not len(space.kept):
+        if len(raw) > 1 and not len(space.varying):
             warnings.warn(
                 f"None of the {raw.shape[1]} features of {context} varies over {len(raw)} "
                 "recordings: the modality says nothing. Check its sensor.",

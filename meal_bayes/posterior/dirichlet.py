@@ -212,11 +212,11 @@ class ConfusionPosterior:
             Counts of another shape or below 0.
         """
         old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
-        for found in (old, new):
-            if found.shape != self.counts.shape or not (found >= 0).all():
+        for counts in (old, new):
+            if counts.shape != self.counts.shape or not (counts >= 0).all():
                 raise SettingsError(
                     f"An update needs counts >= 0 of shape {self.counts.shape}, found "
-                    f"{found.shape}."
+                    f"{counts.shape}."
                 )
         concentration = self.concentration + (self._effective(new) - self._effective(old))
         return type(self)(self.prior, self.counts + (new - old), concentration, self.dispersion)

@@ -52,13 +52,13 @@ def test_constant_features_are_dropped():
     raw = features()
     with_constant = np.insert(raw, 1, 7.0, axis=1)
     space = fit_space(with_constant, "rbf")
-    assert space.kept.tolist() == [0, 2, 3, 4]
+    assert space.varying.tolist() == [0, 2, 3, 4]
     np.testing.assert_allclose(gram(space), gram(fit_space(raw, "rbf")), atol=1e-12)
 
 
 def test_units_do_not_matter_to_what_is_kept():
     tiny = fit_space(1e-12 * features(), "rbf")
-    assert len(tiny.kept) == 4
+    assert len(tiny.varying) == 4
     small = fit_space(1e-6 * features(), "rbf")
     np.testing.assert_allclose(gram(tiny), gram(small), atol=1e-3)
 
