@@ -33,6 +33,7 @@ from meal_bayes.untrusted import (
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
+    levels,
     read_bytes,
 )
 
@@ -177,13 +178,15 @@ def _parse(path: Path) -> dict[str, Any]:
         longest = max(map(len, text.split("\n")))
         if longest > LINE_LIMIT:
             raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
+        list(levels(table))  # raises as the parser does, whatever depth that may go to
     except RecursionError:
         raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
     except OSError as error:
         raise SettingsError(f"{path} cannot be read ({error.strerror}).") from error
     except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
         raise DomainError(f"{path} is not valid TOML: {error}.") from error
+    return table
 
 
 def _build(table: dict[str, Any]) -> Domain:

@@ -2,15 +2,16 @@
 
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import load_dataset
+from meal_bayes.datasets import load_dataset, make_synthetic, save_csv_folder
 from meal_bayes.datasets.feature_file import read_features, read_rows, read_text
-from meal_bayes.domain import read_query
+from meal_bayes.domain import load_domain, read_query
 from meal_bayes.errors import DataError, SettingsError
 
 
@@ -189,3 +190,25 @@ def test_endless_files_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(DataError, match="no regular file"):
         read_text(tmp_path / "pipe.csv")
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+def test_a_data_set_reads_back_equal(tmp_path, ragged):
+    rng = np.random.default_rng(3)
+    dataset = make_synthetic(load_domain("toy"), objects=5, recordings=3, rng=rng)
+    labels = dataset.labels.copy()
+    labels[0, 0] = -1
+    features = {context: values.copy() for context, values in dataset.features.items()}
+    if ragged:
+        behavior = dataset.domain.behavior_names[0]
+        for context, values in features.items():
+            if context[0] == behavior:
+                values[1, 1:] = np.nan
+                values[2] = np.nan
+    dataset = replace(dataset, labels=labels, features=features)
+    save_csv_folder(dataset, tmp_path)
+    read = load_dataset("toy", root=tmp_path)
+    assert read.objects == dataset.objects
+    np.testing.assert_array_equal(read.labels, dataset.labels)
+    for context, values in dataset.features.items():
+        np.testing.assert_array_equal(read.features[context], values)

@@ -1,15 +1,18 @@
 """NUTS: the model is the one that is written down, and it draws what the grid integrates."""
 
+import os
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 from sbc_ranks import simulate
 from scipy.special import expit, logit, logsumexp
-from scipy.stats import betabinom, dirichlet_multinomial, norm, truncnorm
+from scipy.stats import dirichlet_multinomial, norm, truncnorm
 
+from meal_bayes import posterior
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import draw_grid, fit_hierarchical
@@ -31,14 +34,12 @@ def simulated(levels):
 def log_scores(counts, mean, s):
     """Log-probability (O,P,E,2) of an object's percepts under the row of each truth."""
     shown = counts.sum(axis=3)
-    found = np.zeros((*shown.shape[:3], 2))
-    for o, p, e, t in np.ndindex(found.shape):
+    scores = np.zeros((*shown.shape[:3], 2))
+    for o, p, e, t in np.ndindex(scores.shape):
         k, alpha = shown[o, p, e], s[p, e, t] * mean[p, e, t]
-        if k.sum() and len(k) == 2:
-            found[o, p, e, t] = betabinom.logpmf(k[1], k.sum(), alpha[1], alpha[0])
-        elif k.sum():
-            found[o, p, e, t] = dirichlet_multinomial.logpmf(k, alpha, k.sum())
-    return found
+        if k.any():
+            scores[o, p, e, t] = dirichlet_multinomial.logpmf(k, alpha, k.sum())
+    return scores
 
 
 def potential(model, name, point):
@@ -161,3 +162,32 @@ def test_one_attribute_or_behavior_has_nothing_to_cross():
 def test_the_package_does_not_load_pymc():
     code = "import sys, meal_bayes.posterior as p; p.draw_grid; sys.exit('pymc' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("home", ["cache", "/dev/null/none"])
+def test_the_compile_folder_is_the_users_own(tmp_path, home):
+    """In the user's own cache, never in a folder that anybody can fill."""
+    root = str(Path(posterior.__file__).resolve().parents[2])
+    code = "import meal_bayes.posterior.hierarchical as h; print(h.config.base_compiledir)"
+    shared = tmp_path / "tmp"
+    shared.mkdir()
+    cache = tmp_path / home
+    environment = {
+        **os.environ, "PYTHONPATH": root, "TMPDIR": str(shared), "HOME": str(cache),
+        "XDG_CACHE_HOME": str(cache), "XDG_CONFIG_HOME": str(tmp_path / "config"),
+    }  # fmt: skip
+    for name in ("PYTENSOR_FLAGS", "MEAL_BAYES_CACHE_WARNED"):
+        environment.pop(name, None)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    folder = Path(done.stdout.strip())
+    if home == "cache":
+        assert folder == cache / "meal_bayes" / "pytensor"
+        assert folder.stat().st_mode & 0o777 == 0o700
+    else:  # one of the process's own, with a name that nobody can guess
+        assert folder.parent == shared
+        assert folder.name.startswith("meal_bayes-pytensor-")
+        assert not folder.exists()
