@@ -47,16 +47,14 @@ class Undecided:
         return np.full(len(query), self.count % 2, np.int8)
 
 
-def trial_of(name, robot, momdp, *, tolerant=True):
+def trial_of(name, robot, momdp):
     agent = load_agent(name)
     task = Task("a task", momdp.query, 0, "object", ("test",))
 
     def solve(problem):
         return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
 
-    policy = solve(momdp)
-    if tolerant:
-        policy = FaultTolerant(momdp, policy, solve)
+    policy = FaultTolerant(momdp, solve(momdp), solve)
     session = Session(
         task, momdp, policy, Boundary(DOMAIN), Undecided(), Streams(0, task.key, name),
         truth=[True], max_steps=40,
@@ -87,12 +85,6 @@ def test_nothing_is_repeated_that_yields_nothing(name, behavior, moves):
     assert len(texts) == (robot.executed.count(behavior) >= 2)
     assert all(repr(behavior) in text for text in texts)
     assert trial.last_belief.x == momdp.terminal
-
-
-def test_without_it_the_sensor_is_tried_again_and_again():
-    robot = Faulty("press", moves=True)
-    trial_of("morc", robot, momdp_of("press"), tolerant=False)
-    assert robot.executed.count("press") > 10
 
 
 def test_a_robot_whose_recordings_run_out_is_sound():

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from meal_bayes.domain import load_domain
-
 GRAVITY = 9.81  # m/s²
 
 
@@ -84,19 +82,3 @@ def test_sensors_err_by_their_stated_noise(sim):
         assert values.std(axis=1).mean() == pytest.approx(noise.white, rel=0.05)
         bias = np.hypot(noise.bias, noise.white / 20)
         assert values.mean(axis=1).std() == pytest.approx(bias, rel=0.12)
-
-
-def test_features_are_those_that_the_domain_promises(sim, make_object):
-    arm = sim.SimulatedArm(make_object(), 0)
-    arm.start()
-    felt = {}
-    for behavior in ("look", "press", "grasp", "lift", "hold", "shake", "lower", "lift", "drop"):
-        felt[behavior] = arm.execute(behavior).features
-    felt["push"] = arm.execute("push").features
-    for kind in load_domain("simulated_arm").behaviors:
-        if not kind.modalities:
-            continue
-        assert set(felt[kind.name]) == set(kind.modalities)
-        sizes = {len(values) for values in felt[kind.name].values()}
-        assert sizes == ({3} if kind.name == "look" else {10})
-        assert all(np.isfinite(values).all() for values in felt[kind.name].values())

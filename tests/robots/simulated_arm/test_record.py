@@ -25,6 +25,9 @@ def test_a_recording_holds_every_context_of_the_domain(room, sim, made):
     assert data.recordings == 2
     senses = [bool(kind.modalities) for kind in data.domain.behaviors]
     assert (data.recording_counts[:, senses] == 2).all()
+    for (behavior, _), values in data.features.items():
+        assert values.shape == (2, 2, 3 if behavior == "look" else 10)
+        assert np.isfinite(values).all()
     truth = sim.attributes_of(made[1].parameters)
     assert data.labels[1].tolist() == [truth[name] for name in data.domain.attributes]
 
@@ -34,15 +37,6 @@ def test_what_happened_counts_every_execution(made):
     assert happened["ready", "look", "ready"] == 4
     assert happened["lifted", "shake", "lifted"] == 4
     assert happened["grasped", "lift", "lifted"] >= 8  # before hold, and after lower
-
-
-def test_equal_numbers_record_equal_features(room, made):
-    again = room.record_object(1, recordings=2, seed=8)
-    for first, second in zip(made[1].recordings, again.recordings, strict=True):
-        assert first.keys() == second.keys()
-        for context in first:
-            np.testing.assert_array_equal(first[context], second[context])
-    assert again.happened == made[1].happened
 
 
 def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room, make_object):
