@@ -25,6 +25,7 @@ TRIALS = 60  # the paper has 200; one of seven attributes plans for some ten sec
 MEASURES = ("reward", "cost", "success")
 LABELS = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
 EACH, WHOLE = "each attribute of an answer is right with .65", "the whole answer is, as published"
+SHORT = {EACH: "each right with .65", WHOLE: "the whole answer is"}
 NOTE = """One super MOMDP has all attributes in its state and in its reports, whose reward is for
 the whole truth vector, as the name of the plotted file says (the active line of the published code
 compares the queried values only). The first ones are relevant, and accuracy is theirs. Under
@@ -120,5 +121,6 @@ def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> can
     for kind, run in runs.items():
         found = [measure(run[str(k)], name) for k in numbers]
         y, se = np.array([(one.estimate, one.se) for one in found]).T
-        lines.append(plots.Series(kind, np.array(numbers, float), y, y - se, y + se))
+        name_of = SHORT.get(kind, kind)
+        lines.append(plots.Series(name_of, np.array(numbers, float), y, y - se, y + se))
     return plots.lines(lines, x_label="irrelevant attributes", y_label=LABELS[name])
