@@ -1,4 +1,4 @@
-"""`meal-bayes ask`: one question about one object; with --learn, labels are kept."""
+"""`meal-bayes ask`: one question about one object; `meal-bayes memory`: the labels it received."""
 
 import contextlib
 from pathlib import Path
@@ -8,9 +8,11 @@ import click
 
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.answer import answer, trial_facts
-from meal_bayes.cli.console import note, output, print_json, printable
+from meal_bayes.cli.console import note, output, print_json, print_table, printable
+from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
+    from meal_bayes.trial_log import ObjectLabels
     from meal_bayes.trials import Trial
 
 
@@ -104,3 +106,52 @@ def _prompt(text: str) -> bool | None:
         with contextlib.suppress(KeyError):
             return replies[reply.strip().lower()]
         note(f"{reply!r} is not understood; type y or n")
+
+
+@click.group(cls=Section)
+def memory() -> None:
+    """Show or forget the labels that `ask --learn` received."""
+
+
+@memory.command()
+@opt.dataset_option
+@opt.logs_option
+@opt.json_option
+def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
+    """List the labels of the objects of a data set, the latest last."""
+    labels = _memory(logs, dataset)
+    if as_json:
+        rows = [
+            {"object": each.object_name, "labels": dict(each.values), "log": str(each.path)}
+            for each in labels
+        ]
+        print_json({"memory": rows})
+        return
+    if not labels:
+        note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
+        return
+    cells = (
+        (each.object_name, ", ".join(k if v else f"not {k}" for k, v in each.values.items()),
+         each.path.name)
+        for each in labels
+    )  # fmt: skip
+    print_table(("object", "is", "log"), cells, left=("is", "log"))
+
+
+@memory.command()
+@click.option("--object", "name", metavar="NAME", help="Only the labels of this object.")
+@opt.dataset_option
+@opt.logs_option
+def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
+    """Forget labels; the trials stay in their logs."""
+    from meal_bayes.trial_log import forget as forget_labels
+
+    labels = [each for each in _memory(logs, dataset) if name in (None, each.object_name)]
+    note(f"forgot the labels in {forget_labels(labels)} trials")
+
+
+def _memory(logs: Path, dataset: str) -> "list[ObjectLabels]":
+    from meal_bayes.datasets.percept_file import domain_of
+    from meal_bayes.trial_log import read_memory
+
+    return read_memory(logs, domain_of(dataset).data)

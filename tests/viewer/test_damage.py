@@ -20,24 +20,20 @@ def damaged(data, number):
 
 def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path, codes = tmp_path / "a.mcap", []
+    path, codes, view = tmp_path / "a.mcap", [], ["view", "a.mcap", "--save", "a.rrd"]
     write_trials(path, trials, header={"seed": 1})
     data = path.read_bytes()
-    result = CliRunner().invoke(main, ["view", "a.mcap", "--save", "a.rrd"])
-    assert (result.exit_code, "warning" in result.stderr) == (0, False)
+    assert "warning" not in CliRunner().invoke(main, view).stderr
     for number in range(16):
         path.write_bytes(damaged(data, number))
-        page = number % 8 in (0, 1)  # which takes longer
-        for words in (["view", "a.mcap", "--save", "a.rrd"], ["report", "a.mcap"])[: 1 + page]:
+        for words in (view, ["report", "a.mcap"])[: 1 + (number % 8 < 2)]:  # which takes longer
             result = CliRunner().invoke(main, words)
             codes.append(result.exit_code)
             if result.exit_code == 0:
                 assert "warning: a.mcap: " in result.stderr, (number, result.stderr)
-                assert "whole trials" in result.stderr
             else:
                 assert result.exit_code == 2, (number, words, result.output, result.exception)
                 assert result.stderr.count("\n") == 1
                 assert result.stderr.startswith("error: ")
-                assert "a.mcap" in result.stderr
     assert codes.count(0) > 8
     assert 2 in codes
