@@ -1,9 +1,7 @@
 """SARSOP [Kurniawati2008], the paper's solver: an adapter to an installed `pomdpsol`."""
 
-import contextlib
 import os
 import shutil
-import signal
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +11,12 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes import processes
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief, write_pomdpx
 from meal_bayes.planners import Decision, History
 from meal_bayes.planners.solver import choose
-from meal_bayes.untrusted import read_bytes
 
 _PROGRAM = "pomdpsol"
 _VARIABLE = "MEAL_BAYES_POMDPSOL"
@@ -42,11 +38,6 @@ class Sarsop:
         By default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
     patience : float
         s that reading the problem and writing the policy may need besides.
-
-    Raises
-    ------
-    SettingsError
-        A time or precision that is not above 0.
     """
 
     seconds: float = 5.0
@@ -62,16 +53,7 @@ class Sarsop:
             )
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "AlphaVectorPolicy":
-        """Write the problem, run `pomdpsol` in a folder of its own, read its policy.
-
-        Raises
-        ------
-        SettingsError
-            No such program; a problem that its format cannot hold; a program that fails or does not
-            come to an end.
-        DataError
-            A policy that is not well formed, or of another problem.
-        """
+        """Write the problem, run `pomdpsol` in a folder of its own, read its policy."""
         program = _find(self.program)
         if momdp.discount >= 1:
             raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
@@ -81,11 +63,9 @@ class Sarsop:
                 program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
                 "--output", "out.policy", "problem.pomdpx",
             ]  # fmt: skip
-            _run(command, folder, self.seconds + self.patience)
+            output = _run(command, folder, self.seconds + self.patience)
             if not (folder / "out.policy").is_file():
-                raise SettingsError(
-                    f"{program} wrote no policy; its output ends: {_output(folder)}"
-                )
+                raise SettingsError(f"{program} wrote no policy; its output ends: {output}")
             vectors = read_policy(folder / "out.policy")
         try:
             return AlphaVectorPolicy(momdp, *vectors)
@@ -105,38 +85,28 @@ def _find(program: str | Path | None) -> str:
     return str(Path(path).resolve())
 
 
-def _run(command: Sequence[str], folder: Path, seconds: float) -> None:
-    """Run a program, without a shell, to its end or the end of patience."""
-    with (folder / "output.txt").open("wb") as words:
-        process = processes.start(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words, stderr=subprocess.STDOUT,
-            start_new_session=True,
+def _run(command: Sequence[str], folder: Path, seconds: float) -> str:
+    """Run a program to its end or the end of patience; return the end of its output, one line."""
+    try:
+        done = subprocess.run(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, encoding="utf-8", errors="replace", timeout=seconds,
+            check=False,
         )  # fmt: skip
-        try:
-            code = process.wait(timeout=seconds)
-        except subprocess.TimeoutExpired as fault:
-            raise SettingsError(
-                f"{command[0]} had not ended after {seconds:g} s; ask fewer attributes, or give "
-                "more patience."
-            ) from fault
-        finally:
-            if process.returncode is None:  # end it with all that it has started
-                with contextlib.suppress(ProcessLookupError):
-                    if os.name == "posix":
-                        os.killpg(process.pid, signal.SIGKILL)
-                    else:
-                        process.kill()
-                process.wait()
-    if code != 0:
+    except subprocess.TimeoutExpired as fault:
         raise SettingsError(
-            f"{command[0]} ended with code {code}; its output ends: {_output(folder)}"
+            f"{command[0]} had not ended after {seconds:g} s; ask fewer attributes, or give "
+            "more patience."
+        ) from fault
+    except OSError as fault:
+        raise SettingsError(f"{command[0]} cannot be run ({fault}).") from fault
+    text = "".join(c if c.isprintable() else " " for c in done.stdout[-_QUOTED:])
+    end = " ".join(text.split()) or "none"
+    if done.returncode:
+        raise SettingsError(
+            f"{command[0]} ended with code {done.returncode}; its output ends: {end}"
         )
-
-
-def _output(folder: Path) -> str:
-    """Return the end of a program's output, in one line."""
-    text = (folder / "output.txt").read_bytes()[-_QUOTED:].decode("utf-8", errors="replace")
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split()) or "none"
+    return end
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,11 +126,6 @@ class AlphaVectorPolicy:
         Where it begins.
     action : (V,) int array
         Its first action.
-
-    Raises
-    ------
-    SettingsError
-        Vectors of another MOMDP.
     """
 
     momdp: MOMDP
@@ -213,20 +178,9 @@ class AlphaVectorPolicy:
 
 
 def read_policy(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Read a .policy file: values (V,Y) of the vectors, their x (V,) and their actions (V,).
-
-    A document type (and with it every entity) is refused.
-
-    Raises
-    ------
-    DataError
-        A file that is not well formed, or larger than 256 MB.
-    """
+    """Read a .policy file: values (V,Y) of the vectors, their x (V,) and their actions (V,)."""
     try:
-        text = read_bytes(path).decode("ascii")
-        if "<!" in text:
-            raise ValueError("it declares a document type; none is taken")  # noqa: TRY301
-        every = ElementTree.fromstring(text).find("AlphaVector")
+        every = ElementTree.fromstring(path.read_text("ascii")).find("AlphaVector")
         if every is None:
             raise ValueError("it has no <AlphaVector>")  # noqa: TRY301
         count, length = int(every.get("numVectors", "")), int(every.get("vectorLength", ""))
