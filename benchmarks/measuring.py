@@ -26,7 +26,7 @@ def options_of(doc: str) -> argparse.ArgumentParser:
 def show(rows: Sequence[Mapping[str, Any]], report: object = None) -> None:
     """Print rows as a table; with a report (`--json`) that, as JSON."""
     if report is not None:
-        print(json.dumps(report, indent=1, allow_nan=False))
+        print(json.dumps(report, indent=1))
         return
     import pandas as pd  # noqa: PLC0415  processes that are measured do without
 

@@ -5,7 +5,6 @@ python benchmarks/simulated.py [--part answers|labels|content|live|population ..
 """
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -15,8 +14,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from measuring import options_of, show
 
-from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
@@ -58,25 +57,18 @@ class Answer(NamedTuple):
     cpu: float  # s
 
 
-def shuffled(data: Dataset, seed: int) -> Dataset:
-    """Label every object at random, each attribute by a fair coin."""
-    labels = stream(seed, "random labels").integers(0, 2, data.labels.shape)
-    return replace(data, labels=labels.astype(np.int8))
-
-
-def fitted(agent: str, seed: int, random_labels: bool) -> Learner:
-    """Fit a learner on the training objects."""
-    data = training_recordings()
-    if random_labels:
-        data = shuffled(data, seed)
-    return Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
-
-
 def answers_about(
     numbers: Sequence[int], *, agent: str, seed: int, asked: int, random_labels: bool = False
 ) -> list[Answer]:
-    """Ask about some attributes of each new object, each in a trial of its own."""
-    learner = fitted(agent, seed, random_labels)
+    """Ask about some attributes of each new object, each in a trial of its own.
+
+    With `random_labels` each label of the training objects, and each truth, is a fair coin's.
+    """
+    data = training_recordings()
+    if random_labels:
+        labels = stream(seed, "random labels").integers(0, 2, data.labels.shape)
+        data = replace(data, labels=labels.astype(np.int8))
+    learner = Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
     found = []
     for number in numbers:
         rng = stream(seed, "asked attributes", number)
@@ -126,14 +118,9 @@ def answers(options: argparse.Namespace) -> dict[str, Any]:
     gains = [one.reward - other.reward for one, other in zip(ours, theirs, strict=True)]
     pairs = clustered(gains, [one.number for one in ours]).interval()
     kinds = load_domain(DOMAIN).behaviors
-    by_attribute = {
-        name: float(np.mean([one.success for one in ours if one.attribute == name]))
-        for name in load_domain(DOMAIN).attributes
-    }
     return {
         "every_behavior_once_s": sum(kind.cost for kind in kinds if kind.modalities),
         **{agent: summary(rows) for agent, rows in found.items()},
-        "bayes_by_attribute": by_attribute,
         "reward_bayes_minus_morc": pairs._asdict(),
     }
 
@@ -244,17 +231,13 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
         rows = learning_rows(done.results())
     curves = {
         agent: [
-            {
-                "trials": 40 * batch,
-                "hours": mean_of(rows, agent, batch, "hours"),
-                "accuracy": mean_of(rows, agent, batch, "accuracy"),
-                "reward": mean_of(rows, agent, batch, "reward"),
-                "ece": mean_of(rows, agent, batch, "ece"),
-            }
+            {"trials": 40 * batch,
+             **{name: mean_of(rows, agent, batch, name)
+                for name in ("hours", "accuracy", "reward", "ece")}}
             for batch in range(6)
         ]
         for agent in CURVES
-    }
+    }  # fmt: skip
     return {
         "objects": len(made),
         "executions": sum(happened.values()),
@@ -278,7 +261,7 @@ PARTS = {
 
 def main() -> None:
     """Measure the parts that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_of(__doc__)
     parser.add_argument("--part", action="append", choices=PARTS)
     parser.add_argument("--objects", type=int, default=100)
     parser.add_argument("--asked", type=int, default=9)
@@ -286,10 +269,8 @@ def main() -> None:
     parser.add_argument("--crowd", type=int, default=300, help="objects of the population")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = {part: PARTS[part](options) for part in options.part or PARTS}
-    print(json.dumps(found) if options.json else json.dumps(found, indent=2))
+    show([], {part: PARTS[part](options) for part in options.part or PARTS})
 
 
 if __name__ == "__main__":

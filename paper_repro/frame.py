@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
@@ -47,11 +47,6 @@ class Setting:
     on_progress: Callable[[int, int], None] | None = None
     spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
 
-    @property
-    def committed(self) -> bool:
-        """Whether this run is what git keeps: in full, in all protocols."""
-        return not (self.quick or self.as_published)
-
     def spend(self, logs: Iterable[Path]) -> None:
         """Note the seconds that the trials of some logs took to compute."""
         self.spent.update((path, math.fsum(read_seconds(path))) for path in logs)
@@ -70,24 +65,16 @@ class Setting:
         return min(quick if self.quick else full, self.trials or full)
 
     def repeats_of(self, full: int, *, column: str = THEIRS) -> int:
-        """Return how many online repeats an agent runs; a quick run has two.
+        """Return how many online repeats an agent runs, of an item that begins with a column.
 
-        Parameters
-        ----------
-        full : of a full run.
-        column : the first one that the item has.
-
-        Raises
-        ------
-        NotRun : no repeats are asked for, or the paper's settings alone where the item has none.
+        `NotRun` where no repeats are asked for, or the paper's settings alone and it has none.
         """
         if self.repeats == 0 or column not in self.protocols:
             raise NotRun("none of its online runs is asked for")
         return min(2 if self.quick else full, self.repeats or full)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Table:
+class Table(NamedTuple):
     """Rows under columns."""
 
     title: str
@@ -160,7 +147,8 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     begin, setting = time.perf_counter(), dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
-    folder = RESULTS if setting.committed else setting.logs / "paper_repro"
+    committed = not (setting.quick or setting.as_published)  # what git keeps
+    folder = RESULTS if committed else setting.logs / "paper_repro"
     found = facts(item, result, setting)
     write_whole(folder / f"{item}.json", json.dumps(found, indent=1, allow_nan=False) + "\n")
     for end, figure in result.figures.items():
@@ -183,15 +171,8 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
         "seed": setting.seed,
         "verdict": verdict(statements),
         "sentence": " ".join(result.sentence.split()),
-        "tables": [
-            {
-                "title": table.title,
-                "columns": list(table.columns),
-                "rows": [[plain_cell(cell) for cell in row] for row in table.rows],
-            }
-            for table in result.tables
-        ],
-        "statements": [_plain(one) for one in statements],
+        "tables": [plain(table._asdict()) for table in result.tables],
+        "statements": plain(statements),
         "notes": [" ".join(note.split()) for note in result.notes],
         "figures": [f"{item}{end}.png" for end in result.figures],
         "shows": " ".join(result.shows.split()),
@@ -210,19 +191,15 @@ def command(item: str, setting: Setting) -> str:
     return f"meal-bayes reproduce {item}{quick}{code}{most} --seed {setting.seed}"
 
 
-def plain_cell(cell: Cell) -> Any:
-    """Return a cell as JSON: six digits are enough, and are the same on every machine."""
-    if isinstance(cell, Effect):
-        return [plain_cell(cell.estimate), plain_cell(cell.se)]
-    if isinstance(cell, float):
-        nothing = abs(cell) < _ZERO  # what rounding leaves over
-        return None if not math.isfinite(cell) else 0.0 if nothing else float(f"{cell:.6g}")
-    return cell
-
-
-def _plain(statement: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a statement as JSON."""
-    return {
-        name: [plain_cell(end) for end in value] if isinstance(value, list) else plain_cell(value)
-        for name, value in statement.items()
-    }
+def plain(value: Any) -> Any:
+    """Return a value as JSON: six digits are enough, and are the same on every machine."""
+    if isinstance(value, Effect):
+        return [plain(value.estimate), plain(value.se)]
+    if isinstance(value, Mapping):
+        return {name: plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    if isinstance(value, float):
+        nothing = abs(value) < _ZERO  # what rounding leaves over
+        return None if not math.isfinite(value) else 0.0 if nothing else float(f"{value:.6g}")
+    return value

@@ -1,7 +1,6 @@
 """Results as Markdown: a page an item, the index of all, the errata of the published code."""
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -73,7 +72,8 @@ def readme(items: Iterable[str]) -> str:
             lines.append(_row([item, "not run in full yet", _DASH, _DASH]))
             continue
         cells = [f"[{item}](results/{item}.md)", found["verdict"], found["sentence"]]
-        lines.append(_row([*cells, _minutes(timing.get(item, 0.0))]))
+        seconds = timing.get(item, 0.0)
+        lines.append(_row([*cells, "< 1" if seconds < 60 else f"{seconds / 60:.0f}"]))
     return "\n".join(lines) + "\n"
 
 
@@ -107,7 +107,7 @@ def _statement(one: Mapping[str, Any]) -> str:
 
 def errata(items: Iterable[str]) -> str:
     """Build the page of the published code's departures, with the effects that were measured."""
-    table = tomllib.loads((frame.HERE / "errata.toml").read_text(encoding="utf-8"))
+    table = frame.read_table("errata.toml")
     effects: dict[str, list[str]] = {}
     for item in items:
         found = _read(item)
@@ -125,12 +125,7 @@ def _read(item: str) -> dict[str, Any] | None:
     path = frame.RESULTS / f"{item}.json"
     if not path.is_file():
         return None
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
-
-
-def _minutes(seconds: float) -> str:
-    return "< 1" if seconds < 60 else f"{seconds / 60:.0f}"  # a minute
+    return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _text(cell: Any) -> str:

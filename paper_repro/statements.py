@@ -95,29 +95,25 @@ class Evidence:
     def judge(self, level: float) -> dict[str, Any]:
         """Judge it at a level; the part that decides it, or keeps it open, is shown."""
         if not self.parts:
-            told: dict[str, Any] = dict.fromkeys(
+            facts: dict[str, Any] = dict.fromkeys(
                 ("estimate", "interval", "units", "level", "needed")
             )
-            told |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact"}
-            return told | (_told(self.shown, _LEVEL) | {"level": _LEVEL} if self.shown else {})
-        outcome = UNDECIDED
-        if self.level <= level:
-            outcome = STANDS if self._inside <= self._outside else FALLS
-        shown = min(self.parts, key=lambda part: part.outside)
-        if outcome != FALLS:
-            shown = max(self.parts, key=lambda part: part.inside)
-            more = len(self.parts) - 1
-        else:
-            more = 0
-        effect, own = shown.effect, level if outcome != FALLS else level / len(self.parts)
-        rule = shown.rule + (f", and {more} more" if more else "")
-        needed = shown.needed(own) if outcome == UNDECIDED else None
+            facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact"}
+            return facts | (_told(self.shown, _LEVEL) if self.shown else {})
+        inside, outside = self._inside, self._outside
+        if outside <= level and outside < inside:
+            part = min(self.parts, key=lambda part: part.outside)
+            told = _told(part.effect, level / len(self.parts))
+            return {"outcome": FALLS, "rule": part.rule, **told, "needed": None}
+        part = max(self.parts, key=lambda part: part.inside)
+        rule = part.rule + (f", and {len(self.parts) - 1} more" if len(self.parts) > 1 else "")
+        stands = inside <= level
+        needed = None if stands else part.needed(level)
         return {
-            "outcome": outcome,
+            "outcome": STANDS if stands else UNDECIDED,
             "rule": rule,
-            **_told(effect, own),
-            "level": own,
-            "needed": f"{needed} {effect.unit}" if needed else None,
+            **_told(part.effect, level),
+            "needed": f"{needed} {part.effect.unit}" if needed else None,
         }
 
 
@@ -251,7 +247,7 @@ def _told(effect: Effect, level: float) -> dict[str, Any]:
     _, _, low, high = effect.interval(1 - level)
     return {
         "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
-        "units": f"{effect.units} {effect.unit}",
+        "units": f"{effect.units} {effect.unit}", "level": level,
     }  # fmt: skip
 
 

@@ -19,17 +19,10 @@ def run(setting: Setting) -> Result:
         run_curves(setting, "cy101", 1, BEST, repeats, normalizer=name) for name in READINGS
     )
     lead = paired(*area(second, first, "reward"), first.ratio)
-    rows: list[tuple[Cell, ...]] = [
-        (
-            name,
-            READINGS[name],
-            len(one),
-            mean_of(one.hours[:, -1]),
-            mean_of(one.reward[:, -1]),
-            less,
-        )
-        for name, one, less in zip(READINGS, (first, second), (None, lead), strict=True)
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for name, curves, less in zip(READINGS, (first, second), (None, lead), strict=True):
+        last = (mean_of(values[:, -1]) for values in (curves.hours, curves.reward))
+        rows.append((name, READINGS[name], len(curves), *last, less))
     sentence = (
         "Counting pretraining too changes MORC-ITRS's reward over its hours of exploration on "
         f"CY101, 1 attribute, by {lead.estimate:+.1f} ± {lead.se:.1f} ({len(first)} repeats)."

@@ -189,7 +189,7 @@ def test_margins_and_central_statements_are_written_down_before_the_run():
 
 
 def test_a_mean_that_nobody_has_is_a_dash():
-    table = {"title": "", "columns": ["a"], "rows": [[frame.plain_cell(online.mean_of(NOBODY))]]}
+    table = {"title": "", "columns": ["a"], "rows": frame.plain([[online.mean_of(NOBODY)]])}
     found = dict.fromkeys(("item", "title", "sentence", "verdict", "command", "shows"), "")
     page = pages.result_page(found | {"statements": [], "tables": [table], "figures": [],
                                       "notes": []})  # fmt: skip
@@ -197,7 +197,7 @@ def test_a_mean_that_nobody_has_is_a_dash():
 
 
 def test_plain_values_are_json_of_six_digits():
-    plain = frame.plain_cell
+    plain = frame.plain
     assert plain(1 / 3) == 0.333333
     assert plain(Effect(2 / 3, nan, 3)) == [0.666667, None]
     assert plain(inf) is None
