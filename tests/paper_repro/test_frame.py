@@ -25,13 +25,12 @@ def test_quick_and_partial_runs_leave_the_committed_results(elsewhere, tmp_path)
         frame.reproduce("table5", frame.Setting(logs=tmp_path / "logs", **kind))
     assert not elsewhere.exists()
     assert (tmp_path / "logs" / "paper_repro" / "table5.json").is_file()
-    frame.reproduce("table5", frame.Setting(logs=tmp_path / "logs"))
-    assert (elsewhere / "table5.json").is_file()
 
 
 @pytest.mark.parametrize("item", ["table5", "fig7", "fig5", "t1t2"])
 def test_a_full_run_again_gives_the_committed_files(elsewhere, tmp_path, item):
     frame.reproduce(item, frame.Setting(logs=tmp_path / "logs"))
+    assert json.loads((elsewhere / "timing.json").read_text())[item] >= 0
     made = sorted(path for path in elsewhere.iterdir() if path.name != "timing.json")
     assert (elsewhere / f"{item}.json") in made
     for path in made:
@@ -40,14 +39,6 @@ def test_a_full_run_again_gives_the_committed_files(elsewhere, tmp_path, item):
             assert path.read_text() == kept.read_text()
         else:
             assert kept.is_file()
-
-
-def test_a_run_writes_its_own_timing(elsewhere, tmp_path):
-    for item in ("table5", "fig7"):
-        frame.reproduce(item, frame.Setting(logs=tmp_path))
-    timing = json.loads((elsewhere / "timing.json").read_text())
-    assert set(timing) == {"table5", "fig7"}
-    assert all(seconds >= 0 for seconds in timing.values())
 
 
 def test_offline_trials_are_taken_from_the_logs(tmp_path):

@@ -7,19 +7,8 @@ import pytest
 
 from meal_bayes.datasets import load_percepts
 from paper_repro import frame, online
-from paper_repro.items import (
-    eq7,
-    fig4,
-    fig8,
-    fig9,
-    fig10,
-    fig11,
-    fig12,
-    losses,
-    risk,
-    table3,
-    table4,
-)
+from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, losses, risk, table3
+from paper_repro.items.table4 import judge as judge_table_4
 from paper_repro.items.table5 import predicted
 from paper_repro.online import Curves
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED, Evidence
@@ -105,13 +94,8 @@ def test_eq_7_judges_successes_within_a_budget(outcomes, kind, lead):
 
 def test_successes_are_counted_while_the_budget_lasts():
     success, cost = np.array([1, 0, 1, 1]), np.array([10.0, 10.0, 10.0, 10.0])
-    assert [eq7.repeated_successes(success, cost, b) for b in (5, 15, 35, 40, 75)] == [
-        0,
-        1,
-        2,
-        3,
-        5,
-    ]
+    counts = [eq7.repeated_successes(success, cost, budget) for budget in (5, 15, 35, 40, 75)]
+    assert counts == [0, 1, 2, 3, 5]
     assert eq7.repeated_successes(success, np.zeros(4), 60) == 3
 
 
@@ -141,15 +125,10 @@ def test_fig_9_judges_a_curve(outcomes, kind, first, peak, last, quits):
 
 def test_fig_9_exploring_that_never_grows_is_undecided_or_falls(outcomes):
     level = {point: outcomes(100, 1e-6) for point in "025"}
-    found = fig9.judge(level)
-    more = found["with more irrelevant attributes it explores more"]
-    gives_up = found["then it gives up: it abstains more, and explores less than at most"]
+    *_, more, gives_up = fig9.judge(level).values()
     assert {outcome(more), outcome(gives_up)} == {UNDECIDED}
-    growing = {**level, "5": outcomes(300, 1.0, seed=1)}
-    falling = {**growing, "0": outcomes(100, 1.0, abstained=0.9)}
-    gives_up = fig9.judge(falling)[
-        "then it gives up: it abstains more, and explores less than at most"
-    ]
+    growing = {"0": outcomes(100, 1.0, abstained=0.9), "5": outcomes(300, 1.0, seed=1)}
+    *_, gives_up = fig9.judge(growing).values()
     assert outcome(gives_up) == FALLS
 
 
@@ -233,22 +212,18 @@ def test_table_4_judges_tables_and_choices(kinds, late, more):
               "late 1": around(late, 2), "grasp": around(0.05, 3),
               "experience": around(0.67, 4), "early presses": around(0.5, 5),
               "late presses": around(0.5 + more, 6)}  # fmt: skip
-    evidence = table4.judge(traits)
+    evidence = judge_table_4(traits)
     assert [outcome(one) for one in evidence.values()] == kinds
     traits["early 1"] = np.full(REPEATS, np.nan)  # a batch that never asked
-    assert outcome(next(iter(table4.judge(traits).values()))) == UNDECIDED
+    assert outcome(next(iter(judge_table_4(traits).values()))) == UNDECIDED
 
 
 @pytest.mark.parametrize(("kind", "errors"), kinds((0, 2), (2, 0), (2, 2)))
 def test_fig_4_orders_attributes_by_kappa(kind, errors):
     counts = np.zeros((30, 2, 2, 2))
-    for p, wrong in enumerate(errors):
-        for o in range(30):
-            truth = o % 2
-            counts[o, p, truth, truth] = 10
-            if o % 5 == p:
-                counts[o, p, truth, truth] -= wrong
-                counts[o, p, truth, 1 - truth] += wrong
+    for p, o in np.ndindex(2, 30):
+        wrong = errors[p] * (o % 5 == p)
+        counts[o, p, o % 2] = [10 - wrong, wrong] if o % 2 == 0 else [wrong, 10 - wrong]
     assert outcome(fig4.judge(counts, ["heavy", "beans"])) == kind
     assert fig4.kappa(np.array([[5.0, 0], [0, 5]])) == 1.0
 

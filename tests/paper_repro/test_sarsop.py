@@ -206,14 +206,13 @@ def test_a_report_is_valued_exactly_and_needs_no_vector():
         assert decision.values[-1] == pytest.approx(worth)
 
 
-@pytest.mark.parametrize("abstain", [False, True])
-def test_illegal_behaviors_are_never_taken(abstain):
+def test_illegal_behaviors_are_never_taken():
     """At x1: lift and look are not legal there."""
-    momdp = momdp_of(objective=Objective(abstain=abstain, correct=10.0, incorrect=-30.0))
+    momdp = momdp_of(objective=Objective(abstain=True, correct=10.0, incorrect=-30.0))
     belief = initial_belief(momdp).at(1)
     decision = decide(momdp, belief, [[77.0, 77.0], [66.0, 66.0]], [1, 1], [LIFT, LOOK])
-    assert decision.action == (momdp.abstention if abstain else momdp.n_behaviors)
-    assert decision.values[-1] == (0.0 if abstain else -10.0)
+    assert decision.action == momdp.abstention
+    assert decision.values[-1] == 0.0
 
 
 def test_used_up_percepts_end_a_loop():
@@ -226,14 +225,6 @@ def test_used_up_percepts_end_a_loop():
     assert actions[2] >= momdp.n_behaviors
 
 
-@pytest.mark.parametrize(
-    ("vectors", "x", "action", "found"),
-    [
-        (np.ones((1, 4)), [0], [0], "4 values; 1 attributes have 2"),
-        (np.ones((1, 2)), [3], [0], "x from 3 to 3; the MOMDP has 3"),
-        (np.ones((2, 2)), [0, 0], [0, 5], "actions from 0 to 5; the MOMDP has 5"),
-    ],
-)
-def test_vectors_of_another_problem_are_told(vectors, x, action, found):
-    with pytest.raises(SettingsError, match=found):
-        AlphaVectorPolicy(momdp_of(), vectors, x, action)
+def test_vectors_of_another_problem_are_told():
+    with pytest.raises(SettingsError, match="x from 3 to 3; the MOMDP has 3"):
+        AlphaVectorPolicy(momdp_of(), np.ones((1, 2)), [3], [0])
