@@ -62,12 +62,12 @@ def run(setting: Setting) -> Result:
     if rows:
         names = [f"{dataset.upper()}, {n}" for dataset, n in panels]
         figures[""] = plots.bars(bars, names, y_label="reward")
-    ranges = [f"{name} {min(v):.0f} to {max(v):.0f}" for name, v in told.items() if v]
+    ranges = [f"{name} ({min(v):.0f} to {max(v):.0f})" for name, v in told.items() if v]
     columns = ("data set", "attributes", *list(BARS)[:3], "true Θ adds, paired",
                "the best plan adds, at most", "left for sensors")  # fmt: skip
     return Result(
         title="Where the reward is lost, on three data sets with 1, 2 and 3 attributes",
-        sentence=f"Of the reward of {reward:g} would be brought back by {', by '.join(ranges)}."
+        sentence=f"What is short of the reward of {reward:g}: {', '.join(ranges)}."
         if rows else "It is not run here.",
         tables=(Table("reward", columns, tuple(rows)),) if rows else (),
         evidence={},
