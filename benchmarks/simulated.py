@@ -62,13 +62,15 @@ def answers_about(
 ) -> list[Answer]:
     """Ask about some attributes of each new object, each in a trial of its own.
 
-    With `random_labels` each label of the training objects, and each truth, is a fair coin's.
+    With `random_labels` each label of the training objects, and each truth, is a fair coin's, and
+    no attributes exclude each other.
     """
     data = training_recordings()
     if random_labels:
         labels = stream(seed, "random labels").integers(0, 2, data.labels.shape)
-        data = replace(data, labels=labels.astype(np.int8))
-    learner = Learner(DOMAIN, agent=agent, seed=seed, logs=None).fit(data)
+        free = replace(data.domain, groups={})
+        data = replace(data, domain=free, labels=labels.astype(np.int8))
+    learner = Learner(data.domain, agent=agent, seed=seed, logs=None).fit(data)
     found = []
     for number in numbers:
         rng = stream(seed, "asked attributes", number)
