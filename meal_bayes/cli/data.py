@@ -69,8 +69,8 @@ def fetch(dataset: str) -> None:
     from meal_bayes import datasets
 
     total = len(datasets.registry(dataset))
-    terminal.note(f"fetching {total} files of {dataset} ...")
-    folder = datasets.fetch(dataset)
+    with terminal.patience(f"fetching {total} files of {dataset} ..."):
+        folder = datasets.fetch(dataset)
     terminal.say(f"{dataset}: {total} files in {folder}")
 
 
@@ -135,8 +135,8 @@ def percepts(
             f"The package holds no table of {dataset!r} by {classifier or perception} to compare "
             "with; give --out FILE.npz to write the new one."
         )
-    terminal.note(f"reading the recordings of {dataset} ...")
-    recordings = load_dataset(dataset, root=root)
+    with terminal.patience(f"reading the recordings of {dataset} ..."):
+        recordings = load_dataset(dataset, root=root)
     missing = recordings.missing() if own else []
     if missing:
         terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
