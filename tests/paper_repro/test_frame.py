@@ -125,8 +125,10 @@ def test_plotted_settings_tell_the_two_models_of_an_answer_apart(tmp_path):
 
 
 @pytest.mark.real_data
-def test_published_matrices_give_the_papers_predefined_plus(tmp_path):
+def test_published_matrices_give_the_papers_predefined_plus(tmp_path, recordings, monkeypatch):
     """Table 3 prints .583; what its simulator loads comes within .05 of it."""
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", str(recordings))
+    monkeypatch.delenv("MEAL_BAYES_OFFLINE", raising=False)
     setting = frame.Setting(logs=tmp_path)
     table = published.table_path(
         setting, "roc36", name="roc36_every", domain=published.EVERY_ACTION, matrices="train5"

@@ -65,7 +65,8 @@ def test_damage_is_never_silently_wrong(whole, make, outcome_of, tmp_path):
         read = []
         fault = outcome_of(lambda: read.extend(Scan(path).entries()))
         assert fault is None or isinstance(fault, LogCorruptError)
-        assert all(map(make.equal, read, entries[: len(read)]))
+        written = iter(entries)  # of a torn record the end tells, when later ones have been read
+        assert all(any(make.equal(entry, other) for other in written) for entry in read)
         assert fault is not None or len(read) == TRIALS
         saved = outcome_of(lambda: list(salvage(path)))
         if isinstance(saved, list):
