@@ -1,4 +1,7 @@
-"""Read-only arrays: every array field of a public type goes through `freeze` at birth."""
+"""Read-only arrays, and checks of values that others give.
+
+Every array field of a public type goes through `freeze` at birth.
+"""
 
 from numbers import Real
 from typing import Any
@@ -6,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.errors import DataError
+from meal_bayes.errors import DataError, SettingsError
 
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -69,6 +72,12 @@ def label_values(values: Any) -> NDArray[np.int8]:
                 f"Found the label {scalar!r}; expected 1 or True, 0 or False, or None."
             ) from None
     return labels
+
+
+def check_whole(name: str, value: object) -> None:
+    """Refuse a setting that is no whole number, 0 or more."""
+    if not isinstance(value, int | np.integer) or value < 0:
+        raise SettingsError(f"{name} is {value!r:.60}; give a whole number, 0 or more.")
 
 
 def real_values(values: ArrayLike) -> NDArray[np.float32]:

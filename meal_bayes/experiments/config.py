@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from meal_bayes.agents import Agent, as_agent, distinct
+from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
@@ -160,8 +161,7 @@ class OnlineConfig:
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
-        if self.first < 0:
-            raise SettingsError(f"first is {self.first}; give a whole number, 0 or more.")
+        check_whole("first", self.first)
         sizes = [part if isinstance(part, int) else len(part) for part in self.split]
         if len(sizes) != 3 or min(sizes) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
@@ -187,12 +187,9 @@ class OnlineConfig:
 
 def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:
     """Return the agents of values; raise where they, seed or reward are none."""
-    if seed < 0:
-        raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
-    if reward is not None and not 0 < reward <= LARGEST:
-        raise SettingsError(
-            f"reward is {reward}; give a finite number above 0, at most {LARGEST:g}."
-        )
+    check_whole("seed", seed)
+    if reward is not None:
+        LearnerSettings(reward=reward)
     return distinct(as_agent(value) for value in agents)
 
 

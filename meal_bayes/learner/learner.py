@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.agent import TRUST
+from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
@@ -88,8 +89,7 @@ class Learner:
         trust: float = TRUST,
         logs: str | Path | None = "logs",
     ) -> None:
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise SettingsError(f"seed is {seed}; give a whole number, 0 or more.")
+        check_whole("seed", seed)
         self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
         self._agent = as_agent(agent)
         settings = LearnerSettings(

@@ -60,7 +60,7 @@ class LearnerSettings:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
         if not 0 < self.reward <= LARGEST:
             raise SettingsError(
-                f"reward is {self.reward}; give a number above 0, at most {LARGEST:g}."
+                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
             )
 
 

@@ -12,6 +12,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.arrays import check_whole
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
@@ -99,8 +100,7 @@ class Session:
         recorder: Recorder | None = None,
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
-        if not isinstance(max_steps, int | np.integer) or max_steps < 0:
-            raise SettingsError(f"max_steps is {max_steps!r:.60}; give a whole number, 0 or more.")
+        check_whole("max_steps", max_steps)
         if max_cost is not None and not (isinstance(max_cost, float | int) and max_cost >= 0):
             raise SettingsError(f"max_cost is {max_cost!r:.60}; give seconds, 0 or more.")
         self.task, self.momdp, self.agent = task, momdp, agent

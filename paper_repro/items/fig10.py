@@ -57,15 +57,15 @@ def run(setting: Setting) -> Result:
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols[:2]:
             theirs = protocol == THEIRS
-            bonuses = n == 1 and not theirs
             if theirs and dataset != "cy101":
                 continue
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
+            ours = () if theirs else (*OURS, *BONUSES) if n == 1 else OURS
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
-                for agent in (*PAPERS, *(() if theirs else OURS), *(BONUSES if bonuses else ()))
+                for agent in (*PAPERS, *ours)
             }
             evidence[protocol] |= judge(panel, title)
             ratio = panel[BEST].ratio
@@ -75,8 +75,8 @@ def run(setting: Setting) -> Result:
                 evidence[OUR_COLUMN][text] = above(lead, 0, of="reward less its")
             tables.append(compared(panel, f"{title}, {protocol}"))
             figures[f"_{dataset}_{n}" + "_theirs" * theirs] = plots.learning_curve(
-                [series(panel[name], panel[name].accuracy, name) for name in (*PAPERS, *OURS)
-                 if name in panel]
+                [series(curves, curves.accuracy, name) for name, curves in panel.items()
+                 if name not in BONUSES]
             )  # fmt: skip
             sides = area(panel[BEST], panel[BASE], "accuracy")
             lead = paired(*sides, ratio)

@@ -18,6 +18,7 @@ from meal_bayes.experiments import OnlineConfig
         ({"trials": -1}, "trials is -1"),
         ({"first": -1}, "0 or more"),
         ({"reward": float("nan")}, "reward is nan"),
+        ({"seed": 1.5}, "seed is 1.5; give a whole number"),
         ({"split": (33, 0, 34)}, "give three shares"),
         ({"log": "some"}, "log 'some'"),
         ({"answers": "verdikt"}, "did you mean 'verdict'"),
