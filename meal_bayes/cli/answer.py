@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.trial_log import ObjectLabels
     from meal_bayes.trials import Task, Trial
 
 
@@ -26,12 +25,12 @@ def answer(
     seed: int,
     logs: Path,
     config: Mapping[str, object],
-    labels: "Sequence[ObjectLabels] | None" = None,
+    labels: Sequence[Mapping[str, Any]] | None = None,
 ) -> "tuple[Trial, Path]":
     """Run the trial of a task, and return it with the path of its log.
 
-    The log's name begins with the "command" of `config`. Labels are those that people gave before,
-    None where objects are not recognized.
+    The log's name begins with the "command" of `config`. Labels are those that people gave before
+    ("object", "labels" by attribute), None where objects are not recognized.
     """
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
@@ -43,10 +42,10 @@ def answer(
     learner.fit(table)
     if labels is not None:
         learner.agent = replace(learner.agent, memory=True)
-    for one in labels or ():
-        if one.object_name in table.objects:
-            values = {name: v for name, v in one.values.items() if name in table.domain.attributes}
-            learner.tell(one.object_name, values)
+    for entry in labels or ():
+        if entry["object"] in table.objects:
+            known = {k: v for k, v in entry["labels"].items() if k in table.domain.attributes}
+            learner.tell(entry["object"], known)
     with showing_compilation():
         trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{digest(config)}.mcap"

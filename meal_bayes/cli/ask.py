@@ -1,6 +1,7 @@
 """`meal-bayes ask`: one question about one object; `meal-bayes memory`: the labels it received."""
 
 import contextlib
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,6 @@ from meal_bayes.cli.console import note, output, print_json, print_table, printa
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from meal_bayes.trial_log import ObjectLabels
     from meal_bayes.trials import Trial
 
 
@@ -33,20 +33,18 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
 
     The agent has learned from all other objects of the data set, never from this one; percepts are
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
-    keeps the labels that it gets of an object: the folder of logs is its memory.
+    keeps the labels that it gets of an object, in a file of the folder of logs.
     """
     from meal_bayes.cli.narration import print_trial_table
     from meal_bayes.datasets import load_percepts
     from meal_bayes.learner.api import question_task
-    from meal_bayes.trial_log import read_memory
 
     config = {"command": "ask", **options, "dataset": opt.table_of(options["dataset"], root)}
     table = load_percepts(config["dataset"])
     task = question_task(config["question"], table, config["object"])
-    memory = read_memory(logs, table.domain.data) if learn else []
-    number = 1 + max((one.number for one in memory), default=-1)
+    memory = _read(_memory(logs, table.domain.data)) if learn else []
     if learn:
-        config["labels_before"] = number
+        config["labels_before"] = len(memory)
     trial, path = answer(
         table, task, agent=opt.agent_value(config["agent"]), seed=config["seed"], logs=logs,
         config=config, labels=memory if learn else None,
@@ -56,41 +54,39 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     else:
         print_trial_table(output(), trial)
     if learn:
-        own = (one.values for one in memory if one.object_name == task.object_name)
-        _ask_labels(trial, path, number, set().union(*own))
+        told = (entry["labels"] for entry in memory if entry["object"] == task.object_name)
+        labels = _ask_labels(trial, set().union(*told))
+        if not labels:
+            note("no labels were given, none are kept")
+            return
+        entry = {"object": task.object_name, "labels": labels, "log": str(path)}
+        with _memory(logs, table.domain.data).open("a", encoding="utf-8") as file:
+            file.write(f"{json.dumps(entry)}\n")
+        note(f"kept in {file.name}: {task.object_name} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
-def _ask_labels(trial: "Trial", path: Path, number: int, known: set[str]) -> None:
-    """Ask a person about the answer, and write the labels, the `number`-th, into the trial's log.
-
-    Nothing is asked about attributes that are known.
-    """
+def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
+    """Ask a person about the answer, and each attribute that neither it nor `known` tells."""
     from meal_bayes.learner import implied
-    from meal_bayes.trial_log import ObjectLabels, write_labels
 
     names = trial.task.query.attributes
-    values: dict[str, bool] = {}
+    labels: dict[str, bool] = {}
     right: bool | None = False
     if trial.report is not None:
         said = trial.task.query.report_name(trial.report.tolist())
         right = _prompt(f"The answer was: {said}. Was that right?")
         if right is not None:
             pairs = zip(names, implied(trial.report, right=right).tolist(), strict=True)
-            values = {name: label == 1 for name, label in pairs if label >= 0}
+            labels = {name: label == 1 for name, label in pairs if label >= 0}
     if right is False:
         for name in names:
-            if name not in values and name not in known:
+            if name not in labels and name not in known:
                 reply = _prompt(f"Is it {name}?")
                 if reply is not None:
-                    values[name] = reply
-    if not values:
-        note("no labels were given, none are kept")
-        return
-    write_labels(ObjectLabels(number, trial.task.object_name, values, path))
-    labels = ", ".join(name if value else f"not {name}" for name, value in values.items())
-    note(f"kept in {path}: {trial.task.object_name} is {labels}")
+                    labels[name] = reply
+    return labels
 
 
 def _prompt(text: str) -> bool | None:
@@ -119,22 +115,16 @@ def memory() -> None:
 @opt.json_option
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels of the objects of a data set, the latest last."""
-    labels = _memory(logs, dataset)
+    from meal_bayes.datasets.percept_file import domain_of
+
+    labels = _read(_memory(logs, domain_of(dataset).data))
     if as_json:
-        rows = [
-            {"object": each.object_name, "labels": dict(each.values), "log": str(each.path)}
-            for each in labels
-        ]
-        print_json({"memory": rows})
+        print_json({"memory": labels})
         return
     if not labels:
         note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
         return
-    cells = (
-        (each.object_name, ", ".join(k if v else f"not {k}" for k, v in each.values.items()),
-         each.path.name)
-        for each in labels
-    )  # fmt: skip
+    cells = ((entry["object"], _text(entry["labels"]), Path(entry["log"]).name) for entry in labels)
     print_table(("object", "is", "log"), cells, left=("is", "log"))
 
 
@@ -144,14 +134,38 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 @opt.logs_option
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget labels; the trials stay in their logs."""
-    from meal_bayes.trial_log import forget as forget_labels
-
-    labels = [each for each in _memory(logs, dataset) if name in (None, each.object_name)]
-    note(f"forgot the labels in {forget_labels(labels)} trials")
-
-
-def _memory(logs: Path, dataset: str) -> "list[ObjectLabels]":
     from meal_bayes.datasets.percept_file import domain_of
-    from meal_bayes.trial_log import read_memory
+    from meal_bayes.files import write_whole
 
-    return read_memory(logs, domain_of(dataset).data)
+    path = _memory(logs, domain_of(dataset).data)
+    labels = _read(path)
+    others = [entry for entry in labels if name not in (None, entry["object"])]
+    if len(others) < len(labels):
+        write_whole(path, "".join(f"{json.dumps(entry)}\n" for entry in others))
+    note(f"forgot the labels in {len(labels) - len(others)} trials")
+
+
+def _memory(logs: Path, data: str) -> Path:
+    """Name the file of a data set's labels: a line of JSON a trial."""
+    from meal_bayes.files import file_name
+
+    return logs / f"labels-{file_name(data)}.jsonl"
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    """Read labels in the order they were given; a line that holds none is left out."""
+    from meal_bayes.untrusted import read_json
+
+    labels = []
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        try:
+            entry: Any = read_json(line)
+            values = {str(attribute): value is True for attribute, value in entry["labels"].items()}
+            labels.append({"object": str(entry["object"]), "labels": values, "log": entry["log"]})
+        except (ValueError, TypeError, LookupError, AttributeError):
+            note(f"left out of the memory: {line:.40} in {path}")
+    return labels
+
+
+def _text(labels: dict[str, bool]) -> str:
+    return ", ".join(name if value else f"not {name}" for name, value in labels.items())

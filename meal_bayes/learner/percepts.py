@@ -78,7 +78,7 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
     What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
-    features are not. Labels are where `ask --learn` wrote them; others can be told of the trials.
+    features and labels are not: labels can be told of the trials.
     Trials that the learner has had, or with other levels than its agent's, are passed over.
 
     Parameters
@@ -103,10 +103,6 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
                 experience.trial(trial.task.key)
                 record_trial(experience, trial)
                 recalled.append(trial)
-                facts = group.header.get("labels")
-                if isinstance(facts, dict):
-                    labels = checked_labels(facts.get("values", {}), learner.domain)
-                    experience.label(trial.task.key, trial.task.object_name, labels)
         learner.refit()
     return recalled
 

@@ -7,15 +7,8 @@ there are millions of trials, a compact log holds their outcomes alone, as colum
 
 from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Group, Logs
-from meal_bayes.trial_log.memory import ObjectLabels, forget, read_memory, write_labels
 from meal_bayes.trial_log.names import log_files, remove_drafts
-from meal_bayes.trial_log.reader import (
-    LogInfo,
-    log_info,
-    read_header,
-    read_outcomes,
-    read_trials,
-)
+from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_outcomes, read_trials
 from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
 from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
@@ -28,20 +21,16 @@ __all__ = [
     "LogInfo",
     "LogReport",
     "Logs",
-    "ObjectLabels",
     "TrialWriter",
     "check_log",
-    "forget",
     "log_files",
     "log_info",
     "read_header",
-    "read_memory",
     "read_outcomes",
     "read_seconds",
     "read_trials",
     "recover_log",
     "remove_drafts",
     "salvage",
-    "write_labels",
     "write_trials",
 ]

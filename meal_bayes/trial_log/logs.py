@@ -16,7 +16,7 @@ from meal_bayes.trials import Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
-_LATER = ("versions", "recovered_from", "labels")  # entries of a header that are no setting
+_LATER = ("versions", "recovered_from")  # entries of a header that are no setting
 
 
 class Group(NamedTuple):
