@@ -44,7 +44,7 @@ class Setting:
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 leaves them out
     only: str = ""  # of an item's panels, those with this in their title
-    on_progress: Callable[[int, int], None] | None = None
+    on_progress: Callable[[float, int], None] | None = None
     spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
 
     def spend(self, logs: Iterable[Path]) -> None:

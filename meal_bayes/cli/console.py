@@ -30,7 +30,7 @@ _LABEL, _NARROW = 10, 20  # characters of a label, and the fewest of its text
 _PATIENCE = 2.0  # s until a wait is explained
 _EVERY = 15.0  # s between lines of progress without a terminal
 
-Advance = Callable[[int, int], None]  # called with (done, in all)
+Advance = Callable[[float, int], None]  # called with (done, in all)
 
 
 def printable(text: str) -> str:
@@ -160,17 +160,17 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     )  # fmt: skip
     task, first, last = bars.add_task(printable(what), total=None), None, start
 
-    def advance(done: int, total: int) -> None:
+    def advance(done: float, total: int) -> None:
         nonlocal first, last
         if first is None:  # what was there before must not count as speed
             first = done
-            bars.reset(task, completed=done, total=total)
+            bars.reset(task, completed=int(done), total=total)
         bars.update(task, completed=done, total=total)
         now = time.monotonic()
         if bars.disable and now - last >= _EVERY and first < done < total:
             last = now
             left = (now - start) / (done - first) * (total - done)
-            note(f"{what}: {done}/{total} {unit}, {left:.0f} s left")
+            note(f"{what}: {int(done)}/{total} {unit}, {left:.0f} s left")
 
     with bars:
         yield advance
@@ -183,11 +183,11 @@ def resumed(units: str) -> Iterator[Advance]:
     try:
         with progress(units, units) as bar:
 
-            def advance(done: int, total: int) -> None:
+            def advance(done: float, total: int) -> None:
                 nonlocal state
                 if not state and done:
-                    note(f"{done} of {total} {units} are there already")
-                state = f"{done} of {total} {units}"
+                    note(f"{int(done)} of {total} {units} are there already")
+                state = f"{int(done)} of {total} {units}"
                 bar(done, total)
 
             yield advance

@@ -86,7 +86,7 @@ class _Unit:
         whole = not self.fresh and is_whole(self.path, trials=self.size)
         return self.size if whole else 0
 
-    def run(self) -> None:
+    def run(self, advance: Callable[[float], None]) -> None:
         if self.done:  # by another process, meanwhile
             return
         config = self.config
@@ -95,8 +95,9 @@ class _Unit:
             percepts=config.percepts, logs=None,
         ).fit(_table(config))  # fmt: skip
         header = {"config": config.as_dict(), "seed": config.seed}
+        tasks = _tasks(config)[self.first :][:UNIT]
         with TrialWriter(self.path, header) as log:
-            for trial, taken in timed(learner.ask, _tasks(config)[self.first :][:UNIT]):
+            for trial, taken in timed(learner.ask, tasks, advance):
                 log.write(trial, seconds=taken)
 
 
@@ -107,7 +108,7 @@ def run_offline(
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
     """Run an offline experiment; units that are already whole are not run again.
@@ -126,8 +127,9 @@ def run_offline(
         Address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
     fresh : bool
         Run again what is there already; it is replaced unit by unit.
-    on_progress : Callable[[int, int], None] | None
-        Called with (trials done, trials in all).
+    on_progress : Callable[[float, int], None] | None
+        Called with (trials done, trials in all), from processes once a second; from a cluster after
+        100 trials.
     on_note : Callable[[str], None] | None
         Called with a line that says which other process is waited for; logged by default.
 

@@ -97,11 +97,11 @@ class _Unit:
         parts = [("test",), *[("train", "test")] * self.config.batches]
         return sum(all(self.has(b, p) for p in ps) for b, ps in enumerate(parts))
 
-    def run(self) -> None:
+    def run(self, advance: Callable[[float], None]) -> None:
         """Run what is not finished."""
         config, protocol = self.config, _protocol(self.config, self.repeat)
         learner, environment = _learner(self, protocol), Environment(config, protocol)
-        tests = protocol.tests()
+        tests, write = protocol.tests(), partial(self._write, advance)
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
             test = not self.has(batch, "test")
@@ -110,20 +110,21 @@ class _Unit:
             if test:
                 pretrained = [protocol.dataset.objects[o] for o in protocol.split.pre]
                 facts: dict[str, object] = {} if batch else {"pretrained": pretrained}
-                self._write(batch, "test", partial(environment.test, learner), tests, facts)
+                write(batch, "test", partial(environment.test, learner), tests, facts)
             if train:
                 tasks = protocol.training(batch + 1, config.trials)
-                self._write(batch + 1, "train", partial(environment.train, learner), tasks, {})
+                write(batch + 1, "train", partial(environment.train, learner), tasks, {})
             elif batch < config.batches:
                 for trial in read_trials(self.log(batch + 1, "train")):
                     environment.repeat(learner, trial)
 
     def _write(
-        self, batch: int, part: str, run: Callable[[Task], Trial], tasks: list[Task],
-        facts: dict[str, object],
+        self, advance: Callable[[float], None], batch: int, part: str,
+        run: Callable[[Task], Trial], tasks: list[Task], facts: dict[str, object],
     ) -> None:  # fmt: skip
         """Run trials and log them; with the whole log that part of the batch is done."""
-        path, trials = self.log(batch, part), timed(run, tasks)
+        part_of = (0.5 if batch else 1) / len(tasks)  # of a batch that trains and is tested
+        path, trials = self.log(batch, part), timed(run, tasks, advance, part_of)
         header = {
             "config": self.config.as_dict(), "seed": self.config.seed, "agent": self.agent.name,
             "repeat": self.repeat, "batch": batch, "part": part, **facts,
@@ -150,7 +151,7 @@ def run_online(
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
     """Run an online experiment; batches that are already whole are not run again.
@@ -165,8 +166,9 @@ def run_online(
         As of `run_offline`.
     fresh : bool
         Run again what is there already; it is replaced batch by batch.
-    on_progress : Callable[[int, int], None] | None
-        Called with (batches done, batches in all).
+    on_progress : Callable[[float, int], None] | None
+        Called with (batches done, batches in all) after every trial, from processes once a second;
+        from a cluster after a repeat of an agent.
     """
     domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
     true_dynamics(domain, dict(config.success))  # the same

@@ -8,7 +8,7 @@ import platform
 import queue
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import as_completed
+from concurrent.futures import FIRST_COMPLETED, wait
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -23,6 +23,7 @@ Work = TypeVar("Work")
 Result = TypeVar("Result")
 
 _PATIENCE = 10.0  # s for a scheduler to answer
+_LOOK = 1.0  # s between calls of `meanwhile`
 _SILENCE = 3.0  # s without a result after which the scheduler is asked whether it is there
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -33,6 +34,7 @@ def in_parallel(
     *,
     jobs: int,
     cluster: str | None = None,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> Iterator[Result]:
     """Call a function on every piece of work; results come as they are ready, in any order.
 
@@ -51,6 +53,8 @@ def in_parallel(
     cluster : str, optional
         Address of a Dask scheduler; then its workers do the work, and what a worker that dies had
         in hand goes to another.
+    meanwhile : Callable[[], None]
+        Called every second while processes on this machine work.
 
     Yields
     ------
@@ -68,7 +72,7 @@ def in_parallel(
         yield from map(function, pieces)
         return
     calls = [_pickled(function, piece) for piece in pieces]
-    yield from _here(calls, jobs) if cluster is None else _on_cluster(calls, cluster)
+    yield from _here(calls, jobs, meanwhile) if cluster is None else _on_cluster(calls, cluster)
 
 
 def _pickled(function: Callable[[Work], Result], piece: Work) -> bytes:
@@ -90,7 +94,7 @@ def _call(pickled: bytes) -> Any:
     return function(piece)
 
 
-def _here(calls: list[bytes], jobs: int) -> Iterator[Any]:
+def _here(calls: list[bytes], jobs: int, meanwhile: Callable[[], None]) -> Iterator[Any]:
     threads = str(max(1, (os.cpu_count() or 1) // jobs))  # of libraries, in each process
     pool = ProcessPoolExecutor(
         jobs,
@@ -100,8 +104,11 @@ def _here(calls: list[bytes], jobs: int) -> Iterator[Any]:
     )
     whole = False
     try:
-        for future in as_completed([pool.submit(_call, call) for call in calls]):
-            yield future.result()
+        running = {pool.submit(_call, call) for call in calls}
+        while running:
+            ended, running = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
+            meanwhile()
+            yield from (future.result() for future in ended)
         whole = True
     finally:
         pool.shutdown(kill_workers=not whole)

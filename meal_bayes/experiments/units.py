@@ -13,11 +13,14 @@ import platform
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeVar
 
+import numpy as np
 from filelock import FileLock, Timeout
 
+from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import check_folder
@@ -44,8 +47,11 @@ class Unit(Protocol):
     def done(self) -> int:
         """How many of them are whole on the disk."""
 
-    def run(self) -> None:
-        """Run what is not done; another process may have done all of it meanwhile."""
+    def run(self, advance: Callable[[float], None]) -> None:
+        """Run what is not done; another process may have done all of it meanwhile.
+
+        Each call of `advance` tells how many more are done, in fractions too.
+        """
 
 
 AnyUnit = TypeVar("AnyUnit", bound=Unit)
@@ -57,7 +63,7 @@ def run_units(
     *,
     jobs: int,
     cluster: str | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> None:
     """Run all units that are not done; any number of processes may do so at a time.
@@ -74,8 +80,9 @@ def run_units(
         Processes.
     cluster : str, optional
         Address of a Dask scheduler, instead of processes here; see `in_parallel`.
-    on_progress : Callable[[int, int], None], optional
-        Called with (parts done, parts in all).
+    on_progress : Callable[[float, int], None], optional
+        Called with (parts done, parts in all), those of units under way here included; after an
+        interruption with what is kept.
     on_note : Callable[[str], None], optional
         Called with a line that says who is waited for; logged as a warning by default.
 
@@ -94,48 +101,78 @@ def run_units(
     report = on_progress or (lambda *_: None)
     report(done, total)
     todo = [unit for unit in units if left[unit.path]]
+    if not todo:
+        return
     for folder in {unit.path.parent for unit in todo}:
         check_folder(folder)
-    if todo:
-        warm_up(todo)
+    warm_up(todo)
     announced = set[str]()
-    while todo:
-        held: list[AnyUnit] = []
-        numbered = enumerate(todo)
-        for number, holder in in_parallel(_run_claimed, numbered, jobs=jobs, cluster=cluster):
-            unit = todo[number]
-            if holder is None:
-                done += left[unit.path]
-                report(done, total)
-                continue
-            held.append(unit)
-            if holder not in announced:
-                announced.add(holder)
-                (on_note or log.warning)(f"{unit.path} is being made by {holder}; waiting for it")
-        todo = held
-        while todo and all(map(_is_held, todo)):
-            time.sleep(_POLL)
+    with temporary_folder() as folder:
+        file = folder / "parts"
+        parts = np.memmap(file, float, "w+", shape=len(todo))  # done of each unit under way
+
+        def look() -> None:
+            report(done + float(parts.sum()), total)
+
+        try:
+            while todo:
+                held: list[AnyUnit] = []
+                alone = cluster is None and min(jobs, len(todo)) == 1
+                run = partial(_run_claimed, file=file, then=look if alone else None)
+                for number, holder in in_parallel(
+                    run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
+                ):
+                    unit, parts[number] = todo[number], 0
+                    if holder is None:
+                        done += left[unit.path]
+                        look()
+                        continue
+                    held.append(unit)
+                    if holder not in announced:
+                        announced.add(holder)
+                        waiting = f"{unit.path} is being made by {holder}; waiting for it"
+                        (on_note or log.warning)(waiting)
+                todo = held
+                while todo and all(map(_is_held, todo)):
+                    time.sleep(_POLL)
+        except KeyboardInterrupt:
+            report(done, total)
+            raise
 
 
-def _run_claimed(numbered: tuple[int, Unit]) -> tuple[int, str | None]:
+def _run_claimed(
+    numbered: tuple[int, Unit], *, file: Path, then: Callable[[], None] | None
+) -> tuple[int, str | None]:
     """Run a unit that nobody else holds; return its number, and who holds it."""
     number, unit = numbered
+
+    def advance(amount: float) -> None:
+        with contextlib.suppress(FileNotFoundError):  # on another machine
+            np.memmap(file, float, "r+")[number] += amount
+        if then is not None:
+            then()
+
     with claimed(unit.path) as claim:
         if isinstance(claim, str):
             return number, claim
-        unit.run()
+        unit.run(advance)
         if claim:  # else another process may still be writing its drafts
             for path in unit.path.glob("*.mcap") if unit.path.is_dir() else [unit.path]:
                 remove_drafts(path)
     return number, None
 
 
-def timed(run: Callable[[Task], Trial], tasks: Iterable[Task]) -> Iterator[tuple[Trial, float]]:
-    """Run trials one by one; yield each with the wall-clock seconds that it took."""
+def timed(
+    run: Callable[[Task], Trial], tasks: Iterable[Task], advance: Callable[[float], None],
+    part: float = 1,
+) -> Iterator[tuple[Trial, float]]:  # fmt: skip
+    """Run trials one by one, each a part of a unit; yield each with the wall-clock s it took."""
     for task in tasks:
         start = time.perf_counter()
         trial = run(task)
-        yield trial, time.perf_counter() - start
+        seconds = time.perf_counter() - start
+        advance(part)
+        yield trial, seconds
 
 
 @contextlib.contextmanager

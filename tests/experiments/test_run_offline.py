@@ -66,7 +66,7 @@ class TestRunningAgain:
         lost.unlink()
         steps = []
         run_offline(CONFIG, logs=finished.folder.parent, on_progress=lambda *at: steps.append(at))
-        assert steps == [(230, 260), (260, 260)]
+        assert list(dict.fromkeys(steps)) == [(done, 260) for done in range(230, 261)]
         assert contents(finished.folder) == before
         assert not torn.exists()
         assert {path: path.stat().st_mtime_ns for path in times} == times
@@ -75,7 +75,7 @@ class TestRunningAgain:
         before, steps = contents(finished.folder), []
         logs = finished.folder.parent
         run_offline(CONFIG, logs=logs, fresh=True, on_progress=lambda *at: steps.append(at))
-        assert [done for done, _ in steps] == [0, 100, 200, 230, 260]
+        assert list(dict.fromkeys(steps)) == [(done, 260) for done in range(261)]
         assert contents(finished.folder) == before
 
     def test_more_agents_join_the_folder(self, finished):

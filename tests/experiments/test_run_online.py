@@ -41,8 +41,14 @@ def config(own_data):
 
 
 @pytest.fixture(scope="module")
-def finished(config, tmp_path_factory):
-    return run_online(config, logs=tmp_path_factory.mktemp("logs"))
+def progress():
+    return []
+
+
+@pytest.fixture(scope="module")
+def finished(config, tmp_path_factory, progress):
+    logs = tmp_path_factory.mktemp("logs")
+    return run_online(config, logs=logs, on_progress=lambda done, total: progress.append(done))
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +70,12 @@ class TestAFinishedRun:
             for name in names
         }
         assert set(whole) == expected
+
+    def test_progress_is_told_after_every_trial(self, finished, progress):
+        trials = sum(len(list(read_trials(path))) for path in finished.folder.rglob("*.mcap"))
+        assert len(progress) == 1 + trials + 4  # at the start, and after each unit
+        assert progress == pytest.approx(sorted(progress))
+        assert progress[-1] == 12
 
     def test_training_is_the_protocol_s_and_the_same_for_all(self, finished, config):
         dataset = load_dataset(config.dataset, root=config.root)

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +38,20 @@ class Part:
     def done(self):
         return self.size if self.path.is_file() else 0
 
-    def run(self):
+    def run(self, advance):
+        for _ in range(self.size):
+            advance(1)
+        self.path.write_text("whole")
+
+
+class Patient(Part):
+    """A unit that goes on once its first half is known."""
+
+    def run(self, advance):
+        advance(0.5)
+        for _ in range(1000):
+            if not self.path.with_name("known").exists():
+                time.sleep(0.01)
         self.path.write_text("whole")
 
 
@@ -95,7 +109,7 @@ def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeyp
         todo, warmed.extend, jobs=1, on_progress=lambda *at: progress.append(at),
         on_note=notes.append,
     )  # fmt: skip
-    assert progress == [(2, 6), (4, 6), (6, 6)]
+    assert list(dict.fromkeys(progress)) == [(done, 6) for done in range(2, 7)]
     assert warmed == todo[:2]
     assert len(notes) == 1
     assert f"unit is being made by process {other.pid} on" in notes[0]
@@ -119,6 +133,32 @@ def test_without_file_locks_two_processes_do_the_same_work(tmp_path, monkeypatch
     monkeypatch.undo()
     run_offline(config, logs=tmp_path / "first", fresh=True)
     assert drafts_of(path) == []
+
+
+def test_processes_tell_what_is_done_of_a_unit_under_way(tmp_path):
+    progress = []
+
+    def look(done, total):
+        progress.append(done)
+        if done:
+            (tmp_path / "known").touch()
+
+    run_units([Patient(tmp_path / name) for name in "ab"], list, jobs=2, on_progress=look)
+    assert 0 < next(filter(None, progress)) <= 1
+    assert progress[-1] == 4
+
+
+def test_after_an_interruption_what_is_kept_is_told(tmp_path):
+    progress = []
+
+    def interrupt(done, total):
+        progress.append(done)
+        if progress == [0, 1, 2, 2, 3]:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_units([Part(tmp_path / n) for n in "ab"], list, jobs=1, on_progress=interrupt)
+    assert progress == [0, 1, 2, 2, 3, 2]
 
 
 def test_the_place_is_tried_first(tmp_path):
