@@ -6,10 +6,9 @@ Results go to standard output, progress and notes to standard error.
 
 import click
 
-from meal_bayes.cli.ask import ask, memory
+from meal_bayes.cli.ask import ask, demo, memory
 from meal_bayes.cli.compare import compare
 from meal_bayes.cli.data import data
-from meal_bayes.cli.demo import demo
 from meal_bayes.cli.doctor import doctor
 from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log

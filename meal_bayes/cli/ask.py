@@ -1,19 +1,81 @@
-"""`meal-bayes ask`: one question about one object; `meal-bayes memory`: the labels it received."""
+"""`meal-bayes ask`, `demo`: one question about one object; `memory`: the labels it received."""
 
 import contextlib
 import json
+import textwrap
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
+from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.answer import answer, trial_facts
-from meal_bayes.cli.console import note, output, print_json, print_table, printable
+from meal_bayes.cli.console import note, output, print_facts, print_json
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from meal_bayes.trials import Trial
+    from meal_bayes.datasets import PerceptTable
+    from meal_bayes.trials import Task, Trial
+
+_QUESTION = "Is it heavy, and does it hold beans?"
+_SEED = 7  # a trial in which a behavior fails
+
+
+@click.command()
+@opt.seed_option(_SEED)
+@opt.logs_option
+def demo(seed: int, logs: Path) -> None:
+    """Show one trial step by step. Start here.
+
+    The percepts of a real robot come with the package; another seed takes another object.
+    """
+    from meal_bayes.cli.narration import print_trial
+    from meal_bayes.datasets import load_percepts
+    from meal_bayes.learner.api import question_task
+    from meal_bayes.seeds import stream
+
+    table = load_percepts("roc36")
+    name = table.objects[int(stream(seed, "demo").integers(len(table.objects)))]
+    config = {
+        "command": "demo", "question": _QUESTION, "dataset": "roc36", "object": name,
+        "agent": "bayes", "seed": seed,
+    }  # fmt: skip
+    console = output()
+    text = (
+        "A robot meets an object it has never learned from, and is asked about it. It tries one "
+        "behavior after another, updates its belief by Bayes' rule, and answers once the next "
+        "percept would cost more than it is worth."
+    )
+    console.print(Text(textwrap.fill(text, console.width) + "\n"))
+    right = table.domain.report_reward
+    sensing = sum(bool(behavior.modalities) for behavior in table.domain.behaviors)
+    facts = {
+        "question": _QUESTION,
+        "object": f"{name}, from the recordings of a real robot (ROC36)",
+        "learned": f"from the other {len(table.objects) - 1} objects: what each of {sensing} "
+        "behaviors shows",
+        "agent": "bayes: exact beliefs, tree search (POMCP)",
+        "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
+    }
+    print_facts(console, facts)
+    console.print()
+    trial, path = _answer(table, question_task(_QUESTION, table, name), config, logs)
+    print_trial(console, trial)
+    other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
+    console.print()
+    console.print(Text("what next", "bold"))
+    many = "meal-bayes run offline --trials 100 --agent predefined_plus --agent bayes"
+    for command, what in (
+        (f"meal-bayes log show {path}", "this trial again, from its log"),
+        (f'meal-bayes ask "Is it blue, and does it hold rice?" --object {other}', "ask your own"),
+        (many, "many trials, two agents compared"),
+    ):
+        console.print(Text(f"  # {what}", "dim"))
+        console.print(Text(f"  {command}"), soft_wrap=True)
 
 
 @click.command(short_help="Ask about one object.")
@@ -35,7 +97,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     keeps the labels that it gets of an object, in a file of the folder of logs.
     """
-    from meal_bayes.cli.narration import print_trial_table
+    from meal_bayes.cli.narration import print_trial_table, trial_facts
     from meal_bayes.datasets import load_percepts
     from meal_bayes.learner.api import question_task
 
@@ -45,10 +107,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     memory = _read(_memory(logs, table.domain.data)) if learn else []
     if learn:
         config["labels_before"] = len(memory)
-    trial, path = answer(
-        table, task, agent=opt.agent_value(config["agent"]), seed=config["seed"], logs=logs,
-        config=config, labels=memory if learn else None,
-    )  # fmt: skip
+    trial, path = _answer(table, task, config, logs, memory if learn else None)
     if as_json:
         print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
     else:
@@ -65,6 +124,38 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         note(f"kept in {file.name}: {task.object_name} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
+
+
+def _answer(
+    table: "PerceptTable", task: "Task", config: Mapping[str, Any], logs: Path,
+    labels: Sequence[Mapping[str, Any]] | None = None,
+) -> "tuple[Trial, Path]":  # fmt: skip
+    """Run the trial of a task, and return it with the path of its log.
+
+    Labels are those that people gave before, None where objects are not recognized.
+    """
+    from meal_bayes.files import check_folder, file_name
+    from meal_bayes.learner import Learner
+    from meal_bayes.trial_log import TrialWriter
+
+    agent, seed = opt.agent_value(config["agent"]), config["seed"]
+    learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
+    check_folder(logs)  # once the agent is known to be one
+    start = time.perf_counter()
+    learner.fit(table)
+    if labels is not None:
+        learner.agent = replace(learner.agent, memory=True)
+    for entry in labels or ():
+        if entry["object"] in table.objects:
+            known = {k: v for k, v in entry["labels"].items() if k in table.domain.attributes}
+            learner.tell(entry["object"], known)
+    with terminal.showing_compilation():
+        trial = learner.ask(task)
+    path = logs / f"{config['command']}-{file_name(task.object_name)}-{opt.digest(config)}.mcap"
+    header = {"config": dict(config), "seed": seed, "data": table.domain.data}
+    with TrialWriter(path, header) as log:
+        log.write(trial, seconds=time.perf_counter() - start)
+    return trial, path
 
 
 def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
@@ -92,7 +183,7 @@ def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
 def _prompt(text: str) -> bool | None:
     """Return a person's reply to a yes/no question on standard error; None where unknown."""
     replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
-    prompt = f"{printable(text)} [y/n, Enter: do not know]"
+    prompt = f"{terminal.printable(text)} [y/n, Enter: do not know]"
     while True:
         try:
             reply: str = click.prompt(prompt, err=True, default="", show_default=False)
@@ -125,7 +216,7 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
         note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
         return
     cells = ((entry["object"], _text(entry["labels"]), Path(entry["log"]).name) for entry in labels)
-    print_table(("object", "is", "log"), cells, left=("is", "log"))
+    terminal.print_table(("object", "is", "log"), cells, left=("is", "log"))
 
 
 @memory.command()

@@ -1,6 +1,7 @@
-"""A trial as text: beliefs as bars, the decision and its reasons, the outcome, the cost."""
+"""A trial as text: beliefs as bars, the decision and its reasons, the outcome; and as JSON."""
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Column, Table
@@ -149,3 +150,37 @@ def _print_end(console: Console, trial: "Trial") -> None:
     """Print the report, whether it is right, and the cost of a trial."""
     verdict = "bold green" if trial.success else "bold red"
     print_facts(console, final_facts(trial), answer="bold", verdict=verdict)
+
+
+def trial_facts(trial: "Trial") -> dict[str, object]:
+    """Return the facts of a trial as JSON values."""
+    names = trial.task.query.attributes
+    truth = [None if value < 0 else value == 1 for value in trial.truth.tolist()]
+    return {
+        "object": trial.task.object_name,
+        "attributes": list(names),
+        "agent": trial.agent,
+        "report": _by_name(names, trial.report),
+        "truth": dict(zip(names, truth, strict=True)),
+        "success": trial.success,
+        "ended": trial.ended,
+        "cost_s": trial.cost,
+        "reward": None if math.isnan(trial.reward) else trial.reward,
+        "belief": _by_name(names, trial.last_belief.positive),
+        "steps": [
+            {
+                "x": trial.momdp.x_names[step.x],
+                "action": trial.momdp.action_name(step.decision.action),
+                "next_x": trial.momdp.x_names[step.next_x],
+                "percept": _by_name(names, step.observation),
+                "warning": step.warning,
+                "cost_s": step.cost,
+                "belief": _by_name(names, step.belief.positive),
+            }
+            for step in trial.steps
+        ],
+    }
+
+
+def _by_name(names: tuple[str, ...], values: "NDArray[Any] | None") -> dict[str, object] | None:
+    return None if values is None else dict(zip(names, values.tolist(), strict=True))

@@ -10,7 +10,6 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.answer import trial_facts
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
@@ -85,7 +84,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     logged step by step.
     """
     from meal_bayes.cache import temporary_folder
-    from meal_bayes.cli.narration import print_trial_table
+    from meal_bayes.cli.narration import print_trial_table, trial_facts
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
     from meal_bayes.learner import Learner
@@ -148,6 +147,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     The agent explores for the questions to come; how often behaviors succeed is learned too.
     """
     from meal_bayes.agents import as_agent
+    from meal_bayes.cli.narration import trial_facts
     from meal_bayes.domain import Query
     from meal_bayes.experiments.simulated import learn_live
     from meal_bayes.learner import Learner
