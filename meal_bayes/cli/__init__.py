@@ -7,22 +7,17 @@ Results go to standard output, progress and notes to standard error.
 import click
 
 from meal_bayes.cli.ask import ask, demo, memory
-from meal_bayes.cli.compare import compare
 from meal_bayes.cli.data import data
 from meal_bayes.cli.doctor import doctor
 from meal_bayes.cli.export import export
 from meal_bayes.cli.log import log
-from meal_bayes.cli.online import online
 from meal_bayes.cli.posterior import posterior
 from meal_bayes.cli.program import Program
-from meal_bayes.cli.report import report
+from meal_bayes.cli.report import compare, report
 from meal_bayes.cli.reproduce import reproduce
 from meal_bayes.cli.run import run
 from meal_bayes.cli.sim import sim
 from meal_bayes.cli.view import view
-
-run.add_command(online)
-
 
 _COMMANDS = [
     demo, ask, memory, run, reproduce, view, report, compare, posterior, data, log, export, sim,

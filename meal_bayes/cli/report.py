@@ -1,11 +1,11 @@
-"""`meal-bayes report`: one page of a run."""
+"""`meal-bayes report`: one page of a run; `compare`: who is ahead, by a model of all outcomes."""
 
 from pathlib import Path
 
 import click
 
-from meal_bayes.cli.console import note, progress, say
-from meal_bayes.cli.options import FILE, option
+from meal_bayes.cli.console import note, print_json, print_table, progress, say
+from meal_bayes.cli.options import FILE, json_option, option, seed_option
 
 
 @click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
@@ -25,3 +25,54 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
     trials, agents = written.trials, len(written.agents)
     counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
     say(f"{out}: {counted}, {written.size:,} bytes")
+
+
+@click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@option("--measure", click.Choice(["success", "cost", "reward"]), "success", None,
+        "What is compared.")  # fmt: skip
+@option("--reference", None, None, "AGENT", "Compared with; the first one by default.")
+@option(
+    "--margin", click.FloatRange(0, min_open=True), None, "M",
+    "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
+)  # fmt: skip
+@option("-o --out", FILE, None, "FILE.png", "Draw the effects.")
+@seed_option()
+@json_option
+def compare(
+    logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None,
+    out: Path | None, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
+
+    Effects are shrunk towards each other; `ahead` is the probability of being better than the
+    reference, `equivalent` that of differing by less than the margin.
+    """
+    from meal_bayes.evaluation.canvas import save
+    from meal_bayes.evaluation.outcome_model import compare_outcomes, plot_effects
+    from meal_bayes.trial_log import Logs
+    from meal_bayes.trials import TrialOutcomes
+
+    repeats: dict[str, int] = {}
+    parts, again = [], []
+    for group in Logs(*logs).groups():
+        place = next((one for one in group.file.parts if one.startswith("repeat-")), "")
+        parts.append(group.outcomes)
+        again += [repeats.setdefault(place, len(repeats))] * len(group.outcomes)
+    rows = compare_outcomes(
+        TrialOutcomes.join(parts), measure=measure, reference=reference, repeats=again,
+        margin=margin, seed=seed,
+    )  # fmt: skip
+    if out is not None:
+        save(plot_effects(rows), out)
+    if as_json:
+        print_json({"effects": [row.as_dict() for row in rows]})
+        return
+    say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
+    names = "agent", "trials", "plain", "effect", "95 %", "ahead", "equivalent"
+    cells = (
+        (row.agent, str(row.trials), f"{row.plain:+.3f}", f"{row.effect:+.3f}",
+         f"{row.low:+.3f} to {row.high:+.3f}", f"{row.ahead:.3f}", f"{row.equivalent:.3f}")
+        for row in rows
+    )  # fmt: skip
+    print_table(names, cells)

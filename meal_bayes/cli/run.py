@@ -1,6 +1,9 @@
 """`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
 
+import contextlib
+import math
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,10 +15,15 @@ from meal_bayes.cli.program import Section
 from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from meal_bayes.evaluation import SummaryRow
+    from meal_bayes.evaluation.learning import LearningRow, LearningSummary
+    from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
+_MOST = 40  # repeats of a run that goes on until it is decided
 
 
 @click.group(cls=Section)
@@ -80,13 +88,9 @@ def offline(
         finished = run_offline(config, on_progress=advance, **how)
     outcomes = finished.outcomes()
     rows = summarize(outcomes, seconds=finished.seconds)
-    pair: dict[str, object] = {"against": _AGAINST, "measure": _MEASURE}
     paired = [
-        {
-            "agent": name,
-            **pair,
-            **plain(compare(outcomes, name, _AGAINST, measure=_MEASURE)._asdict()),
-        }
+        {"agent": name, "against": _AGAINST, "measure": _MEASURE}
+        | plain(compare(outcomes, name, _AGAINST, measure=_MEASURE)._asdict())
         for name in outcomes.agents
         if _AGAINST in outcomes.agents and name != _AGAINST
     ]
@@ -94,11 +98,11 @@ def offline(
         facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
         terminal.print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
-    _print(rows, paired)
+    _print_summary(rows, paired)
     terminal.note(f"trials in {finished.folder}")
 
 
-def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
     console = terminal.output()
     cells = (
         (row.agent, f"{row.accuracy:.3f} ±{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
@@ -133,3 +137,165 @@ def _print(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
 
 def _signed(value: object) -> str:
     return f"{value:+.1f}" if isinstance(value, float) else "?"
+
+
+def _shares(text: str) -> tuple[int, ...]:
+    """Read three parts of the objects, such as 33/33/34."""
+    with contextlib.suppress(ValueError):
+        parts = tuple(map(int, text.split("/")))
+        if len(parts) == 3 and min(parts) > 0:
+            return parts
+    raise click.BadParameter(
+        f"split is {text!r}; give three whole numbers above 0, such as 33/33/34."
+    )
+
+
+def _chance(text: str) -> tuple[str, float]:
+    """Read a behavior and its probability, such as grasp=0.5."""
+    name, _, number = text.rpartition("=")
+    with contextlib.suppress(ValueError):
+        if name.strip() and 0 < float(number) <= 1:
+            return name.strip(), float(number)
+    raise click.BadParameter(f"success is {text!r}; give it as grasp=0.5, above 0 and at most 1.")
+
+
+@run.command(short_help="Agents learn while they work, tested after every batch.")
+@opt.dataset_option
+@opt.option("--attributes", click.IntRange(1, NAME_LIMIT), 1, "N", "Asked at a time.")
+@opt.option(
+    "--agent agents", None, None, "NAME",
+    f"{opt.ONLINE_AGENTS}; any agent of `run offline`; or {opt.OWN}; may be repeated, or a comma "
+    "list. The others are compared with the first. iterative_morc, morc_itrs, bayes and "
+    "bayes_memory by default.", multiple=True,
+)  # fmt: skip
+@opt.option("--batches", opt.COUNT, 10, "B", "Refits.")
+@opt.option("--trials", opt.COUNT, 40, "T", "Of training, a batch.")
+@opt.option("--repeats", opt.COUNT, None, "R", "Runs on other splits of the objects; 1 by default.")
+@click.option(
+    "--until-decided", is_flag=True,
+    help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
+    f"--repeats, {_MOST} by default.",
+)  # fmt: skip
+@opt.option(
+    "--split", _shares, "33/33/34", "A/B/C",
+    "Shares of objects known before, met in training, and tested on.",
+)  # fmt: skip
+@opt.option("--alpha", click.FloatRange(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
+@opt.option("--beta", click.FloatRange(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
+@opt.option(
+    "--normalizer", click.Choice(["paper", "all"]), "paper", None,
+    "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
+)  # fmt: skip
+@opt.option(
+    "--feedback answers", click.Choice(["verdict", "all"]), "verdict", None,
+    "Whether the report was right, or the labels of all attributes asked.",
+)  # fmt: skip
+@opt.option(
+    "--error", click.FloatRange(0, 1, max_open=True), 0.0, None, "Probability of wrong feedback."
+)
+@opt.option(
+    "--success", _chance, None, "BEHAVIOR=P",
+    "True success probability of a behavior; the data set's by default.", multiple=True,
+)  # fmt: skip
+@click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
+@opt.seed_option()
+@opt.jobs_option
+@opt.cluster_option
+@opt.option(
+    "--log", click.Choice(["compact", "full"]), "compact", None,
+    "Form of the logs of test trials; a compact one keeps outcomes, no steps.",
+)  # fmt: skip
+@opt.logs_option
+@opt.fresh_option
+@opt.json_option
+def online(
+    root: Path | None, agents: tuple[str, ...], until_decided: bool, as_json: bool, **settings: Any
+) -> None:
+    """Train agents on their own trials by feedback, and test them after every batch.
+
+    Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
+    interrupted continues when the same command is given again.
+    """
+    from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
+    from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
+
+    how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
+    settings["root"] = None if root is None else str(root)
+    settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
+    if agents:
+        settings["agents"] = tuple(map(opt.agent_value, opt.listed(*agents)))
+    config = OnlineConfig(**settings)
+    with terminal.showing_compilation():
+        warm_up_online(config)
+    with terminal.resumed("batches") as advance:
+        how |= {"on_progress": advance, "on_note": terminal.note}
+        if until_decided:
+            finished = run_online_until(config, decided, **how)
+        else:
+            finished = run_online(config, **how)
+    results = list(finished.results())
+    rows, summary = learning_rows(results), summarize_learning(results)
+    if as_json:
+        facts = {"rows": [row.as_dict() for row in rows]}
+        facts["summary"] = [row.as_dict() for row in summary]
+        terminal.print_json({"config": finished.config.as_dict(), **facts})
+    else:
+        _print_learning(rows, summary)
+        if len(summary) > 1:
+            _print_differences(results, finished.training, summary)
+    terminal.note(f"trials in {finished.folder}")
+    terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
+
+
+def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
+    last, cells = max(row.batch for row in rows), []
+    for each in summary:
+        end = [row for row in rows if (row.agent, row.batch) == (each.agent, last)]
+        claimed = fmean(row.claimed_accuracy for row in end)
+        cells.append(
+            (each.agent, f"{fmean(row.hours for row in end):.1f}", f"{each.accuracy_after:.3f}",
+             f"{claimed:.3f}", f"{fmean(row.test_cost_s for row in end):.1f}",
+             f"{each.reward_after:.1f}", f"{each.ece_after:.3f}")
+        )  # fmt: skip
+    heads = ("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
+    terminal.print_table(heads, cells, narrow=True)
+    repeats = len({row.repeat for row in rows})
+    text = f"repeats: {repeats}; after the last batch, ECE of the last three\n"
+    terminal.output().print(Text(text, "dim"), end="")
+
+
+def _print_differences(
+    results: "list[BatchOutcomes]", training: "Callable[[str], list[TrialOutcomes]]",
+    summary: "list[LearningSummary]",
+) -> None:  # fmt: skip
+    """Print what agents have more than the first: reward, and training's successes (Eq. 7)."""
+    from meal_bayes.evaluation.learning import (
+        BUDGETS,
+        curves_of,
+        difference_at,
+        success_difference,
+    )
+
+    first, rewards, successes = summary[0], [], []
+    base, trained = curves_of(results, first.agent), training(first.agent)
+    for each in summary[1:]:
+        curves, own = curves_of(results, each.agent), training(each.agent)
+        gains = (difference_at(curves, base, budget).estimate for budget in BUDGETS)
+        area = _with_reach(each.area_reward_difference, each.area_high)
+        after = f"{each.reward_after_difference:+.1f}"
+        rewards.append((each.agent, area, *(f"{gain:+.1f}" for gain in gains), after))
+        more = (success_difference(own, trained, 3600 * hours) for hours in BUDGETS)
+        successes.append((each.agent, *(_with_reach(gain.estimate, gain.high) for gain in more)))
+    terminal.output().print()
+    at = (f"at {hours:g} h" for hours in BUDGETS)
+    names = (f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at, "after")
+    caption = "±: half of the 95 % interval over splits"
+    terminal.print_table(names, rewards, narrow=True, caption=caption)
+    names = (f"successes less {first.agent}'s", *(f"in {hours:g} h" for hours in BUDGETS))
+    caption = "of training trials, none of those that pass the budget (Eq. 7)"
+    terminal.print_table(names, successes, narrow=True, caption=caption)
+
+
+def _with_reach(estimate: float, high: float) -> str:
+    reach = high - estimate
+    return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" ±{reach:.1f}")
