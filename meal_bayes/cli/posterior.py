@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from meal_bayes.datasets import PerceptTable
-
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _SHOWN = 12  # pairs in the table
@@ -55,44 +53,40 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
     the beliefs after one behavior and after all.
     """
+    from meal_bayes.datasets import load_percepts, object_index
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
+    from meal_bayes.perception import table_counts
     from meal_bayes.posterior.dispersion import prior_of
-    from meal_bayes.posterior.draws import sensing
+    from meal_bayes.posterior.draws import rows_of, sensing
 
     if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
     dataset = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
-    table, columns, counts = _counts(config)
+    table, levels = load_percepts(dataset), config["levels"]
+    names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
+    columns = sorted({*table.domain.columns(names)})
+    if config["held_out"] is None:
+        counted = held_out_counts(table, levels)
+    else:
+        index = object_index(table.objects, config["held_out"])
+        counted = table_counts(table, index, levels=levels)
+    counts = counted.counts[:, columns]  # (O,P,E,2,K)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
-    names = [table.domain.attributes[p] for p in columns]
     prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])
-    draws, statistics = _fit(counts, names, table.domain.behavior_names, prior, config)
-    rows = _rows(draws)
-    facts = _write(draws, statistics, counts, prior, table.objects, config, folder)
+    attributes = [table.domain.attributes[p] for p in columns]
+    draws, statistics = _fit(counts, attributes, table.domain.behavior_names, prior, config)
+    mean, *_ = rows_of(draws)
+    yes = mean[..., levels // 2 :].sum(axis=-1)  # Pr(yes) of each row, (C*S,P,E,2)
+    rows = _rows(draws, yes)
+    facts = _write(draws, statistics, yes, counts, prior, table.objects, config, folder)
     if as_json:
         terminal.print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
         return
     _print(facts, rows, sampled=bool(statistics))
     terminal.note(f"draws, summary and figures in {folder}")
-
-
-def _counts(config: dict[str, Any]) -> "tuple[PerceptTable, list[int], NDArray[Any]]":
-    """Return the table, the fitted attributes, and their percept counts (O,P,E,2,K)."""
-    from meal_bayes.datasets import load_percepts, object_index
-    from meal_bayes.perception import table_counts
-
-    table, levels = load_percepts(config["dataset"]), config["levels"]
-    names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
-    columns = sorted({*table.domain.columns(names)})
-    if config["held_out"] is None:
-        counts = held_out_counts(table, levels)
-    else:
-        index = object_index(table.objects, config["held_out"])
-        counts = table_counts(table, index, levels=levels)
-    return table, columns, counts.counts[:, columns]
 
 
 def _fit(
@@ -121,8 +115,8 @@ def _fit(
 
 
 def _write(
-    draws: "xr.Dataset", statistics: "xr.Dataset", counts: "NDArray[Any]", prior: "NDArray[Any]",
-    objects: tuple[str, ...], config: dict[str, Any], folder: Path,
+    draws: "xr.Dataset", statistics: "xr.Dataset", yes: "NDArray[Any]", counts: "NDArray[Any]",
+    prior: "NDArray[Any]", objects: tuple[str, ...], config: dict[str, Any], folder: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
@@ -140,8 +134,8 @@ def _write(
     from meal_bayes.posterior.pointwise import pointwise_log_likelihood, predict_yes, units_of
     from meal_bayes.seeds import stream
 
-    seed, attributes = config["seed"], draws["attribute"].values.tolist()
-
+    seed = config["seed"]
+    attributes, behaviors = (draws[dim].values.tolist() for dim in ("attribute", "behavior"))
     terminal.note("checking the fit ...")
     check = predictive_check(draws, counts, stream(seed, "predictive"))
     belief = beliefs_without_itself(draws, counts)
@@ -168,16 +162,18 @@ def _write(
     made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
     idata.save_netcdf(made, folder / "posterior.nc")
     write_whole(folder / "summary.csv", idata.summary_csv(made))
-    low, middle, high = np.quantile(_yes(draws), [0.025, 0.5, 0.975], axis=0)
-    behaviors = draws["behavior"].values.tolist()
+    low, middle, high = np.quantile(yes, [0.025, 0.5, 0.975], axis=0)
     save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
     save(predictive(check.observed, check.predicted), folder / "predictive.png")
-    pairs = {
-        "each": (belief.each, belief.each_truth),
-        "together": (belief.together, belief.together_truth),
-    }
-    for name, pair in pairs.items():
+    quality = {}
+    for name, pair in {"each": belief[:2], "together": belief[2:]}.items():
         save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
+        calibrated = expected_calibration_error(pair[0], stream(seed, "calibrated belief"))
+        quality[name] = {
+            "nll": float(negative_log_likelihood(*pair).mean()),
+            "ece": calibration_error(*pair),
+            "ece_calibrated": calibrated,
+        }
     epsilon = draws.get("misperception")
     return {
         "convergence": [row._asdict() for row in idata.convergence(made)],
@@ -185,35 +181,16 @@ def _write(
         "divergences": int(statistics.get("diverging", np.zeros(1)).sum()),
         "misperception": None if epsilon is None else float(epsilon.mean()),
         "predictive_p": check.p_values.tolist(),
-        "belief": {
-            name: {
-                "nll": float(negative_log_likelihood(*pair).mean()),
-                "ece": calibration_error(*pair),
-                "ece_calibrated": expected_calibration_error(
-                    pair[0], stream(seed, "calibrated belief")
-                ),
-            }
-            for name, pair in pairs.items()
-        },
+        "belief": quality,
     }
 
 
-def _yes(draws: "xr.Dataset") -> "NDArray[Any]":
-    """Return Pr(yes) of each row, (C*S,P,E,2)."""
-    import numpy as np
-
-    from meal_bayes.posterior.draws import rows_of
-
-    mean, *_ = rows_of(draws)
-    return np.asarray(mean[..., mean.shape[-1] // 2 :].sum(axis=-1))
-
-
-def _rows(draws: "xr.Dataset") -> list[dict[str, Any]]:
+def _rows(draws: "xr.Dataset", yes: "NDArray[Any]") -> list[dict[str, Any]]:
     """Return for each pair Pr(yes) of true and false objects, and how far objects differ."""
     import numpy as np
 
-    ends = np.quantile(rates := _yes(draws), [0.025, 0.975], axis=0)
-    mean, s = rates.mean(axis=0), draws["dispersion"].median(("chain", "draw")).values
+    ends = np.quantile(yes, [0.025, 0.975], axis=0)
+    mean, s = yes.mean(axis=0), draws["dispersion"].median(("chain", "draw")).values
     attributes, behaviors = (draws[dim].values.tolist() for dim in ("attribute", "behavior"))
     rows = []
     for p, e in np.ndindex(mean.shape[:2]):
