@@ -75,98 +75,69 @@ class Matrices:
         """
         if action not in self._known:
             self._known[action] = self._draw(action)
-        known = self._known[action]
+        pixels, labels = self._known[action]
         if sampled is None:  # as wide as the others, so that the view does not move
             width = self._momdp.levels * _cell_width(self._momdp.levels)
-            margin = ((0, 0), (0, _GAP + width), (0, 0))
-            return Picture(np.pad(known.pixels, margin), known.labels)
-        return _with_band(known, sampled[:, :_SHOWN])
+            return Picture(np.pad(pixels, ((0, 0), (0, width), (0, 0))), labels)
+        rows = sampled[:, :_SHOWN]
+        m, n, k = rows.shape
+        tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
+        lanes = np.sort(rows, axis=0)[np.arange(tall) * m // tall].swapaxes(0, 1)  # (N,tall,K)
+        ends = np.stack([rows.min(axis=0), rows.max(axis=0)], axis=1)  # (N,2,K)
+        title, left = f"{m} sampled MOMDPs", pixels.shape[1]
+        band = _block(title, ends.reshape(2 * n, k), lanes.reshape(n * tall, k), left)
+        return Picture(np.concatenate([pixels, band.pixels], axis=1), (*labels, *band.labels))
 
     def _draw(self, action: int) -> Picture:
         momdp = self._momdp
         n, k = min(len(momdp.query), _SHOWN), momdp.levels
-        mean, sd = (rows[:n].reshape(2 * n, k) for rows in truth_rows(momdp, action))
+        # A new object's latent class is drawn by Pr(class given truth), its row Dirichlet about the
+        # class's: mean and sd of its rows by its truth, (N,2,K).
+        prob, rows = momdp.latent_classes[..., None], momdp.confusion[:, None, action]  # (N,2,C,K)
+        mean = (prob * rows).sum(axis=2)
+        precision = momdp.precision[:, None, action, :, None]
+        square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
+        sd = np.sqrt(np.maximum(square - mean**2, 0.0))
         blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
         blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
         if self._counts is not None:  # fractions of counted percepts; nan of none
-            counts = self._counts[:n, action].reshape(2 * n, k)
+            counts = self._counts[:, action]
             total = counts.sum(axis=-1, keepdims=True)
             point = np.where(total > 0, counts / np.maximum(total, 1), np.nan)
             blocks.append(("paper: counts only", point, 1.0))
-        # A wide picture is shown smaller; its rows must still be as high as a label.
-        width, high = k * _cell_width(k), _CELL_HIGH
-        pixels = np.zeros((2 * n * high, len(blocks) * (width + _GAP) - _GAP, 4), np.uint8)
         labels = [
-            Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * high, TEXT)
+            Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH, TEXT)
             for i, name in enumerate(momdp.query.attributes[:n])
             for t, prefix in enumerate(("not ", ""))
         ]
-        for number, (title, values, full) in enumerate(blocks):
-            left = number * (width + _GAP)
-            colors = viridis(_BRIGHTEST * values / full).repeat(high, 0).repeat(_cell_width(k), 1)
-            pixels[:, left : left + width, :3] = colors
-            pixels[:, left : left + width, 3] = 255
-            labels += _block_labels(title, values, left, high)
-        return Picture(pixels, tuple(labels))
+        parts, gap = list[NDArray[np.uint8]](), ((0, 0), (0, _GAP), (0, 0))
+        for title, values, full in blocks:
+            left = sum(part.shape[1] for part in parts)
+            numbers = values[:n].reshape(2 * n, k)
+            block = _block(title, numbers, (numbers / full).repeat(_CELL_HIGH, 0), left)
+            parts.append(np.pad(block.pixels, gap))
+            labels += block.labels
+        return Picture(np.concatenate(parts, axis=1), tuple(labels))
 
 
-def _with_band(matrices: Picture, sampled: NDArray[np.float64]) -> Picture:
-    """Draw rows (M,N,K) of sampled MOMDPs to the right of the matrices, a lane for each of them."""
-    m, n, k = sampled.shape
-    tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
-    lanes = np.sort(sampled, axis=0)[np.arange(tall) * m // tall]  # (tall,N,K)
-    pixels = np.zeros((len(matrices.pixels), _GAP + k * _cell_width(k), 4), np.uint8)
-    colors = viridis(_BRIGHTEST * lanes.transpose(1, 0, 2).reshape(n * tall, k))
-    pixels[: n * tall, _GAP:, :3] = colors.repeat(_cell_width(k), 1)
-    pixels[: n * tall, _GAP:, 3] = 255
-    left = matrices.pixels.shape[1] + _GAP
-    labels = [Label(f"{m} sampled MOMDPs", left + k * _cell_width(k) / 2, -1.3 * _CELL_HIGH, TEXT)]
-    for i, z in np.ndindex(n, k):
-        at = left + (z + 0.5) * _cell_width(k)
-        for most, row in ((sampled[:, i, z].min(), 2 * i), (sampled[:, i, z].max(), 2 * i + 1)):
-            labels.append(Label(f"{most:.2f}", at, (row + _MIDDLE) * _CELL_HIGH, WHITE))
-    labels += _level_labels(k, left, 2 * n * _CELL_HIGH)
-    return Picture(np.concatenate([matrices.pixels, pixels], axis=1), (*matrices.labels, *labels))
-
-
-def _block_labels(title: str, values: NDArray[np.float64], left: int, high: int) -> list[Label]:
-    rows, k = values.shape
-    labels = [Label(title, left + k * _cell_width(k) / 2, -1.3 * high, TEXT)]
-    for row, z in np.ndindex(rows, k):
-        text = "-" if np.isnan(values[row, z]) else f"{values[row, z]:.2f}"
-        at = left + (z + 0.5) * _cell_width(k), (row + _MIDDLE) * high
-        labels.append(Label(text, *at, WHITE))
-    return labels + _level_labels(k, left, rows * high)
+def _block(
+    title: str, numbers: NDArray[np.float64], colors: NDArray[np.float64], left: int
+) -> Picture:
+    """Draw a block of numbers (R,K) on colors (R * 4,K) from 0 to 1, which begins at `left`."""
+    k = numbers.shape[1]
+    width = _cell_width(k)
+    pixels = colormaps["viridis"](_BRIGHTEST * np.nan_to_num(colors), bytes=True).repeat(width, 1)
+    labels = [Label(title, left + k * width / 2, -1.3 * _CELL_HIGH, TEXT)]
+    for (row, z), value in np.ndenumerate(numbers):
+        at = left + (z + 0.5) * width, (row + _MIDDLE) * _CELL_HIGH
+        labels.append(Label("-" if np.isnan(value) else f"{value:.2f}", *at, WHITE))
+    rows = 1 if k == 2 else 2  # of the levels' names below the columns, as some are long
+    for z, name in enumerate(level_names(k)):
+        y = (len(numbers) + _MIDDLE + z % rows) * _CELL_HIGH
+        labels.append(Label(name, left + (z + 0.5) * width, y, TEXT))
+    return Picture(pixels, tuple(labels))
 
 
 def _cell_width(k: int) -> int:
     """Return the width of a cell of K levels, pixels; a block of 2 is as wide as one of 4."""
     return max(4, _BLOCK_WIDE // k)
-
-
-def _level_labels(k: int, left: float, y: float) -> list[Label]:
-    """Return the names of the levels below the columns of a block, long ones in two rows."""
-    rows = 1 if k == 2 else 2
-    return [
-        Label(name, left + (z + 0.5) * _cell_width(k), y + (_MIDDLE + z % rows) * _CELL_HIGH, TEXT)
-        for z, name in enumerate(level_names(k))
-    ]
-
-
-def truth_rows(momdp: MOMDP, action: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute mean and sd of a new object's rows by its truth, (N,2,K) each.
-
-    Its latent class is drawn by Pr(class given truth), its row Dirichlet about the class's.
-    """
-    prob = momdp.latent_classes[..., None]  # (N,2,C,1)
-    rows = momdp.confusion[:, None, action]  # (N,1,C,K)
-    precision = momdp.precision[:, None, action, :, None]
-    mean = (prob * rows).sum(axis=2)
-    square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
-    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
-
-
-def viridis(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Map values in [0, 1] to colors, (..., 3)."""
-    colors = colormaps["viridis"](np.nan_to_num(values), bytes=True)
-    return np.asarray(colors[..., :3], np.uint8)
