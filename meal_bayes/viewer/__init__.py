@@ -4,8 +4,7 @@ In: trials and the header of their run. Out: an .rrd file, a window, a page or a
 run in progress. Everything that is shown comes from the log.
 """
 
-from meal_bayes.viewer.live import follow
-from meal_bayes.viewer.replay import Replay, send_recording, write_recording
+from meal_bayes.viewer.replay import Replay, follow, send_recording, write_recording
 from meal_bayes.viewer.window import Viewer, ViewerError, take_picture
 
 __all__ = [

@@ -10,7 +10,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.viewer.labels import action_label, option_label
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, Color
-from meal_bayes.viewer.trial_frames import TrialFrame
+from meal_bayes.viewer.recorder import TrialFrame
 
 _ACTIONS, _OUTCOMES = 4, 6  # of the tree that are drawn
 _LETTER, _LINE, _FRAME = 6.0, 13.5, 14.0  # size of a letter, and of the frame around a label

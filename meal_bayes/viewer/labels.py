@@ -10,7 +10,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import Trial, percept_labels, verdict_text
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text
-from meal_bayes.viewer.trial_frames import TrialFrame
+from meal_bayes.viewer.recorder import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
 _ATTRIBUTES = 12  # that are listed

@@ -10,7 +10,7 @@ from meal_bayes.display import level_names, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
-from meal_bayes.viewer.trial_frames import TrialFrame
+from meal_bayes.viewer.recorder import TrialFrame
 
 _SHOWN = 8  # attributes
 _BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar

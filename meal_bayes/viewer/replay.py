@@ -1,7 +1,8 @@
-"""Trials and outcomes -> a rerun recording: into a file, or to a viewer that is running."""
+"""Trials -> a rerun recording: into a file, or to a viewer, also while they are written."""
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,17 @@ import rerun_bindings
 
 from meal_bayes.files import draft_of
 from meal_bayes.robots.frame import Frame
+from meal_bayes.trial_log import Follower
 from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.viewer.blueprint import blueprint
-from meal_bayes.viewer.recorder import Recorder
+from meal_bayes.viewer.recorder import Clock, Recorder, Time
 from meal_bayes.viewer.robot_view import add_robot
 from meal_bayes.viewer.run_view import RunView
 from meal_bayes.viewer.scene import Scene
-from meal_bayes.viewer.trial_frames import Clock, Time
 
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
+_POLL = 0.5  # s
 
 Target = Path | str  # an .rrd file, or the address of a viewer (rerun+http://...)
 
@@ -157,3 +159,47 @@ def send_recording(
         replay.flush()
         replay.send_layout(run_first=run_first)
         return replay.trials
+
+
+def follow(
+    path: str | Path,
+    to: Target,
+    *,
+    watching: Callable[[], bool],
+    on_trials: Callable[[int], None] | None = None,
+) -> Follower:
+    """Send the trials of a growing log, or of all logs of a folder, to a viewer.
+
+    Parameters
+    ----------
+    path : str | Path
+        File (also under the name it has while it is written) or folder; it may still be to come.
+    to : Target
+        An .rrd file, or the address of a viewer.
+    watching : Callable[[], bool]
+        Polled; following ends when it returns False, or when all files have ended.
+    on_trials : Callable[[int], None] | None
+        Called with the number of trials so far, when there are new ones.
+
+    Returns
+    -------
+    Follower
+        Its `problems` are what was wrong with the files.
+    """
+    follower, replay = Follower(path), None
+    with contextlib.closing(follower), recording(str(follower.path), to) as stream:
+        while watching():
+            if trials := list(follower.poll()):
+                begins = replay is None
+                replay = replay or Replay(stream, follower.header or {})
+                for trial in trials:
+                    replay.add(trial)
+                replay.flush()
+                if begins:
+                    replay.send_layout(live=True)
+                if on_trials is not None:
+                    on_trials(replay.trials)
+            if follower.finished:
+                break
+            time.sleep(_POLL)
+    return follower

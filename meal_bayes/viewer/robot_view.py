@@ -7,8 +7,7 @@ import rerun as rr
 
 from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial
-from meal_bayes.viewer.recorder import Recorder
-from meal_bayes.viewer.trial_frames import Time
+from meal_bayes.viewer.recorder import Recorder, Time
 
 ROBOT, CAMERA, FORCE = "/robot", "/camera", "/contact_force"
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}

@@ -10,8 +10,7 @@ from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
-from meal_bayes.viewer.recorder import Recorder, part
-from meal_bayes.viewer.trial_frames import Time
+from meal_bayes.viewer.recorder import Recorder, Time, part
 
 FACTS, TABLE = "/run/facts", "/run/table"
 ACCURACY, COST, CURVE = "/run/accuracy", "/run/cost", "/run/learning"

@@ -12,8 +12,7 @@ from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
 from meal_bayes.viewer.labels import action_label, explain_decision, log_line, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
 from meal_bayes.viewer.pictures import Matrices, Picture, belief_bars
-from meal_bayes.viewer.recorder import Recorder, part
-from meal_bayes.viewer.trial_frames import Time, TrialFrame
+from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame, part
 
 NARRATION, DECISION, LOG = "/narration", "/decision", "/log"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"

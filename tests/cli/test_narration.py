@@ -17,7 +17,7 @@ from meal_bayes.planners import unvalued
 from meal_bayes.trials import Step
 from meal_bayes.trials.text import outcome_text, percept_labels
 from meal_bayes.viewer.labels import explain_decision
-from meal_bayes.viewer.trial_frames import Clock
+from meal_bayes.viewer.recorder import Clock
 
 
 def console(width=80):

@@ -13,7 +13,7 @@ from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trials import truth_text, verdict_text
 from meal_bayes.viewer.labels import log_line, narrate
-from meal_bayes.viewer.trial_frames import Clock
+from meal_bayes.viewer.recorder import Clock
 
 
 @pytest.fixture(scope="module")

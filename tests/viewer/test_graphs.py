@@ -10,7 +10,7 @@ from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.viewer.graphs import Diagram, overlap, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
-from meal_bayes.viewer.trial_frames import Clock
+from meal_bayes.viewer.recorder import Clock
 
 
 def momdp_of(name):

@@ -3,12 +3,12 @@
 import threading
 
 from meal_bayes.trial_log import TrialWriter
-from meal_bayes.viewer import live
+from meal_bayes.viewer import replay
 
 
 def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
     path, saved = tmp_path / "run.mcap", tmp_path / "seen.rrd"
-    monkeypatch.setattr(live, "_POLL", 0.01)
+    monkeypatch.setattr(replay, "_POLL", 0.01)
     seen, landed = [], threading.Event()
 
     def write():
@@ -20,7 +20,7 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, 
 
     writer = threading.Thread(target=write)
     writer.start()
-    follower = live.follow(path, saved, watching=lambda: True, on_trials=seen.append)
+    follower = replay.follow(path, saved, watching=lambda: True, on_trials=seen.append)
     writer.join()
     assert seen == [1, 2, 3, 4]  # each was seen before the next was written
     assert follower.finished
@@ -31,8 +31,8 @@ def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, 
 
 
 def test_it_ends_when_nobody_watches(tmp_path, monkeypatch):
-    monkeypatch.setattr(live, "_POLL", 0.01)
+    monkeypatch.setattr(replay, "_POLL", 0.01)
     answers = iter([True, True, False])
     path = tmp_path / "to come.mcap"
-    follower = live.follow(path, tmp_path / "none.rrd", watching=lambda: next(answers))
+    follower = replay.follow(path, tmp_path / "none.rrd", watching=lambda: next(answers))
     assert not follower.finished
