@@ -65,15 +65,21 @@ def listed(names: Sequence[str], most: int = _NAMED) -> str:
     return ", ".join(names[:most]) + more
 
 
+def facts_repr(instance: Any) -> str:
+    """Return an object's `_facts`, title and facts, as text; written as `__repr__ = facts_repr`."""
+    return card(*instance._facts())
+
+
+def facts_html(instance: Any) -> str:
+    """Return an object's `_facts` as an HTML table; written as `_repr_html_ = facts_html`."""
+    title, facts = instance._facts()
+    return table_html(title, (), [(escape(name), escape(text)) for name, text in facts.items()])
+
+
 def card(title: str, facts: Mapping[str, str]) -> str:
     """Return a title and its facts, a line each, in two columns."""
     width = max(map(len, facts), default=0)
     return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in facts.items())])
-
-
-def card_html(title: str, facts: Mapping[str, str]) -> str:
-    """Return a title and its facts as an HTML table."""
-    return table_html(title, (), [(escape(name), escape(text)) for name, text in facts.items()])
 
 
 def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -87,6 +93,18 @@ def table_html(title: str, header: Sequence[str], rows: Iterable[Sequence[str]])
         f"<table><caption style='text-align:left;caption-side:top'><b>{escape(title)}</b></caption>"
         f"{f'<thead><tr>{head}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
     )
+
+
+def best_html(
+    title: str, header: Sequence[str], names: Iterable[Sequence[str]], values: NDArray[np.float64]
+) -> str:
+    """Return a table of names and values (P,E), -inf of none; the largest of each row is bold."""
+    rows = []
+    for labels, row in zip(names, values, strict=True):
+        cells = ["" if np.isinf(value) else f"{value:.2f}" for value in row]
+        cells[row.argmax()] = f"<b>{cells[row.argmax()]}</b>"
+        rows.append((*map(escape, labels), *cells))
+    return table_html(title, header, rows)
 
 
 def percent(probability: float) -> str:

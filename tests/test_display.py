@@ -91,6 +91,8 @@ def test_a_learner_shows_what_it_has_learned():
     page = Outline(replays.knowledge(table.objects[0])._repr_html_())
     assert page.count["tr"] == 1 + len(table.domain.attributes)
     assert page.count["b"] == 1 + len(table.domain.attributes)  # a best behavior of each
+    alone = Outline(replays.knowledge(table.objects[0]).posterior._repr_html_())
+    assert (alone.count["tr"], alone.count["b"]) == (page.count["tr"], page.count["b"])
     nothing = Outline(Learner("toy", logs=None)._repr_html_())
     assert "0 recordings of 0 objects" in nothing.text
     assert nothing.count["tr"] == 1 + len(load_domain("toy").attributes)

@@ -1,17 +1,15 @@
 """What a robot knows of an object that it was not trained on."""
 
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.display import percent, short_repr, table_html
+from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import ConfusionPosterior, SharedTrait, learn_trait
 
 
@@ -43,16 +41,10 @@ class Knowledge:
 
     def _repr_html_(self) -> str:
         """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""
-        counted = self.posterior.counts.any(axis=(2, 3))  # (P,E)
-        told = np.where(counted, youden(self.posterior.mean), -np.inf)
-        behaviors = [behavior.name for behavior in self.domain.behaviors]
-        rows = []
-        for attribute, rate, row in zip(self.domain.attributes, self.base_rates, told, strict=True):
-            cells = ["" if np.isinf(j) else f"{j:.2f}" for j in row]
-            cells[row.argmax()] = f"<b>{cells[row.argmax()]}</b>"
-            rows.append((escape(attribute), percent(rate), *cells))
+        names = zip(self.domain.attributes, map(percent, self.base_rates), strict=True)
+        header = ("attribute", "Pr", *self.domain.behavior_names)
         title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
-        return table_html(title, ("attribute", "Pr", *behaviors), rows)
+        return best_html(title, header, names, self.posterior.youden)
 
 
 def knowledge_without(

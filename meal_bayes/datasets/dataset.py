@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, label_values, real_values, set_frozen
-from meal_bayes.display import card, card_html, listed, short_repr
+from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import DataError, SettingsError
 
@@ -73,6 +73,8 @@ class Dataset:
     labels: NDArray[np.int8]
     recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     partial: bool = field(default=False, kw_only=True, repr=False, compare=False)
+
+    __repr__, _repr_html_ = facts_repr, facts_html
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(label_values(self.labels), np.int8))
@@ -159,13 +161,6 @@ class Dataset:
         from meal_bayes.datasets.frames import dataset_parts  # noqa: PLC0415  they need Dataset
 
         return cls(domain, *dataset_parts(domain, features, labels, objects))
-
-    def __repr__(self) -> str:
-        """Return what there is, in five lines."""
-        return card(*self._facts())
-
-    def _repr_html_(self) -> str:
-        return card_html(*self._facts())
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         counts = self.recording_counts[:, self.domain.recorded]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, label_values, set_frozen
-from meal_bayes.display import card, card_html, listed
+from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Domain
 from meal_bayes.errors import DataError, SettingsError
 
@@ -100,6 +100,8 @@ class PerceptTable:
     recording_counts: NDArray[np.int64] = None  # type: ignore[assignment]
     groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
+    __repr__, _repr_html_ = facts_repr, facts_html
+
     def __post_init__(self) -> None:
         set_frozen(self, labels=label_values(self.labels))
         o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
@@ -132,13 +134,6 @@ class PerceptTable:
             )
         if len(self.edges) % 2 == 0 or not (np.diff(self.edges) > 0).all():
             raise DataError("Percept table: expected an odd number of edges, each above the last.")
-
-    def __repr__(self) -> str:
-        """Return what there is, in five lines."""
-        return card(*self._facts())
-
-    def _repr_html_(self) -> str:
-        return card_html(*self._facts())
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         names = self.domain.attributes

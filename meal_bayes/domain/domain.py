@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import card, card_html, listed
+from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
@@ -95,12 +95,7 @@ class Domain:
     legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)
     asked_minimum: int = 0
 
-    def __repr__(self) -> str:
-        """Return the domain in five lines."""
-        return card(*self._facts())
-
-    def _repr_html_(self) -> str:
-        return card_html(*self._facts())
+    __repr__, _repr_html_ = facts_repr, facts_html
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]

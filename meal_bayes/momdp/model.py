@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.display import card, card_html, listed
+from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 
@@ -85,6 +85,8 @@ class MOMDP:
     abstain: bool = False
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
+    __repr__, _repr_html_ = facts_repr, facts_html
+
     def __post_init__(self) -> None:
         for name in (
             "transition", "observation_probability", "confusion", "precision", "prior",
@@ -154,13 +156,6 @@ class MOMDP:
             )
         # A class that the prior rules out never has probability; its truth is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
-
-    def __repr__(self) -> str:
-        """Return the problem in six lines."""
-        return card(*self._facts())
-
-    def _repr_html_(self) -> str:
-        return card_html(*self._facts())
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         """Return a title and what a reader should know first."""

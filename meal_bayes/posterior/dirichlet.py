@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.display import short_repr
+from meal_bayes.display import best_html, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
@@ -176,6 +176,17 @@ class ConfusionPosterior:
     def precision(self) -> NDArray[np.float64]:
         """Dirichlet weight of a new object's row, (P,E,2)."""
         return freeze(row_precision(self.dispersion, self.concentration.sum(axis=-1)))
+
+    @property
+    def youden(self) -> NDArray[np.float64]:
+        """TPR - FPR of the mean, (P,E); -inf of pairs without a percept."""
+        return np.where(self.counts.any(axis=(2, 3)), youden(self.mean), -np.inf)
+
+    def _repr_html_(self) -> str:
+        p, e = self.counts.shape[:2]
+        header = ("attribute", *(f"behavior {i}" for i in range(e)))
+        names = ((str(i),) for i in range(p))
+        return best_html("ConfusionPosterior: TPR - FPR of the mean", header, names, self.youden)
 
     @property
     def informative(self) -> NDArray[np.bool_]:
