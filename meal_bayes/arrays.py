@@ -40,18 +40,9 @@ _LABELS = {1: 1, 0: 0, -1: -1, None: -1, "": -1}  # True is 1, and 1.0 too
 def label_values(values: Any) -> NDArray[np.int8]:
     """Convert labels to 1, 0 and -1, before any cast can make values of what is none.
 
-    Parameters
-    ----------
-    values : ArrayLike
-        True or 1, False or 0; -1, None, NaN, nothing or what is masked is unknown.
+    True or 1, False or 0; -1, None, NaN, nothing or what is masked is unknown; any other value,
+    such as 257, 0.5 or "False", is a `DataError`.
 
-    Raises
-    ------
-    DataError
-        Any other value, such as 257, 0.5 or "False".
-
-    Examples
-    --------
     >>> label_values([True, 0, None, float("nan")])
     array([ 1,  0, -1, -1], dtype=int8)
     >>> label_values(["False"])
@@ -81,15 +72,10 @@ def check_whole(name: str, value: object) -> None:
 
 
 def real_values(values: ArrayLike) -> NDArray[np.float32]:
-    """Convert numbers to single precision; text, complex and masked numbers are none.
+    """Convert numbers to single precision; text, complex and masked numbers are a `ValueError`.
 
-    Raises
-    ------
-    ValueError
-        Such values; NumPy would read "4_0" as 40, and drop masks and imaginary parts.
+    NumPy would read "4_0" as 40, and drop masks and imaginary parts.
 
-    Examples
-    --------
     >>> real_values(["4_0"])
     Traceback (most recent call last):
     ValueError: found text; expected real numbers

@@ -87,14 +87,7 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
     """Compile a function by numba when it is called first; later processes load it.
 
     It is kept in `cache_folder("numba")`, or where `NUMBA_CACHE_DIR` says; without either, each
-    process compiles. What is there but torn is compiled again.
-
-    Parameters
-    ----------
-    function : Callable[..., Any]
-        What numba can compile.
-    **options : Any
-        Of `numba.njit`, but `cache`.
+    process compiles. What is there but torn is compiled again. Options are those of `numba.njit`.
     """
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
 

@@ -136,10 +136,10 @@ def level_names(levels: int) -> tuple[str, ...]:
 
 
 def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[int]:
-    """Return the positions of the most valuable actions, best first.
+    """Return the positions of the most valuable actions, best first, of values (E+1,).
 
-    Values (E+1,) are of each behavior, then of the best report; nan where an action has none. The
-    report and the chosen action are always among them.
+    Those are of each behavior, then of the best report; nan where an action has none. The report
+    and the chosen action are always among them.
 
     >>> best_options(np.array([1.0, 4.0, np.nan, 3.0, 2.0]), chosen=0, most=3)
     [1, 4, 0]

@@ -32,22 +32,8 @@ def file_name(text: str, longest: int = 60) -> str:
 def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
     """Check that a file can be written, before the work that it is to hold; creates its folder.
 
-    Parameters
-    ----------
-    path : str | Path
-        Of the output; a link is followed.
-    inputs : Iterable[str | Path]
-        Files, or folders of files, that the same command reads.
-
-    Returns
-    -------
-    Path
-        The path with links followed.
-
-    Raises
-    ------
-    OutputError
-        It is one of the inputs, a trial log, or no regular file, or cannot be written.
+    Returns the path with links followed; an `OutputError` where it is one of the inputs (files, or
+    folders of files, that the same command reads), a trial log, or no regular file.
     """
     named = Path(path)
     target = Path(os.path.realpath(named))
@@ -58,13 +44,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
 
 
 def check_folder(folder: str | Path) -> Path:
-    """Create a folder, and check that files can be written in it.
-
-    Raises
-    ------
-    OutputError
-        It cannot be made or written in.
-    """
+    """Create a folder, and check that files can be written in it; else an `OutputError`."""
     folder = Path(folder)
     with _with_path(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,15 +57,7 @@ def check_folder(folder: str | Path) -> Path:
 def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator[Path]:
     """Yield the path of an empty draft, which gets the name `path` when the block ends well.
 
-    Parameters
-    ----------
-    path, inputs
-        As for `check_output`.
-
-    Raises
-    ------
-    OutputError
-        As for `check_output`, or the disk is full.
+    Parameters and errors are those of `check_output`; a full disk is an `OutputError` too.
     """
     named = Path(path)
     target = check_output(named, inputs=inputs)

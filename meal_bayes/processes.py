@@ -22,13 +22,7 @@ _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """End this process as soon as its parent is gone; to be called first thing in a child.
-
-    Parameters
-    ----------
-    parent : int | None
-        Its process id; the present parent's by default.
-    """
+    """End this process once the parent (its id; the present one) is gone; to be called first."""
     expected = os.getppid() if parent is None else parent
     if os.getppid() != expected:
         os._exit(1)
@@ -55,17 +49,10 @@ class EndingContext:
 
 
 def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
-    """Start a foreign program that is killed when this process ends.
+    """Start a foreign program, by its absolute path, that is killed when this process ends.
 
     To be called from a thread that lives as long as the program is to live: the kernel counts the
-    end of the thread as the end of the parent.
-
-    Parameters
-    ----------
-    command : Sequence[str]
-        Absolute path of the program, and its arguments.
-    options : Any
-        Of `subprocess.Popen`.
+    end of the thread as the end of the parent. Options are those of `subprocess.Popen`.
     """
     guard = [sys.executable, "-I", "-S", __file__, str(os.getpid())]
     return subprocess.Popen([*guard, *command], **options)

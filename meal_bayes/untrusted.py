@@ -1,37 +1,50 @@
-"""What others wrote, read within limits: files of bounded size, JSON of bounded depth.
+"""What others wrote, read within limits: files of bounded size, JSON of bounded depth, arrays.
+
+Arrays and JSON lie in a zip that `numpy.load` opens: nothing in it can make a program execute.
 
 Whatever a reader asks memory or time for, it asks by these numbers and never by what a file claims.
 A fault is a `ValueError`; each package turns it into its own error, with the file's name.
 """
 
+import io
 import json
+import lzma
 import math
 import os
 import stat
+import struct
+import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 TEXT_LIMIT = 1 << 28  # bytes of a file of numbers: 256 MB
 TABLE_LIMIT = 1 << 18  # bytes of a domain's TOML
 LINE_LIMIT = 10_000  # characters of a line of it
+MEMBER_LIMIT = 1 << 31  # bytes that a member of a zip may unpack to, unless its reader says less
 JSON_LIMIT = 4 << 20  # bytes of one JSON text
 DEPTH_LIMIT = 32  # lists and tables inside each other
 LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come to an end
 NAME_LIMIT = 1000  # attributes, behaviors or states of one domain, each
 LETTER_LIMIT = 200  # characters of such a name
 DIAGRAM_LIMIT = 1_000_000  # entries (E,X,X) of a transition table
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # equal arrays give equal bytes
+UNREADABLE = (  # what torn or changed bytes raise
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, IndexError, ValueError,
+    TypeError, AttributeError, EOFError, OverflowError, NotImplementedError, RuntimeError,
+    SyntaxError,
+)  # fmt: skip
 
 
 def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
-    """Read a regular file whole, if it is not larger than the limit.
+    """Read a regular file whole, if it is not larger than the limit; an `OSError` or `ValueError`.
 
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is larger, is no regular file (a pipe or device may never end), or holds zero bytes,
-        which no text does: a disk that lost a part of the file leaves them.
+    A pipe or device may never end. Zero bytes, which no text has, are what a disk leaves that lost
+    a part of the file.
     """
     # Not to wait for a pipe that nobody writes to.
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -50,16 +63,8 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
 
 
 def read_json(text: str | bytes) -> object:
-    """Read JSON that others wrote.
+    """Read JSON that others wrote; a `ValueError` where it is too large or deep, or not finite.
 
-    Raises
-    ------
-    ValueError
-        No JSON, too large or nested too deeply, a number that is not finite, text that is no
-        Unicode (a surrogate alone).
-
-    Examples
-    --------
     >>> read_json('{"seed": 3}')
     {'seed': 3}
     >>> read_json("[" * 50_000 + "]" * 50_000)
@@ -82,13 +87,9 @@ def read_json(text: str | bytes) -> object:
 
 
 def levels(value: object) -> Iterator[list[object]]:
-    """Yield the values of every depth of lists and tables.
+    """Yield the values of every depth of lists and tables; `RecursionError` if too deep.
 
-    Raises
-    ------
-    RecursionError
-        They are nested more than `DEPTH_LIMIT` deep. Parsers raise it too, but at a depth that any
-        library may change (`sys.setrecursionlimit`).
+    Parsers raise it too, but at a depth that any library may change (`sys.setrecursionlimit`).
     """
     level, depth = [value], 0
     while level:
@@ -100,3 +101,43 @@ def levels(value: object) -> Iterator[list[object]]:
         level = [entry for entries in lists for entry in entries]
         level += [entry for table in tables for pair in table.items() for entry in pair]
         depth += 1
+
+
+def write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:
+    """Write an array as the member NAME.npy."""
+    buffer = io.BytesIO()
+    values = np.ascontiguousarray(values)
+    np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
+    info = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+    archive.writestr(info, buffer.getvalue(), archive.compression, archive.compresslevel)
+
+
+def read_array(
+    archive: zipfile.ZipFile, name: str, dtype: str, axes: int, limit: int = MEMBER_LIMIT
+) -> NDArray[Any]:
+    """Read the member NAME.npy, of this dtype and number of axes; raises one of `UNREADABLE`."""
+    content = read_member(archive, f"{name}.npy", limit)
+    buffer = io.BytesIO(content)
+    if np.lib.format.read_magic(buffer) != (1, 0):
+        raise ValueError(f"{name} is of another array format than 1.0")
+    shape, fortran, kind = np.lib.format.read_array_header_1_0(buffer)
+    if kind != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
+        raise ValueError(f"{name} is {kind} {shape}, expected {dtype} with {axes} axes")
+    return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
+
+
+def read_member(archive: zipfile.ZipFile, name: str, limit: int = MEMBER_LIMIT) -> bytes:
+    """Unpack a member of reasonable size; raises one of `UNREADABLE`."""
+    info = archive.getinfo(name)
+    if info.file_size > limit:
+        raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")
+    return archive.read(info)
+
+
+def read_meta(content: bytes, version: int) -> dict[str, Any]:
+    """Read a JSON table whose "format" is this version; raises a `ValueError`."""
+    meta = read_json(content)
+    format_ = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+    if not isinstance(meta, dict) or format_ != version:
+        raise ValueError(f"it has format {format_}; this version reads format {version}")
+    return meta

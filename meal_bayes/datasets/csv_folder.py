@@ -23,12 +23,8 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
     empty unknown. A feature file has the header ``object,recording,<feature>,...`` and a row a
     recording; the files of one behavior are joined by (object, recording) and hold the same rows.
-    An object may lack a behavior, or have another number of recordings of it than others.
-
-    Raises
-    ------
-    DataError
-        The first line that is wrong, with its file, number, and how to repair it.
+    An object may lack a behavior, or have another number of recordings of it than others. The first
+    line that is wrong is a `DataError` with its file, number, and how to repair it.
     """
     objects, labels = _read_labels(folder / "labels.csv", domain)
     files = ((context, folder / "{}_{}.csv".format(*context)) for context in domain.contexts)

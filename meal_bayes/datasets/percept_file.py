@@ -9,7 +9,6 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.archive import UNREADABLE, read_array, read_meta, write_array
 from meal_bayes.datasets.percepts import LIMIT, PerceptTable
 from meal_bayes.domain import (
     Domain,
@@ -21,6 +20,7 @@ from meal_bayes.domain import (
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import draft_of
+from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes

@@ -17,13 +17,7 @@ BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
 
 
 def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Return the edges (K-1,) between K levels, of the fine bins' edges (L-1,).
-
-    Raises
-    ------
-    SettingsError
-        K is odd, or does not divide L.
-    """
+    """Return the edges (K-1,) between K levels, even, of the fine bins' edges (L-1,)."""
     bins = len(edges) + 1
     if levels < 2 or levels % 2 or bins % levels:
         fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]

@@ -33,16 +33,9 @@ _OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too l
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The folder of a data set in a public repository, at one pinned commit.
+    """The folder of a data set in a public repository (owner/name), at one pinned commit.
 
-    Attributes
-    ----------
-    repository : str
-        Such as owner/name.
-    recordings : str
-        Name of the folder in `folder` that holds the feature files.
-    load : Callable[[Domain, Path], Dataset]
-        Reads a domain's data set from a folder.
+    Its subfolder `recordings` holds the feature files; `load` reads a domain's data set from it.
     """
 
     repository: str

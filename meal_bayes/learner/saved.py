@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.named import AGENTS
-from meal_bayes.archive import UNREADABLE, read_array, read_member, read_meta, write_array
 from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import load_percepts
 from meal_bayes.datasets.percept_file import save_percepts
@@ -29,6 +28,7 @@ from meal_bayes.learner.fitted_state import pack, unpack
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.rows import Rows
 from meal_bayes.learner.settings import own_posterior
+from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
 _FORMAT = 5
 _TEXT = "learner.json"

@@ -164,13 +164,7 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
 
 
 def file_tables(momdp: MOMDP) -> FileTables:
-    """Convert a MOMDP to the tables of a file.
-
-    Raises
-    ------
-    SettingsError
-        As for `flatten`; or a diagram where Pr(percept | behavior, x') depends on x.
-    """
+    """Convert a MOMDP to the tables of a file; errors as of `write_pomdp`."""
     n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query)
     perceived = int(momdp.observation_probability.any(axis=1).sum())  # behaviors at an x'
     size = n_y * (perceived * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T

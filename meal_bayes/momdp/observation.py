@@ -22,18 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 def predictive(mean: Any, precision: Any, count: Any, total: Any) -> Any:
     """Return Pr(level | latent class, percepts so far) = (s c + n_z) / (s + n).
 
-    Written as c + (n_z - n c) / (s + n), which at infinite s is c.
-
-    Parameters
-    ----------
-    mean : Any
-        c, the class's mean probability of the level.
-    precision : Any
-        s > 0, inf where rows are known exactly.
-    count : Any
-        n_z, percepts of this level that the behavior has shown.
-    total : Any
-        n, all percepts that the behavior has shown.
+    With c the class's mean probability of the level, s > 0 the row's precision (inf: known
+    exactly), n_z percepts of this level and n of all levels that the behavior has shown. Written as
+    c + (n_z - n c) / (s + n), which at infinite s is c.
 
     >>> predictive(0.6, 5.0, 6, 6)
     0.8181818181818182
@@ -48,16 +39,8 @@ def sample_rows(
 ) -> NDArray[np.float64]:
     """Sample an object's rows (...,K) from Dirichlet(precision * mean + counts).
 
-    Parameters
-    ----------
-    mean : ArrayLike
-        (...,K) mean rows of the object's latent class.
-    precision : ArrayLike
-        (...) Dirichlet weight of a row, inf = the mean itself.
-    counts : ArrayLike
-        (...,K) percepts that the object has shown.
-    rng : np.random.Generator
-        Source of randomness.
+    The rows `mean` (...,K) are those of its latent class, `precision` (...) their weight (inf: the
+    mean itself), `counts` (...,K) the percepts that the object has shown.
     """
     rows, weight = np.asarray(mean, dtype=float), np.asarray(precision, dtype=float)[..., None]
     known = np.isinf(weight)

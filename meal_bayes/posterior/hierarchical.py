@@ -67,18 +67,9 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How NUTS samples.
+    """How NUTS samples: `draws` of each chain after `tune` steps, `cores` chains at a time.
 
-    Attributes
-    ----------
-    draws, tune : int
-        Of each chain, kept and before them.
-    chains : int
-        Independent ones.
-    cores : int, optional
-        Chains sampled at a time; None: as many as there are processors.
-    seed : int
-        Under which the draws repeat.
+    As many as there are processors where `cores` is None; draws repeat under their `seed`.
     """
 
     draws: int = 1000

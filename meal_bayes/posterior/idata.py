@@ -37,15 +37,7 @@ class Convergence(NamedTuple):
 
 
 def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
-    """Build an InferenceData (0.x) or DataTree (1.x) of draws and other groups.
-
-    Parameters
-    ----------
-    posterior : xr.Dataset
-        Draws.
-    groups : xr.Dataset
-        `sample_stats`, `observed_data`, `log_likelihood`, `posterior_predictive` and so on.
-    """
+    """Build an InferenceData (0.x) or DataTree (1.x) of draws, and of groups by their names."""
     every = {"posterior": posterior, **groups}
     return az.InferenceData(**every) if _CLASSIC else xr.DataTree.from_dict(every)
 
@@ -100,13 +92,7 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
 
 
 def load_netcdf(path: str | Path) -> Any:
-    """Read what `save_netcdf` wrote.
-
-    Raises
-    ------
-    DataError
-        No such file, or none that holds groups of netCDF.
-    """
+    """Read what `save_netcdf` wrote; a `DataError` where there is none."""
     try:
         return az.from_netcdf(str(path))
     except (OSError, ValueError) as fault:

@@ -150,13 +150,7 @@ class SimulatedArm:
 
 
 def observe_state(scene: Scene) -> str:
-    """Return the state, by the fingertips' switches and the tracker of the object's pose.
-
-    Raises
-    ------
-    RobotError
-        The gripper jams.
-    """
+    """Return the state, by the fingertips' switches and the tracker of the object's pose."""
     place, home = scene.object_place, scene.home
     if scene.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED

@@ -16,12 +16,9 @@ _FAR = 5.0  # m
 
 
 def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = False) -> Floats:
-    """Return the picture of the front camera, (rows, columns, 3) in [0, 1], without noise.
+    """Return the front camera's picture, (rows, columns, 3) in [0, 1], without noise.
 
-    Parameters
-    ----------
-    empty : bool
-        Leave the object out, as the robot remembers the table.
+    Of the `empty` table, as the robot remembers it, the object is left out.
     """
     model, data = scene.model, scene.data
     camera = model.camera("front").id

@@ -37,18 +37,9 @@ OnFrame = Callable[["Scene"], None]
 class Motion:
     """One piece of a behavior: go smoothly to a command, with a wave in z on top if there is one.
 
-    Attributes
-    ----------
-    seconds : float
-        Duration, s.
-    y, z, width : float | None
-        m, the command at the end; None keeps it.
-    recorded : bool
-        Whether the channels are recorded.
-    press : float | None
-        N, limit of the downward force; None is the gantry's own.
-    wave : tuple[float, float] | None
-        (m, Hz), amplitude and frequency.
+    It takes `seconds`, and ends at `y`, `z` and the fingers' `width`, m (None keeps it), with a
+    downward force of at most `press`, N (None: the gantry's own); the `wave` is (m, Hz), amplitude
+    and frequency. Where it is `recorded`, the channels are.
     """
 
     seconds: float
@@ -61,16 +52,9 @@ class Motion:
 
 
 class Scene:
-    """One object on the table, and the arm.
+    """One object on the table, and the arm; `on_frame` is called 30 times a simulated second.
 
-    Parameters
-    ----------
-    parameters : ObjectParameters
-        The object; only the model's builder reads them.
-    rng : np.random.Generator
-        Where the object lies, and how it is turned.
-    on_frame : OnFrame | None
-        Called `FRAMES_PER_SECOND` times a simulated second.
+    The generator draws where the object lies, and how it is turned.
     """
 
     def __init__(
@@ -149,10 +133,8 @@ class Scene:
     def move(self, motion: Motion) -> Floats:
         """Execute a motion and return the channels of its time steps, (T, channels).
 
-        Raises
-        ------
-        RobotError
-            The object fell off the table or came apart, or the state is not finite.
+        A `RobotError` where the object fell off the table or came apart, or the state is not
+        finite.
         """
         steps = round(motion.seconds / self.model.opt.timestep)
         begin = self.data.ctrl.copy()

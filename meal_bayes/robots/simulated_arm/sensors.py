@@ -11,13 +11,7 @@ BINS = 10
 
 
 class Noise(NamedTuple):
-    """Standard deviations of a sensor's error, in the sensor's unit.
-
-    Attributes
-    ----------
-    white, bias : float
-        Of each sample, 500 a second; of an error that is constant during one behavior.
-    """
+    """Standard deviations of a error: of each sample (500 a second), and of a whole behavior."""
 
     white: float
     bias: float
