@@ -40,7 +40,7 @@ from meal_bayes.posterior import (
     learn_trait,
     truth_evidence,
 )
-from meal_bayes.posterior.pointwise import log_likelihood
+from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
@@ -77,10 +77,8 @@ def folds(table: PerceptTable, columns: list[int]) -> Iterator[Fold]:
     labels = table.labels
     posteriors = {}
     for levels in (2, 4):
-        counts = [
-            by_truth(table.training_levels(o, levels), labels).counts for o in range(len(labels))
-        ]
-        posteriors[levels] = ConfusionPosterior.from_folds(np.stack(counts))
+        counts = (by_truth(table.training_levels(o, levels), labels) for o in range(len(labels)))
+        posteriors[levels] = list(map(ConfusionPosterior.from_objects, counts))
     for o in range(len(labels)):
         others = np.delete(labels, o, axis=0)
         rates = ((others == 1).sum(axis=0) + 1) / ((others >= 0).sum(axis=0) + 2)

@@ -216,7 +216,7 @@ def spread_error(values: np.ndarray) -> np.ndarray:
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
-    from meal_bayes.posterior.idata import convergence, to_idata  # noqa: PLC0415
+    from meal_bayes.posterior.idata import convergence, summary_of, to_idata  # noqa: PLC0415
 
     for dataset in ("roc36", "ispy32", "cy101"):
         table, start = load_percepts(dataset), time.perf_counter()
@@ -233,7 +233,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))
         s = [1 / (1 + rows_of(found)[1][:, votes]) for found in (nuts, exact)]
-        told = convergence(to_idata(nuts))
+        told = convergence(summary_of(to_idata(nuts)))
         yield {
             "posterior": "NUTS same",
             "of": dataset,
@@ -244,8 +244,8 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
             "sd_off_in_errors": round(float((np.abs(ratio - 1) / error).max()), 1),
             "sd_off_pooled": round(float(np.average(ratio - 1, weights=error**-2.0)), 4),
             "s_off": round(float(np.abs(s[0].mean(0) - s[1].mean(0)).max()), 5),  # of 1 / (1 + s)
-            "r_hat": round(max(one.r_hat for one in told), 4),
-            "ess": round(min(min(one.ess_bulk, one.ess_tail) for one in told)),
+            "r_hat": round(told["r_hat"].max(), 4),
+            "ess": round(told[["ess_bulk", "ess_tail"]].min(axis=None)),
             "divergences": int(of_chains["diverging"].sum()),
             "seconds": round(time.perf_counter() - start),
         }

@@ -41,7 +41,7 @@ def simulate(
     recordings: int,
     independent: bool = False,
 ) -> Simulation:
-    """Draw rows from the prior of `fit_dispersion`, and percepts of objects from the rows.
+    """Draw rows from the prior of `from_objects`, and percepts of objects from the rows.
 
     Parameters
     ----------

@@ -128,18 +128,16 @@ def _write(
     from meal_bayes.evaluation.plots import reliability_diagram
     from meal_bayes.evaluation.posterior_plots import forest, predictive
     from meal_bayes.files import write_whole
-    from meal_bayes.posterior import idata
-    from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
+    from meal_bayes.posterior import checks, idata
     from meal_bayes.posterior.draws import ROW, draw_prior, log_prior, sensing
-    from meal_bayes.posterior.pointwise import pointwise_log_likelihood, predict_yes, units_of
     from meal_bayes.seeds import stream
 
     seed = config["seed"]
     attributes, behaviors = (draws[dim].values.tolist() for dim in ("attribute", "behavior"))
     terminal.note("checking the fit ...")
-    check = predictive_check(draws, counts, stream(seed, "predictive"))
-    belief = beliefs_without_itself(draws, counts)
-    units = units_of(counts, objects, attributes)
+    check = checks.predictive_check(draws, counts, stream(seed, "predictive"))
+    beliefs = checks.beliefs_without_itself(draws, counts)
+    units = checks.units_of(counts, objects, attributes)
     shown = xr.DataArray(
         counts[:, :, sensing(counts)],
         {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
@@ -147,26 +145,27 @@ def _write(
     groups = {
         "observed_data": xr.Dataset({"yes": units.yes}),
         "constant_data": xr.Dataset({"counts": shown}),
-        "posterior_predictive": predict_yes(draws, units, stream(seed, "units")),
-        "log_likelihood": pointwise_log_likelihood(draws, units),
+        "posterior_predictive": checks.predict_yes(draws, units, stream(seed, "units")),
+        "log_likelihood": checks.pointwise_log_likelihood(draws, units),
     }
     if config["model"] == "same":
         before = draw_prior(draws, prior, stream(seed, "prior"))
         groups |= {
             "prior": before,
-            "prior_predictive": predict_yes(before, units, stream(seed, "unseen")),
+            "prior_predictive": checks.predict_yes(before, units, stream(seed, "unseen")),
             "log_prior": log_prior(draws, prior),
         }
     if statistics:
         groups["sample_stats"] = statistics
     made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
     idata.save_netcdf(made, folder / "posterior.nc")
-    write_whole(folder / "summary.csv", idata.summary_csv(made))
+    summary = idata.summary_of(made)
+    write_whole(folder / "summary.csv", summary.to_csv())
     low, middle, high = np.quantile(yes, [0.025, 0.5, 0.975], axis=0)
     save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
     save(predictive(check.observed, check.predicted), folder / "predictive.png")
     quality = {}
-    for name, pair in {"each": belief[:2], "together": belief[2:]}.items():
+    for name, pair in beliefs.items():
         save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
         calibrated = expected_calibration_error(pair[0], stream(seed, "calibrated belief"))
         quality[name] = {
@@ -176,7 +175,7 @@ def _write(
         }
     epsilon = draws.get("misperception")
     return {
-        "convergence": [row._asdict() for row in idata.convergence(made)],
+        "convergence": idata.convergence(summary).to_dict("records"),
         "pareto_k": idata.unreliable(made),
         "divergences": int(statistics.get("diverging", np.zeros(1)).sum()),
         "misperception": None if epsilon is None else float(epsilon.mean()),

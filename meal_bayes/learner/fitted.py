@@ -135,7 +135,7 @@ class Fitted:
             after = before - self._counts(own)
             self.counted.values[own] = labels[o == one]
             after = self._rows[one] = after + self._counts(own)
-            posterior = self.knowledge.posterior.replace_object(before, after)
+            posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
         rates = (experience.tally[1] + 1) / (experience.tally.sum(axis=0) + 2)

@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
-from meal_bayes.posterior.dispersion import DispersionFit, fit_dispersion
 from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 if TYPE_CHECKING:
@@ -21,10 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ConfusionPosterior",
-    "DispersionFit",
     "SharedTrait",
     "draw_grid",
-    "fit_dispersion",
     "fit_hierarchical",
     "learn_trait",
     "row_precision",

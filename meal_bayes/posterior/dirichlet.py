@@ -13,7 +13,7 @@ from meal_bayes.display import best_html, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, fit_dispersion
+from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, grid_posterior
 
 if TYPE_CHECKING:
     from meal_bayes.perception.confusion import ConfusionCounts
@@ -119,22 +119,18 @@ class ConfusionPosterior:
             As in `from_counts`; by default one for each behavior and truth, learned from what its
             attributes have in common.
         """
-        return cls.from_folds(_array(counts)[None], prior=prior)[0]
-
-    @classmethod
-    def from_folds(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> tuple[Self, ...]:
-        """Build the object-level posterior of every held-out fold, (F,O,P,E,2,K), in one go."""
-        array = np.asarray(counts)
-        if array.ndim != _DIMENSIONS + 2:
+        array = _array(counts)
+        if array.ndim != _DIMENSIONS + 1:
             raise SettingsError(
-                f"Counts have shape {array.shape[1:]} a fold; "
+                f"Counts have shape {array.shape}; "
                 "expected (objects, attributes, behaviors, 2, levels)."
             )
-        total = array.sum(axis=1)
-        fit = fit_dispersion(array, None if prior is None else _prior(prior, total.shape[1:]))
-        concentration = fit.weight[..., None] * fit.mean
-        folds = zip(fit.prior, total, concentration, fit.dispersion, strict=True)
-        return tuple(cls(*fold) for fold in folds)
+        total = array.sum(axis=0)
+        alpha = None if prior is None else _prior(prior, total.shape)
+        rows, alpha, _, mean, s = grid_posterior(array, alpha)
+        weight = (alpha + rows.effective(s)).sum(axis=-1, keepdims=True)
+        parts = (part.reshape(total.shape) for part in (alpha, total, weight * mean))
+        return cls(*parts, s.reshape(total.shape[:3]))
 
     @classmethod
     def from_idata(cls, idata: Any, domain: Domain) -> "ConfusionPosterior":
@@ -197,38 +193,31 @@ class ConfusionPosterior:
         """
         return freeze((youden(self.counts) > 0) & (youden(self.mean) > 0), np.bool_)
 
-    def update(self, counts: ArrayLike) -> Self:
-        """Add the percepts (P,E,2,K) of one object; n of a row are worth n(s+1)/(n+s).
-
-        Order does not matter. Percepts of one object given in two updates count as two objects'.
-        """
-        return self.replace_object(np.zeros(self.counts.shape), counts)
-
-    def replace_object(self, before: ArrayLike, after: ArrayLike) -> Self:
-        """Count other percepts of one object than before.
+    def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
+        """Count the percepts of one object; n of a row are worth n(s+1)/(n+s).
 
         The prior and the dispersion stay as they are, so that the result is that of all objects'
-        final percepts, whatever the order in which they came.
+        final percepts, whatever the order in which they came. Percepts of one object given in two
+        updates count as two objects', unless the second knows those `before`.
 
         Parameters
         ----------
-        before : ArrayLike
-            (P,E,2,K) percepts of the object that have been counted; zeros for a new object.
-        after : ArrayLike
-            (P,E,2,K) all its percepts.
+        counts : ArrayLike
+            (P,E,2,K) all percepts of the object.
+        before : ArrayLike, optional
+            (P,E,2,K) those of them that have been counted; none of a new object.
 
         Raises
         ------
         SettingsError
             Counts of another shape or below 0.
         """
-        old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
-        for counts in (old, new):
-            if counts.shape != self.counts.shape or not (counts >= 0).all():
-                raise SettingsError(
-                    f"An update needs counts >= 0 of shape {self.counts.shape}, found "
-                    f"{counts.shape}."
-                )
+        new = np.asarray(counts, dtype=float)
+        old = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
+        for shown in (old, new):
+            if shown.shape != self.counts.shape or not (shown >= 0).all():
+                needed = f"counts >= 0 of shape {self.counts.shape}"
+                raise SettingsError(f"An update needs {needed}, found {shown.shape}.")
         concentration = self.concentration + (self._effective(new) - self._effective(old))
         return type(self)(self.prior, self.counts + (new - old), concentration, self.dispersion)
 

@@ -40,29 +40,12 @@ _GRADED = 32.0  # weight of the prior of m where percepts are graded
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; ln w ~ Normal(ln 2, 1) a priori
 
 
-class DispersionFit(NamedTuple):
-    """The posterior of the rows' hyperparameters, summarized.
-
-    Attributes
-    ----------
-    prior : NDArray[np.float64]
-        (...,P,E,2,K) Dirichlet parameters of m before any percept.
-    mean : NDArray[np.float64]
-        (...,P,E,2,K) posterior mean of m.
-    dispersion : NDArray[np.float64]
-        (...,P,E,2) s, the number that keeps the posterior mean of 1 / (s + 1).
-    weight : NDArray[np.float64]
-        (...,P,E,2) A, prior weight + independent percepts that the data are worth.
-    """
-
-    prior: Array
-    mean: Array
-    dispersion: Array
-    weight: Array
-
-
 class GridPosterior(NamedTuple):
-    """The posterior of S rows on the grid: prior `alpha` (S,K), Pr(s) (S,G), E m (S,K) and s."""
+    """The posterior of S rows on the grid: prior `alpha` (S,K), Pr(s) (S,G), E m (S,K), s (S,).
+
+    `dispersion` keeps the predictive of a second percept equal to the first, E[theta^2] / E[theta],
+    which depends on s by 1 / (s + 1): it keeps the mean of that.
+    """
 
     rows: RowStatistics
     alpha: Array
@@ -71,30 +54,12 @@ class GridPosterior(NamedTuple):
     dispersion: Array
 
 
-def fit_dispersion(counts: ArrayLike, prior: ArrayLike | None = None) -> DispersionFit:
-    """Fit every row of every fold.
-
-    `dispersion` keeps the predictive of a second percept equal to the first, E[theta^2] / E[theta],
-    which depends on s by 1 / (s + 1). Two levels are integrated exactly; with more, m given s is
-    Dirichlet about the effective counts.
-
-    Parameters
-    ----------
-    counts : ArrayLike
-        (...,O,P,E,2,K) percepts of each object.
-    prior : ArrayLike, optional
-        (P,E,2,K) Dirichlet parameters of m, or what broadcasts to it; learned by default.
-    """
-    rows, alpha, _, mean, s = grid_posterior(counts, prior)
-    *outer, _, p, e, truths, levels = np.shape(counts)
-    shape = (*outer, p, e, truths)
-    weight = (alpha + rows.effective(s)).sum(axis=-1)
-    alpha, mean = alpha.reshape(*shape, levels), mean.reshape(*shape, levels)
-    return DispersionFit(alpha, mean, s.reshape(shape), weight.reshape(shape))
-
-
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
-    """Compute the posterior of each row on the grid; as `fit_dispersion`."""
+    """Compute the posterior of each row, counts (...,O,P,E,2,K), in the order (...,P,E,2).
+
+    Two levels are integrated exactly; with more, m given s is Dirichlet about the effective counts.
+    The prior of m, (P,E,2,K) or what broadcasts to it, is learned by default.
+    """
     rows, votes = _rows(counts)
     levels = rows.totals.shape[-1]
     alpha = _prior(rows, votes, prior).reshape(-1, levels)
@@ -103,7 +68,7 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
 
 
 def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Array:
-    """Return the Dirichlet parameters of m, (...,P,E,2,K), as `fit_dispersion` takes them."""
+    """Return the Dirichlet parameters of m, (...,P,E,2,K), given or learned."""
     return _prior(*_rows(counts), prior)
 
 

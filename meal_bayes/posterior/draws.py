@@ -177,10 +177,9 @@ def draw_grid(
     draws: int = 1000,
     chains: int = 4,
 ) -> xr.Dataset:
-    """Draw independently from the posterior that `fit_dispersion` summarizes.
+    """Draw independently from the posterior that `ConfusionPosterior.from_objects` summarizes.
 
-    Exact for two levels, up to the grid's steps; with more, m given s is Dirichlet about the
-    effective counts.
+    Exact for two levels, up to the grid's steps (see `dispersion.grid_posterior`).
 
     Parameters
     ----------
@@ -191,7 +190,7 @@ def draw_grid(
     attributes, behaviors : Sequence[str]
         Their names, (P,) and (E',).
     prior : ArrayLike, optional
-        As in `fit_dispersion`.
+        As of `ConfusionPosterior.from_objects`, (P,E,2,K).
     draws, chains : int
         Draws of each chain, and chains.
     """

@@ -6,10 +6,12 @@ built and share their names: `found["posterior"]["mean"].sel(attribute="heavy")`
 
 import warnings
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from meal_bayes.cache import writable_caches
@@ -26,34 +28,24 @@ _PARETO = 0.7
 _CLASSIC = az.__version__.startswith("0.")
 
 
-class Convergence(NamedTuple):
-    """The worst of one variable's entries."""
-
-    variable: str
-    entries: int
-    r_hat: float
-    ess_bulk: float
-    ess_tail: float
-
-
 def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
     """Build an InferenceData (0.x) or DataTree (1.x) of draws, and of groups by their names."""
     every = {"posterior": posterior, **groups}
     return az.InferenceData(**every) if _CLASSIC else xr.DataTree.from_dict(every)
 
 
-def convergence(idata: Any) -> list[Convergence]:
+def summary_of(idata: Any) -> Any:
+    """Return ArviZ's summary of every entry of every variable, a data frame, unrounded."""
+    return az.summary(idata, round_to="none")
+
+
+def convergence(summary: Any) -> Any:
     """Return the largest R-hat and the smallest effective sample sizes of each variable."""
-    posterior, rows = xr.Dataset(idata["posterior"].data_vars), []  # 1.x has a tree's node
-    for name, values in posterior.data_vars.items():
-        variable = to_idata(posterior[[name]])
-        worst = (
-            float(np.max(az.rhat(variable)[name])),
-            float(np.min(az.ess(variable, method="bulk")[name])),
-            float(np.min(az.ess(variable, method="tail")[name])),
-        )
-        rows.append(Convergence(str(name), values[0, 0].size, *worst))
-    return rows
+    variable = summary.index.str.partition("[").get_level_values(0).rename("variable")
+    entries = summary.assign(entries=1).groupby(variable, sort=False)
+    r_hat = partial(pd.Series.max, skipna=False)  # a chain that stands still has none
+    worst = {"entries": "sum", "r_hat": r_hat, "ess_bulk": "min", "ess_tail": "min"}
+    return entries.agg(worst).reset_index()
 
 
 def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
@@ -76,11 +68,6 @@ def unreliable(idata: Any) -> dict[str, float]:
     draws = idata["posterior"].sizes["chain"] * idata["posterior"].sizes["draw"]
     bad = k[k.values > min(1 - 1 / np.log10(draws), _PARETO)]
     return dict(zip(bad["unit"].values.tolist(), bad.values.tolist(), strict=True))
-
-
-def summary_csv(idata: Any) -> str:
-    """Return ArviZ's summary of every entry of every variable, as CSV, unrounded."""
-    return str(az.summary(idata, round_to="none").to_csv())
 
 
 def save_netcdf(idata: Any, path: str | Path) -> Path:

@@ -206,7 +206,7 @@ class TestLearningFromATrial:
                 truth, level = DATASET.labels[7, 0], step.observation[0]
                 shown[0, step.decision.action, truth, level] += 1
         assert shown.sum() > 0
-        expected = before.replace_object(np.zeros(shown.shape), shown)
+        expected = before.update(shown)
         np.testing.assert_array_equal(run.posterior.counts, expected.counts)
         np.testing.assert_array_equal(run.posterior.concentration, expected.concentration)
 

@@ -6,9 +6,8 @@ from scipy.special import logit
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.checks import beliefs_without_itself, predictive_check
+from meal_bayes.posterior.checks import beliefs_without_itself, log_likelihood, predictive_check
 from meal_bayes.posterior.draws import draw_grid, draws_of, rows_of
-from meal_bayes.posterior.pointwise import log_likelihood
 
 RANKED = 99
 BEHAVIORS = 100  # of two truths each: 200 simulations
@@ -100,8 +99,9 @@ def test_beliefs_leave_the_object_out():
     counts = simulate(rng, prior, objects=12, recordings=4).counts
     drawn = draw_grid(counts, rng, **names, prior=prior, draws=4000)
     found = beliefs_without_itself(drawn, counts, size=4000)
+    (each, _), (together, together_truth) = found["each"], found["together"]
     truth = counts.any(axis=(2, 4))[..., 1]  # (O,P)
-    np.testing.assert_array_equal(found.together_truth, truth.ravel())
+    np.testing.assert_array_equal(together_truth, truth.ravel())
     expected = np.empty(truth.shape)
     for o in range(len(counts)):
         others = np.delete(counts, o, axis=0)
@@ -114,12 +114,12 @@ def test_beliefs_leave_the_object_out():
         n = np.delete(truth, o, axis=0)
         odds = true / false * (n.sum(axis=0) + 1) / ((~n).sum(axis=0) + 1)
         expected[o] = odds / (1 + odds)
-    np.testing.assert_allclose(found.together, expected.ravel(), atol=0.05)
-    assert np.abs(found.together - expected.ravel()).mean() < 0.01
-    with_itself = np.where(truth, 1, -1).ravel() * (found.together - expected.ravel())
+    np.testing.assert_allclose(together, expected.ravel(), atol=0.05)
+    assert np.abs(together - expected.ravel()).mean() < 0.01
+    with_itself = np.where(truth, 1, -1).ravel() * (together - expected.ravel())
     assert with_itself.mean() < 0.005
-    assert len(found.each) == 2 * len(found.together)
-    assert np.abs(logit(found.each)).mean() < np.abs(logit(found.together)).mean()
+    assert len(each) == 2 * len(together)
+    assert np.abs(logit(each)).mean() < np.abs(logit(together)).mean()
 
 
 def test_beliefs_of_known_rows_are_bayes_rule():
@@ -130,9 +130,9 @@ def test_beliefs_of_known_rows_are_bayes_rule():
     prior = np.array([2 / 2, 3 / 1, 2 / 2])  # (n+ + 1) / (n- + 1) of the other two
     ratio = np.array([8.0, 2 / 9, 2 / 9])
     found = beliefs_without_itself(plain, counts)
-    np.testing.assert_allclose(found.each[::2], prior * ratio / (1 + prior * ratio))
-    np.testing.assert_allclose(found.together, prior * ratio**2 / (1 + prior * ratio**2))
+    np.testing.assert_allclose(found["each"][0][::2], prior * ratio / (1 + prior * ratio))
+    np.testing.assert_allclose(found["together"][0], prior * ratio**2 / (1 + prior * ratio**2))
     odd = draws_of("a", "bc", mean, np.ones((1, 5, 1, 2, 2)), np.full((1, 5), 0.2))
     shared = (0.8 * ratio**2 + 0.2) / (0.8 + 0.2 * ratio**2)
-    together = beliefs_without_itself(odd, counts).together
+    together, _ = beliefs_without_itself(odd, counts)["together"]
     np.testing.assert_allclose(together, prior * shared / (1 + prior * shared))

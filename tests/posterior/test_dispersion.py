@@ -4,8 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import betabinom
 
-from meal_bayes.posterior import ConfusionPosterior, fit_dispersion
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, RowStatistics, approximate, integrate
+
+from_objects = ConfusionPosterior.from_objects
 
 
 def simulate(rng, s, objects=60, attributes=12, recordings=5, levels=2):
@@ -55,20 +57,20 @@ def test_two_levels_are_exact():
     counts[:, 0, 0, 1] = [[0, 5], [1, 4], [5, 0], [0, 3], [0, 0]]
     counts[:, 1, 0, 1] = [[2, 3], [1, 4], [3, 2], [0, 0], [1, 1]]
     counts[0, :, 0, 0] = [4, 1]
-    fit = fit_dispersion(counts, 1.0)
+    fit = from_objects(counts, prior=2.0)
     mean, dispersion = by_brute_force(counts[:, :, 0, 1])
     np.testing.assert_allclose(fit.mean[:, 0, 1, 1], mean, rtol=1e-5)
     np.testing.assert_allclose(fit.dispersion[:, 0, 1], dispersion, rtol=1e-4)
     n = counts[:, :, 0, 1].sum(axis=-1)
     worth = (n * (dispersion + 1) / (n + dispersion)).sum(axis=0)
-    np.testing.assert_allclose(fit.weight[:, 0, 1], 2 + worth, rtol=1e-4)
+    np.testing.assert_allclose(fit.concentration[:, 0, 1].sum(axis=-1), 2 + worth, rtol=1e-4)
 
 
 def test_an_informative_prior_enters_as_percepts_of_the_mean():
     counts = np.zeros((1, 1, 1, 2, 2), dtype=np.int64)
-    fit = fit_dispersion(counts, np.array([3.0, 1.0]))
+    fit = from_objects(counts, prior=np.array([3.0, 1.0]))
     np.testing.assert_allclose(fit.mean[0, 0, 0], [0.75, 0.25], atol=1e-6)  # single precision
-    np.testing.assert_allclose(fit.weight, 4.0)
+    np.testing.assert_allclose(fit.concentration.sum(axis=-1), 4.0)
 
 
 @pytest.mark.statistical
@@ -76,9 +78,11 @@ def test_an_informative_prior_enters_as_percepts_of_the_mean():
 @pytest.mark.parametrize("s", [0.7, 2.0, 8.0])
 def test_simulated_dispersion_is_recovered(levels, s):
     m, counts = simulate(np.random.default_rng(5), s, levels=levels)
-    fit = fit_dispersion(counts, 2 / levels)
+    fit = from_objects(counts, prior=2.0)
     assert np.exp(np.log(fit.dispersion).mean()) == pytest.approx(s, rel=0.25)
-    deviation = np.abs(fit.mean - m) / np.sqrt(m * (1 - m) / (fit.weight[..., None] + 1))
+    deviation = np.abs(fit.mean - m) / np.sqrt(
+        m * (1 - m) / (fit.concentration.sum(axis=-1, keepdims=True) + 1)
+    )
     assert np.sqrt((deviation**2).mean()) == pytest.approx(1.0, abs=0.3)
 
 
@@ -87,7 +91,7 @@ def test_pairs_that_say_nothing_have_no_vote():
     silent = np.zeros_like(counts)
     silent[..., 0] = counts.sum(axis=-1)  # every percept at one level, whatever the truth
     crowd = np.concatenate([counts, silent, silent], axis=1)
-    alone, together = fit_dispersion(counts), fit_dispersion(crowd)
+    alone, together = from_objects(counts), from_objects(crowd)
     np.testing.assert_allclose(together.prior[:6], alone.prior)
     np.testing.assert_allclose(together.dispersion[:6], alone.dispersion, rtol=1e-3)
     np.testing.assert_allclose(together.mean[:6], alone.mean, rtol=1e-3)
@@ -98,11 +102,12 @@ def test_any_counts_give_a_proper_posterior(seed, levels):
     rng = np.random.default_rng(seed)
     theta = rng.dirichlet(np.full(levels, 0.3), (6, 3, 2, 2))
     counts = rng.multinomial(rng.integers(0, 12, (6, 3, 2, 2)), theta)
-    fit = fit_dispersion(counts, 2 / levels)
+    fit = from_objects(counts, prior=2.0)
     assert (fit.mean > 0).all()
     np.testing.assert_allclose(fit.mean.sum(axis=-1), 1.0)
     assert ((fit.dispersion > 0) & np.isfinite(fit.dispersion)).all()
-    assert ((fit.weight >= 2 - 1e-9) & (fit.weight <= 2 + counts.sum((0, 4)) + 1e-9)).all()
+    weight = fit.concentration.sum(axis=-1)
+    assert ((weight >= 2 - 1e-9) & (weight <= 2 + counts.sum((0, 4)) + 1e-9)).all()
 
 
 @pytest.mark.statistical
@@ -113,7 +118,7 @@ def test_the_object_level_predicts_new_objects_better_than_equation_8():
     new = rng.binomial(5, theta)
     score = {}
     for name, posterior in (
-        ("objects", ConfusionPosterior.from_objects(counts)),
+        ("objects", from_objects(counts)),
         ("paper", ConfusionPosterior.from_counts(counts)),
     ):
         weight = posterior.precision[..., None] * posterior.mean
@@ -146,7 +151,7 @@ def test_graded_rows_lean_on_what_a_level_is_worth_elsewhere():
     """Of a pair that was hardly seen, the use of the levels is its own, their worth all pairs'."""
     _, counts = simulate(np.random.default_rng(7), 4.0, objects=80, attributes=10, levels=4)
     counts[2:, -1] = 0
-    fit = fit_dispersion(counts)
+    fit = from_objects(counts)
     worth = np.log(fit.mean[:, 0, 1] / fit.mean[:, 0, 0])  # (P,K)
     pooled = np.log(fit.mean[:-1, 0, 1].mean(axis=0) / fit.mean[:-1, 0, 0].mean(axis=0))
     assert np.abs(worth[-1] - pooled).mean() < 0.5 * np.abs(worth[:-1] - pooled).mean()

@@ -4,7 +4,7 @@ from sbc_ranks import simulate
 from scipy.stats import beta, betabinom
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import ConfusionPosterior, fit_dispersion
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.draws import (
     draw_grid,
     draws_of,
@@ -34,7 +34,7 @@ def draws(counts):
 
 def test_draws_of_the_grid_agree_with_its_fit(counts, draws):
     kept = counts[:, :, [0, 2]]
-    fit = fit_dispersion(kept)
+    fit = ConfusionPosterior.from_objects(kept)
     mean, s, _ = rows_of(draws)
     assert draws["behavior"].values.tolist() == ["look", "lift"]
     assert mean.shape == (4000, 2, 2, 2, counts.shape[-1])

@@ -7,9 +7,9 @@ from scipy.stats import dirichlet, dirichlet_multinomial
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
 from meal_bayes.posterior import ConfusionPosterior, draw_grid, idata
+from meal_bayes.posterior.checks import pointwise_log_likelihood, predict_yes, units_of
 from meal_bayes.posterior.draws import draw_prior, draws_of, log_prior, rows_of, summarize_draws
 from meal_bayes.posterior.grid import DISPERSIONS
-from meal_bayes.posterior.pointwise import pointwise_log_likelihood, predict_yes, units_of
 
 
 @pytest.fixture
@@ -37,21 +37,25 @@ def test_netcdf_keeps_names_and_groups(draws, tmp_path):
     assert [file.name for file in path.parent.iterdir()] == ["posterior.nc"]
 
 
+def convergence_of(draws):
+    return idata.convergence(idata.summary_of(idata.to_idata(draws))).set_index("variable")
+
+
 def test_convergence_tells_the_worst(draws):
-    told = {one.variable: one for one in idata.convergence(idata.to_idata(draws))}
-    assert told["mean"].entries == 24
-    assert told["misperception"].entries == 1
-    assert all(one.r_hat < 1.02 and one.ess_bulk > 600 for one in told.values())
+    told = convergence_of(draws)
+    assert told.loc["mean", "entries"] == 24
+    assert told.loc["misperception", "entries"] == 1
+    assert ((told["r_hat"] < 1.02) & (told["ess_bulk"] > 600)).all()
     lost = draws.copy(deep=True)
     lost["mean"][0, :, 1, 1, 0] = [0.999, 0.001]  # one chain, one row
     lost["mean"][0, ::2, 1, 1, 0] = [0.998, 0.002]
-    worst = idata.convergence(idata.to_idata(lost))[0]
-    assert worst.r_hat > 1.3
-    assert worst.ess_bulk < 50
+    worst = convergence_of(lost).loc["mean"]
+    assert worst["r_hat"] > 1.3
+    assert worst["ess_bulk"] < 50
 
 
 def test_the_summary_names_every_entry(draws):
-    lines = idata.summary_csv(idata.to_idata(draws)).splitlines()
+    lines = idata.summary_of(idata.to_idata(draws)).to_csv().splitlines()
     assert "r_hat" in lines[0]
     assert len(lines) == 1 + 24 + 12 + 1 + 6
     row = next(line for line in lines if line.startswith('"mean[red, look, true, yes]"'))

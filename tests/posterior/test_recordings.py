@@ -8,7 +8,7 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior, truth_evidence
-from meal_bayes.posterior.pointwise import log_likelihood
+from meal_bayes.posterior.checks import log_likelihood
 
 
 def repeats_nll(posteriors, table, columns, exact):
@@ -53,7 +53,7 @@ def test_object_level_beliefs_survive_repeats_where_equation_8_does_not(name, pa
     columns = np.flatnonzero((held.sum(axis=0) > least) & ((~held).sum(axis=0) > least))
     counts = [table_counts(table, o) for o in range(len(table.objects))]
     by_percept = [ConfusionPosterior.from_counts(c) for c in counts]
-    by_object = ConfusionPosterior.from_folds(np.stack([c.counts for c in counts]))
+    by_object = [ConfusionPosterior.from_objects(c) for c in counts]
     assert repeats_nll(by_percept, table, columns, exact=True) > paper
     assert repeats_nll(by_object, table, columns, exact=False) < ours
 
