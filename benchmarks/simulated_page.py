@@ -20,7 +20,7 @@ import numpy as np
 from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.plots import Series, lines
 from meal_bayes.robots.simulated_arm import SimulatedArm, draw_object
-from meal_bayes.robots.simulated_arm.camera import take_picture
+from meal_bayes.robots.simulated_arm.sensors import take_picture
 
 mpl.use("Agg")
 

@@ -88,7 +88,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
     from meal_bayes.learner import Learner
-    from meal_bayes.robots.simulated_arm.camera import frame_of
+    from meal_bayes.robots.simulated_arm.sensors import frame_of
     from meal_bayes.trial_log import read_trials
     from meal_bayes.viewer import Viewer, write_recording
     from meal_bayes.viewer.window import check_recording_name

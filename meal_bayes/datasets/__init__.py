@@ -6,8 +6,7 @@ Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
 
 from meal_bayes.datasets.csv_folder import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, object_index
-from meal_bayes.datasets.download import cache_folder, fetch, registry, verify
-from meal_bayes.datasets.load import load_dataset
+from meal_bayes.datasets.download import cache_folder, fetch, load_dataset, registry, verify
 from meal_bayes.datasets.percept_file import load_percepts, save_percepts
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.datasets.splits import ObjectSplit

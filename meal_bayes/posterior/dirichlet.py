@@ -129,8 +129,9 @@ class ConfusionPosterior:
         alpha = None if prior is None else _prior(prior, total.shape)
         rows, alpha, _, mean, s = grid_posterior(array, alpha)
         weight = (alpha + rows.effective(s)).sum(axis=-1, keepdims=True)
-        parts = (part.reshape(total.shape) for part in (alpha, total, weight * mean))
-        return cls(*parts, s.reshape(total.shape[:3]))
+        shape = total.shape
+        concentration = (weight * mean).reshape(shape)
+        return cls(alpha.reshape(shape), total, concentration, s.reshape(shape[:3]))
 
     @classmethod
     def from_idata(cls, idata: Any, domain: Domain) -> "ConfusionPosterior":

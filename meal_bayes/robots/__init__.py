@@ -4,8 +4,7 @@ In: a `Domain`, and recordings. Out: `Outcome`s, by names. A real robot
 implements `Robot`; `Boundary` checks what it returns.
 """
 
-from meal_bayes.robots.boundary import Boundary, Execution
 from meal_bayes.robots.recorded import RecordedRobot, replayable
-from meal_bayes.robots.robot import Outcome, Robot
+from meal_bayes.robots.robot import Boundary, Execution, Outcome, Robot
 
 __all__ = ["Boundary", "Execution", "Outcome", "RecordedRobot", "Robot", "replayable"]

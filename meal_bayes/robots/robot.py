@@ -1,10 +1,24 @@
-"""The interface that the driver of a real robot implements; it uses names alone."""
+"""The interface that the driver of a real robot implements, by names alone, and its boundary.
 
+At the boundary a robot's outcomes are checked, once, and become indices.
+"""
+
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import real_values
+from meal_bayes.datasets import Instance
+from meal_bayes.domain import Behavior, Domain, unknown
+from meal_bayes.errors import RobotError
+
+Features = dict[str, NDArray[np.float32]]
+Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
+_NONE: Sizes = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,3 +54,152 @@ class Robot(Protocol):
     def execute(self, behavior: str) -> Outcome:
         """Execute the behavior of that name, and return its outcome."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """A checked outcome.
+
+    Attributes
+    ----------
+    next_x : int
+        Index of the next state.
+    instance : Instance | None
+        What can be perceived; None where the behavior failed or its features are invalid.
+    answers : Mapping[str, bool] | None
+        A person's answers, by attribute.
+    warning : str
+        Why features or answers of the robot are invalid; empty where all are valid.
+    """
+
+    next_x: int
+    instance: Instance | None = None
+    answers: Mapping[str, bool] | None = None
+    warning: str = ""
+
+
+class _NoPercept(Exception):
+    """The features or answers are invalid."""
+
+
+class Boundary:
+    """What a robot returns, checked: every outcome fits the domain, and has indices for names.
+
+    A state that the domain does not know raises `RobotError`. A modality that is missing, of
+    another size than those learned from, or not of finite numbers is left out, with a warning; the
+    percept is made from the others, and where there are none the trial goes on without.
+    Modalities that the behavior does not have are left aside.
+
+    Parameters
+    ----------
+    domain : Domain
+        Its states, behaviors and modalities.
+    object_index : int
+        Of the object in the data set, -1 for an object of which nothing is recorded.
+    sizes : Sizes
+        Number of features of each (behavior, modality) that is known.
+    """
+
+    def __init__(self, domain: Domain, *, object_index: int = -1, sizes: Sizes = _NONE) -> None:
+        self._domain, self._object, self._sizes = domain, object_index, sizes
+        self._x = {name: x for x, name in enumerate(domain.diagram.states)}
+        self._n_sensed, self._warned = 0, set[str]()
+
+    def start(self, state: object) -> int:
+        """Return the index of x0, where a robot starts a trial.
+
+        Raises
+        ------
+        RobotError
+            A state that the domain does not know.
+        """
+        self._n_sensed = 0
+        return self._index(state, "start()")
+
+    def execute(self, behavior: int, outcome: object) -> Execution:
+        """Return the checked outcome of a behavior.
+
+        Raises
+        ------
+        RobotError
+            No `Outcome`, or a state that the domain does not know.
+        """
+        spec = self._domain.behaviors[behavior]
+        if not isinstance(outcome, Outcome):
+            raise RobotError(
+                f"execute({spec.name!r}) returned {type(outcome).__name__}; "
+                "return an Outcome(state, features)."
+            )
+        next_x = self._index(outcome.state, f"execute({spec.name!r})")
+        try:
+            if spec.answer_accuracy is not None:
+                return self._asked(spec, outcome, next_x)
+            return self._sensed(spec, outcome, next_x)
+        except _NoPercept as fault:
+            return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
+
+    def _index(self, state: object, where: str) -> int:
+        if isinstance(state, str) and state in self._x:
+            return self._x[state]
+        message = unknown("state", str(state), self._x)
+        raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
+
+    def _asked(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
+        if outcome.features is not None:
+            raise _NoPercept("it asks a person; give answers, not features")
+        if outcome.recording is not None:
+            return Execution(next_x, Instance(self._object, spec.name, outcome.recording))
+        for name, value in (outcome.answers or {}).items():
+            if name not in self._domain.attributes or not isinstance(value, bool | np.bool_):
+                raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
+        return Execution(next_x, answers=outcome.answers)
+
+    def _sensed(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
+        if outcome.answers is not None:
+            raise _NoPercept("it does not ask, but came with answers")
+        features, faults = None, list[str]()
+        if outcome.features is not None:
+            features, faults = self._features(spec, outcome.features)
+        recording, warning = outcome.recording, ""
+        if recording is None:
+            if features is None:
+                return Execution(next_x)
+            recording, self._n_sensed = self._n_sensed, self._n_sensed + 1
+        if faults:
+            used = ", ".join(features or ())
+            warning = f"percept of {spec.name} by {used} alone: {'; '.join(faults)}"
+            if spec.name not in self._warned:  # a person sees it once a trial
+                warnings.warn(warning, stacklevel=2)
+                self._warned.add(spec.name)
+        instance = Instance(self._object, spec.name, recording, features)
+        return Execution(next_x, instance, warning=warning)
+
+    def _features(self, spec: Behavior, sensed: object) -> tuple[Features, list[str]]:
+        """Return the valid features, and what is wrong with the others."""
+        if not isinstance(sensed, Mapping):
+            raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
+        features, faults = Features(), list[str]()
+        for name in spec.modalities:  # what the domain does not know of is left aside
+            try:
+                features[name] = self._checked(spec.name, name, sensed)
+            except _NoPercept as fault:
+                faults.append(str(fault))
+        if not features:
+            raise _NoPercept("; ".join(faults) or "it has no modalities")
+        return features, faults
+
+    def _checked(
+        self, behavior: str, modality: str, sensed: Mapping[str, ArrayLike]
+    ) -> NDArray[np.float32]:
+        if modality not in sensed:
+            raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
+        try:
+            values = real_values(sensed[modality])
+        except (TypeError, ValueError, OverflowError) as fault:
+            raise _NoPercept(f"{modality} does not hold numbers") from fault
+        size = self._sizes.get((behavior, modality), values.size)
+        if values.shape != (size,):
+            raise _NoPercept(f"{modality} has shape {values.shape}, expected ({size},)")
+        if not np.isfinite(values).all():
+            raise _NoPercept(f"{modality} holds NaN or infinity")
+        return values

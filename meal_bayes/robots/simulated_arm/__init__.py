@@ -4,8 +4,8 @@ In: a seed, which draws objects, where they lie, and the noise of the sensors. O
 a `Robot` that executes behaviors by name. No behavior reads a
 parameter or a label of its object: features come from the physics and the sensors' noise alone.
 
-`objects` says what an object is and builds its physics, `physics` steps it, `sensors` and `camera`
-make features, `arm` is the robot with its behaviors.
+`objects` says what an object is and builds its physics, `physics` steps it, `sensors` makes
+features and pictures, `arm` is the robot with its behaviors.
 """
 
 from importlib.util import find_spec

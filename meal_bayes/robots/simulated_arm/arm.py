@@ -10,10 +10,9 @@ import numpy as np
 from meal_bayes.domain import TERMINAL, unknown
 from meal_bayes.errors import RobotError, SettingsError
 from meal_bayes.robots.robot import Outcome
-from meal_bayes.robots.simulated_arm.camera import picture_features
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, OnFrame, Scene
-from meal_bayes.robots.simulated_arm.sensors import features_of
+from meal_bayes.robots.simulated_arm.sensors import features_of, picture_features
 from meal_bayes.seeds import stream
 
 READY, GRASPED, LIFTED, MOVED = STATES = ("ready", "grasped", "lifted", "moved")

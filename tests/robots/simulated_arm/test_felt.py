@@ -12,7 +12,7 @@ def noiseless(sim):
     with pytest.MonkeyPatch.context() as patch:
         silent = dict.fromkeys(sim.sensors.NOISE, sim.sensors.Noise(0.0, 0.0))
         patch.setattr(sim.sensors, "NOISE", silent)
-        patch.setattr(sim.camera, "PIXEL_NOISE", 0.0)
+        patch.setattr(sim.sensors, "PIXEL_NOISE", 0.0)
         yield
 
 
