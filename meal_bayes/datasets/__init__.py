@@ -4,7 +4,7 @@ In: the public recordings (downloaded once, checked), a folder of CSV files, or 
 Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
 """
 
-from meal_bayes.datasets.csv_folder import save_csv_folder
+from meal_bayes.datasets.csv_files import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, object_index
 from meal_bayes.datasets.download import cache_folder, fetch, load_dataset, registry, verify
 from meal_bayes.datasets.percept_file import load_percepts, save_percepts

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, label_values, real_values, set_frozen
+from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import DataError, SettingsError
@@ -158,8 +159,6 @@ class Dataset:
         DataError
             What is missing, of the wrong size, or not a number.
         """
-        from meal_bayes.datasets.frames import dataset_parts  # noqa: PLC0415  they need Dataset
-
         return cls(domain, *dataset_parts(domain, features, labels, objects))
 
     def _facts(self) -> tuple[str, dict[str, str]]:

@@ -15,7 +15,7 @@ import shutil
 from importlib import resources
 from pathlib import Path
 
-from meal_bayes.datasets.csv_folder import load_csv_folder
+from meal_bayes.datasets.csv_files import load_csv_folder
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.sources import SOURCES, find_folder, source
 from meal_bayes.domain import load_domain

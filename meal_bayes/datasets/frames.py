@@ -1,18 +1,43 @@
-"""Conversion of data frames, dictionaries and arrays to the fields of a `Dataset`."""
+"""Rows of features with their keys, joined to the arrays of a domain; frames, dictionaries, arrays.
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+What `Dataset.from_frames` takes becomes rows here; those of files come from `csv_files`.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import label_values, real_values
-from meal_bayes.datasets.feature_file import Context, FeatureRows, join_features
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 
+Context = tuple[str, str]  # behavior, modality
 _KEYS = ["object", "recording"]
 _Parts = tuple[tuple[str, ...], dict[Context, NDArray[np.float32]], NDArray[np.int8]]
+
+
+class FeatureRows(NamedTuple):
+    """Rows of one context: values (n,D), their keys (object, recording), and where they stand.
+
+    The source is a file, or what else the rows stand in; a place is such as "line 3".
+    """
+
+    source: str
+    places: Sequence[str]
+    keys: Sequence[tuple[str, ...]]
+    values: NDArray[np.floating]
+
+    def fault(self, row: int, found: str, expected: str, repair: str) -> DataError:
+        """Return the error of one row."""
+        return fault(f"{self.source}, {self.places[row]}", found, expected, repair)
+
+
+def fault(where: str, found: str, expected: str, repair: str) -> DataError:
+    """Return an error: what was found, what was expected, and how to repair it."""
+    return DataError(f"{where}: found {found}; expected {expected}; {repair}.")
 
 
 def dataset_parts(
@@ -112,3 +137,65 @@ def _labels(
             except DataError as fault:
                 raise DataError(f"Whether {name!r} is {attribute!r}: {fault}") from None
     return names, table
+
+
+def join_features(
+    objects: Sequence[str],
+    contexts: Iterable[tuple[Context, FeatureRows]],
+    recordings: int | None = None,
+) -> dict[Context, NDArray[np.float32]]:
+    """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
+
+    Rows of one behavior must be of the same recordings. Every object must have so many
+    `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
+    unknown object or recording, one that comes twice or is missing is a `DataError`.
+    """
+    place = {name: o for o, name in enumerate(objects)}
+    by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order
+    tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
+    for context, rows in contexts:
+        row_of = _row_of(rows, place)
+        order = by_behavior.get(context[0])
+        if order is None:
+            numbers = [str(k) for k in range(1, (recordings or 0) + 1)]
+            every = product(objects, numbers) if numbers else row_of
+            order = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
+            by_behavior[context[0]] = order
+        for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
+            known = [recording for name, recording in order if name == key[0]]
+            expected = f"one of {', '.join(known) or 'none'}"
+            repair = "correct the number or remove the row"
+            raise rows.fault(row_of[key], f"recording {key[1]!r} of {key[0]}", expected, repair)
+        for name, recording in order:
+            if (name, recording) not in row_of:
+                last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
+                raise DataError(
+                    f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
+                    f"expected {[known for known, _ in order].count(name)} of it, as in the other "
+                    "features of this behavior; add the row, or remove the recording from all."
+                )
+        o = np.array([place[name] for name, _ in order], np.int64)
+        r = np.arange(len(o)) - np.searchsorted(o, o)
+        tables[context] = o, r, rows.values[[row_of[key] for key in order]]
+    most = max((int(r.max(initial=-1)) + 1 for _, r, _ in tables.values()), default=0)
+    joined = {}
+    for context, (o, r, values) in tables.items():
+        joined[context] = np.full((len(objects), most, values.shape[1]), np.nan, np.float32)
+        joined[context][o, r] = values
+    return joined
+
+
+def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]:
+    """Return the row of each (object, recording)."""
+    row_of: dict[tuple[str, str], int] = {}
+    for row, (name, recording) in enumerate(rows.keys):
+        if name not in objects:
+            hint = unknown("object", name, objects).removesuffix(".")
+            expected = "an object of the list"
+            raise rows.fault(row, f"object {name!r}", expected, f"correct it ({hint})")
+        if (name, recording) in row_of:
+            before = rows.places[row_of[name, recording]]
+            found = f"recording {recording} of {name} again, after {before}"
+            raise rows.fault(row, found, "each recording once", "remove one of the rows")
+        row_of[name, recording] = row
+    return row_of

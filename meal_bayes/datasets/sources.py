@@ -13,15 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.datasets.csv_files import read_features, read_rows
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.feature_file import (
-    Context,
-    FeatureRows,
-    fault,
-    join_features,
-    read_features,
-    read_rows,
-)
+from meal_bayes.datasets.frames import Context, FeatureRows, fault, join_features
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import load_dataset, make_synthetic, save_csv_folder
-from meal_bayes.datasets.feature_file import read_features, read_rows, read_text
+from meal_bayes.datasets.csv_files import read_features, read_rows, read_text
 from meal_bayes.domain import load_domain, read_query
 from meal_bayes.errors import DataError, SettingsError
 

@@ -1,49 +1,107 @@
-"""Rows of features with their keys: read strictly from files, and joined to the arrays of a domain.
+"""Files of comma-separated values, read strictly, and a folder of them with one's own data.
 
 Cells are split by the standard library's `csv` and read by NumPy. (pandas' reader of text took six
 times as long for ISPY32's 4,096 columns, and fills rows that are too short without a word.)
 """
 
 import csv
+import logging
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import unknown
+from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.datasets.frames import FeatureRows, fault, join_features
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
+from meal_bayes.files import write_whole
 from meal_bayes.untrusted import read_bytes
 
+log = logging.getLogger("meal_bayes.datasets")
+
+_KEYS = ("object", "recording")
+_VALUES = {"1": 1, "0": 0, "": -1}
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
 )
 _LARGEST = float(np.finfo(np.float32).max)
-Context = tuple[str, str]  # behavior, modality
 
 
-class FeatureRows(NamedTuple):
-    """Rows of one context: values (n,D), their keys (object, recording), and where they stand.
+def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
+    """Read `labels.csv` and one `<behavior>_<modality>.csv` for each context of the domain.
 
-    The source is a file, or what else the rows stand in; a place is such as "line 3".
+    `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
+    empty unknown. A feature file has the header ``object,recording,<feature>,...`` and a row a
+    recording; the files of one behavior are joined by (object, recording) and hold the same rows.
+    An object may lack a behavior, or have another number of recordings of it than others. The first
+    line that is wrong is a `DataError` with its file, number, and how to repair it.
     """
+    objects, labels = _read_labels(folder / "labels.csv", domain)
+    files = ((context, folder / "{}_{}.csv".format(*context)) for context in domain.contexts)
+    contexts = ((context, read_features(path, _KEYS, header=True)) for context, path in files)
+    dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
+    log.info(
+        "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
+    )
+    return dataset
 
-    source: str
-    places: Sequence[str]
-    keys: Sequence[tuple[str, ...]]
-    values: NDArray[np.floating]
 
-    def fault(self, row: int, found: str, expected: str, repair: str) -> DataError:
-        """Return the error of one row."""
-        return fault(f"{self.source}, {self.places[row]}", found, expected, repair)
+def save_csv_folder(dataset: Dataset, folder: Path) -> None:
+    """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
+
+    Numbers are written so that they read back equal.
+    """
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    objects = np.array(dataset.objects)
+    for (behavior, modality), values in dataset.features.items():
+        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)]
+        o, r = np.nonzero(np.arange(values.shape[1]) < counts[:, None])
+        names = [f"f{i}" for i in range(values.shape[2])]
+        index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=_KEYS)
+        frame = pd.DataFrame(values[o, r], index, names)
+        text = frame.to_csv(float_format="%.9g", lineterminator="\n")
+        write_whole(folder / f"{behavior}_{modality}.csv", text)
+    labels = pd.DataFrame(
+        dataset.labels, pd.Index(objects, name="object"), dataset.domain.attributes
+    )
+    text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
+    write_whole(folder / "labels.csv", text)
 
 
-def fault(where: str, found: str, expected: str, repair: str) -> DataError:
-    """Return an error: what was found, what was expected, and how to repair it."""
-    return DataError(f"{where}: found {found}; expected {expected}; {repair}.")
+def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
+    (place, header), *rows = read_rows(path)
+    where = f"{path}, {place}"
+    if header[0] != "object":
+        expected = f"object,{','.join(domain.attributes[:3])},..."
+        repair = "write it so (commas, not semicolons)"
+        raise fault(where, f"the header {header[0][:40]!r}", expected, repair)
+    for attribute in domain.attributes:
+        if header.count(attribute) != 1:
+            hint = unknown("column", attribute, header[1:]).removesuffix(".")
+            columns = f"{header.count(attribute)} columns {attribute!r}"
+            raise fault(where, columns, "one", f"add or rename one ({hint})")
+    labels: dict[str, list[int]] = {}
+    for place, cells in rows:
+        where = f"{path}, {place}"
+        if len(cells) != len(header):
+            expected = f"{len(header)} as in the header"
+            repair = "leave unknown values empty: a,1,,0"
+            raise fault(where, f"{len(cells)} columns", expected, repair)
+        if cells[0] in labels:
+            again = f"object {cells[0]!r} again"
+            raise fault(where, again, "each object once", "remove one of the rows")
+        for column, cell in enumerate(cells[1:], start=1):
+            if cell not in _VALUES:
+                value = f"{cell!r} in column {column + 1} ({header[column]})"
+                raise fault(where, value, "1, 0 or nothing", "write one of them")
+        labels[cells[0]] = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
+    if not labels:
+        raise fault(where, "no rows under the header", "a row an object", "add the rows")
+    return tuple(labels), np.array(list(labels.values()), dtype=np.int8)
 
 
 def read_text(path: Path) -> str:
@@ -126,65 +184,3 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
             repair = "measure again, or remove the recording of all objects"
             raise fault(where, found, f"{expected} (single precision)", repair)
     return list(map(float, cells[first:]))
-
-
-def join_features(
-    objects: Sequence[str],
-    contexts: Iterable[tuple[Context, FeatureRows]],
-    recordings: int | None = None,
-) -> dict[Context, NDArray[np.float32]]:
-    """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
-
-    Rows of one behavior must be of the same recordings. Every object must have so many
-    `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
-    unknown object or recording, one that comes twice or is missing is a `DataError`.
-    """
-    place = {name: o for o, name in enumerate(objects)}
-    by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order
-    tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
-    for context, rows in contexts:
-        row_of = _row_of(rows, place)
-        order = by_behavior.get(context[0])
-        if order is None:
-            numbers = [str(k) for k in range(1, (recordings or 0) + 1)]
-            every = product(objects, numbers) if numbers else row_of
-            order = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
-            by_behavior[context[0]] = order
-        for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
-            known = [recording for name, recording in order if name == key[0]]
-            expected = f"one of {', '.join(known) or 'none'}"
-            repair = "correct the number or remove the row"
-            raise rows.fault(row_of[key], f"recording {key[1]!r} of {key[0]}", expected, repair)
-        for name, recording in order:
-            if (name, recording) not in row_of:
-                last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
-                raise DataError(
-                    f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
-                    f"expected {[known for known, _ in order].count(name)} of it, as in the other "
-                    "features of this behavior; add the row, or remove the recording from all."
-                )
-        o = np.array([place[name] for name, _ in order], np.int64)
-        r = np.arange(len(o)) - np.searchsorted(o, o)
-        tables[context] = o, r, rows.values[[row_of[key] for key in order]]
-    most = max((int(r.max(initial=-1)) + 1 for _, r, _ in tables.values()), default=0)
-    joined = {}
-    for context, (o, r, values) in tables.items():
-        joined[context] = np.full((len(objects), most, values.shape[1]), np.nan, np.float32)
-        joined[context][o, r] = values
-    return joined
-
-
-def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]:
-    """Return the row of each (object, recording)."""
-    row_of: dict[tuple[str, str], int] = {}
-    for row, (name, recording) in enumerate(rows.keys):
-        if name not in objects:
-            hint = unknown("object", name, objects).removesuffix(".")
-            expected = "an object of the list"
-            raise rows.fault(row, f"object {name!r}", expected, f"correct it ({hint})")
-        if (name, recording) in row_of:
-            before = rows.places[row_of[name, recording]]
-            found = f"recording {recording} of {name} again, after {before}"
-            raise rows.fault(row, found, "each recording once", "remove one of the rows")
-        row_of[name, recording] = row
-    return row_of
