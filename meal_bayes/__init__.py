@@ -46,8 +46,7 @@ from typing import TYPE_CHECKING
 from meal_bayes.version import package_version
 
 if TYPE_CHECKING:
-    from meal_bayes.datasets import Dataset, load_dataset, load_percepts
-    from meal_bayes.datasets.percept_file import save_percepts
+    from meal_bayes.datasets import Dataset, load_dataset, load_percepts, save_percepts
     from meal_bayes.domain import Query, load_domain, read_query
     from meal_bayes.errors import MealBayesError
     from meal_bayes.evaluation import summarize
@@ -89,8 +88,7 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "datasets": ("Dataset", "load_dataset", "load_percepts"),
-    "datasets.percept_file": ("save_percepts",),
+    "datasets": ("Dataset", "load_dataset", "load_percepts", "save_percepts"),
     "domain": ("Query", "load_domain", "read_query"),
     "errors": ("MealBayesError",),
     "evaluation": ("summarize",),

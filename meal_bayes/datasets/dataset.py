@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, label_values, real_values, set_frozen
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
-from meal_bayes.domain import Domain, Query, unknown
+from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 
 
@@ -212,23 +212,6 @@ class Dataset:
             for modality in self.domain.behaviors[index].modalities
         }
         return Instance(object_index, behavior, recording, features)
-
-    def truth(self, object_index: int, query: Query) -> NDArray[np.bool_]:
-        """Return the values (N,) of the queried attributes, ID(p, o) of Eq. 2.
-
-        Raises
-        ------
-        DataError
-            A queried attribute whose value for this object is unknown.
-        """
-        values = self.labels[object_index, self.domain.columns(query.attributes)]
-        for name, value in zip(query.attributes, values, strict=True):
-            if value < 0:
-                raise DataError(
-                    f"Whether {self.objects[object_index]!r} is {name!r} is unknown; "
-                    "label it, or ask about objects that are labeled."
-                )
-        return freeze(values == 1, np.bool_)
 
 
 def object_index(objects: tuple[str, ...], name: str) -> int:

@@ -116,21 +116,6 @@ def domain_of(name: str | Path) -> Domain:
     return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
 
 
-def _domain_of(meta: dict[str, Any], where: str) -> Domain:
-    """Return the domain that a file holds, or the shipped one that it names."""
-    if "domain_table" in meta:
-        try:
-            return domain_from_table(meta["domain_table"])
-        except DomainError as error:
-            raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
-    if meta["domain"] in domain_names():
-        return load_domain(meta["domain"])
-    raise SettingsError(
-        f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
-        "domain=load_domain(<your table>.toml)."
-    )
-
-
 def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
     """Read a table, with attributes and behaviors in the order of the domain (the file's own)."""
     try:
@@ -155,9 +140,17 @@ def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
         raise DataError(f"{where} names an object twice; make the table again.")
     if not np.isfinite(arrays["edges"]).all() or (np.abs(arrays["log_odds"]) > LIMIT).any():
         raise DataError(f"{where}: expected log-odds within +-{LIMIT:g}; make the table again.")
-    domain = _domain_of(meta, where) if domain is None else domain
+    if domain is None and "domain_table" not in meta and meta["domain"] not in domain_names():
+        raise SettingsError(
+            f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
+            "domain=load_domain(<your table>.toml)."
+        )
     try:
-        return _in_domain_order(meta, arrays, domain)
+        if domain is None and "domain_table" in meta:
+            domain = domain_from_table(meta["domain_table"])
+        return _in_domain_order(meta, arrays, domain or load_domain(meta["domain"]))
+    except DomainError as error:
+        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
     except DataError as error:
         raise DataError(f"{where}: {error}") from error
 

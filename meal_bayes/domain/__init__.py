@@ -3,7 +3,7 @@
 In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Query`.
 """
 
-from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionArrays, TransitionDiagram
+from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, learn_success, unknown
 from meal_bayes.domain.query import Query, read_query
 from meal_bayes.domain.tables import domain_from_table, domain_names, domain_table, load_domain
@@ -14,7 +14,6 @@ __all__ = [
     "Domain",
     "Effect",
     "Query",
-    "TransitionArrays",
     "TransitionDiagram",
     "domain_from_table",
     "domain_names",

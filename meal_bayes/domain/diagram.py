@@ -44,15 +44,9 @@ class Effect:
 class TransitionArrays(NamedTuple):
     """A diagram compiled for a list of behaviors.
 
-    Attributes
-    ----------
-    transition : NDArray[np.float64]
-        (E,X,X) Pr(x' | x, behavior); illegal rows follow `TransitionDiagram.illegal`.
-    observation_probability : NDArray[np.float64]
-        (E,X,X) Pr(a percept comes | behavior, x, x'). It is below 1 on the diagonal where a
-        behavior that keeps x may fail.
-    legal : NDArray[np.bool_]
-        (X,E) whether a behavior can be executed.
+    `transition` (E,X,X) is Pr(x' | x, behavior), illegal rows as `TransitionDiagram.illegal` says;
+    `observation_probability` (E,X,X) is Pr(a percept comes | behavior, x, x'), below 1 on the
+    diagonal where a behavior that keeps x may fail; `legal` (X,E), whether it can be executed.
     """
 
     transition: NDArray[np.float64]
@@ -91,7 +85,16 @@ class TransitionDiagram:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self._check_states()
+        if self.illegal not in ("terminate", "stay"):
+            raise DomainError(f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'.")
+        if len(set(self.states)) != len(self.states) or self.states[-1:] != (TERMINAL,):
+            raise DomainError(
+                f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
+            )
+        if self.start not in self.states[:-1]:
+            raise DomainError(
+                f"start = {self.start!r} is none of the states {list(self.states[:-1])}."
+            )
         outgoing: dict[tuple[str, str], dict[str, float]] = {}
         targets: dict[str, set[str]] = {}
         for effect in self.effects:
@@ -115,18 +118,6 @@ class TransitionDiagram:
             raise DomainError(
                 f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
                 "add an effect that does, or remove the state."
-            )
-
-    def _check_states(self) -> None:
-        if self.illegal not in ("terminate", "stay"):
-            raise DomainError(f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'.")
-        if len(set(self.states)) != len(self.states) or self.states[-1:] != (TERMINAL,):
-            raise DomainError(
-                f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
-            )
-        if self.start not in self.states[:-1]:
-            raise DomainError(
-                f"start = {self.start!r} is none of the states {list(self.states[:-1])}."
             )
 
     def _check_effect(self, effect: Effect) -> None:
@@ -155,10 +146,9 @@ class TransitionDiagram:
         """Return the behaviors that are legal in a state, and where each most probably leads."""
         likeliest: dict[str, tuple[float, str]] = {}
         for effect in self.effects:
-            for source, target in self._expand(effect):
-                known = likeliest.get(effect.behavior, (0.0, ""))
-                if source == state and effect.probability > known[0]:
-                    likeliest[effect.behavior] = effect.probability, target
+            target = dict(self._expand(effect)).get(state)
+            if target and effect.probability > likeliest.get(effect.behavior, (0.0, ""))[0]:
+                likeliest[effect.behavior] = effect.probability, target
         return {name: target for name, (_, target) in likeliest.items()}
 
     def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":

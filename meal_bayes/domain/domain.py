@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.display import facts_html, facts_repr, listed
-from meal_bayes.domain.diagram import TransitionArrays, TransitionDiagram
+from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
@@ -260,10 +260,6 @@ class Domain:
     def columns(self, names: Iterable[str]) -> list[int]:
         """Return the positions of some attributes; raises as `attribute_index` does."""
         return [self.attribute_index(name) for name in names]
-
-    def transitions(self) -> TransitionArrays:
-        """Compile the diagram over this domain's behaviors."""
-        return self.diagram.compile(self.behavior_names)
 
 
 def fold(word: str) -> str:

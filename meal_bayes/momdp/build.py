@@ -78,7 +78,8 @@ def build_momdp(
     n, e = len(query), len(domain.behaviors)
     rows, spread, classes = _latent_rows(domain, n, confusion, precision, latent_classes)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
-    arrays, goal, reward = domain.transitions(), objective or Objective(), domain.report_reward
+    arrays = domain.diagram.compile(domain.behavior_names)
+    goal, reward = objective or Objective(), domain.report_reward
     senses = np.array([behavior.senses for behavior in domain.behaviors])
     chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
     for group in map(list, query.groups):

@@ -25,7 +25,7 @@ looking at held-out figures of these data. Sigma is about .3 on ROC36, .95 on IS
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -192,30 +192,24 @@ class _Evidence:
             weight / max(weight.sum(), _TINY)
             for weight in (balance[attribute] * labelled, balance[present] * known)
         )
-        self.apart = _Truths(prior[attribute], sign[attribute], apart)
-        self.together = _Truths(
-            prior[present],
-            np.tile(sign[present], 1 + _DRAWS),
-            np.concatenate([together] + _DRAWS * [together / _DRAWS], axis=1),
-        )
+        together = np.concatenate([together] + _DRAWS * [together / _DRAWS], axis=1)
+        self.apart = prior[attribute], sign[attribute], apart
+        self.together = prior[present], np.tile(sign[present], 1 + _DRAWS), together
 
     def loss(self, trait: SharedTrait) -> float:
         """Return the sum of the three means, and the prior of sigma."""
         rows, precision = trait.select(self.confusion, self.precision, rounds=_SCORED)
         log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
-        repeated = self._repeated(rows, precision[:, 0])  # (V,M,O)
+        # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t
+        alpha = np.minimum(precision[:, 0], 1e9)[:, None, None] * rows  # where it is inf
+        table = np.zeros((*rows.shape, self.top + 1), np.float32)  # (V,M,K,top+1)
+        np.log(alpha[..., None] + np.arange(self.top)).cumsum(axis=-1, out=table[..., 1:])
+        repeated = table.reshape(*rows.shape[:2], -1) @ self.hit  # (V,M,O)
         once = np.log(rows).astype(np.float32) @ self.once  # (V,M,D x O)
         every = np.concatenate([repeated, once], axis=2)
         every = (self.of @ every.reshape(len(rows), -1)).reshape(-1, *every.shape[1:])
-        loss = self.apart.loss(repeated, log_classes) + self.together.loss(every, log_classes)
+        loss = _loss(repeated, log_classes, *self.apart) + _loss(every, log_classes, *self.together)
         return loss + 0.5 * trait.sd**2 / self.known
-
-    def _repeated(self, rows: Array, precision: Array) -> NDArray[np.float32]:
-        """Return Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t."""
-        alpha = np.minimum(precision, 1e9)[:, None, None] * rows  # where it is inf
-        table = np.zeros((*rows.shape, self.top + 1), np.float32)  # (V,M,K,top+1)
-        np.log(alpha[..., None] + np.arange(self.top)).cumsum(axis=-1, out=table[..., 1:])
-        return table.reshape(*rows.shape[:2], -1) @ self.hit
 
 
 def _by_pair(one_hot: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -223,19 +217,21 @@ def _by_pair(one_hot: NDArray[np.bool_]) -> NDArray[np.float32]:
     return one_hot.reshape(*one_hot.shape[:2], -1).transpose(1, 2, 0).astype(np.float32, order="C")
 
 
-class _Truths(NamedTuple):
-    """The truth of some beliefs: their prior log-odds (B,), and sign and weight (B,O) of each."""
+def _loss(
+    log_likelihood: NDArray[np.float32],
+    log_classes: NDArray[np.float32],
+    prior: NDArray[np.float32],
+    sign: NDArray[np.float32],
+    weight: Array,
+) -> float:
+    """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O).
 
-    prior: NDArray[np.float32]
-    sign: NDArray[np.float32]
-    weight: Array
-
-    def loss(self, log_likelihood: NDArray[np.float32], log_classes: NDArray[np.float32]) -> float:
-        """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O)."""
-        odds = self.prior[:, None] + truth_evidence(log_likelihood.swapaxes(1, 2), log_classes)
-        odds *= self.sign
-        loss = np.log(1 + np.exp(-np.abs(odds))) - np.minimum(odds, 0)  # logaddexp is slow
-        return float((loss * self.weight).sum())
+    The prior log-odds (B,) are of each belief; sign and weight (B,O) of its truth, each object's.
+    """
+    odds = prior[:, None] + truth_evidence(log_likelihood.swapaxes(1, 2), log_classes)
+    odds *= sign
+    loss = np.log(1 + np.exp(-np.abs(odds))) - np.minimum(odds, 0)  # logaddexp is slow
+    return float((loss * weight).sum())
 
 
 def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:

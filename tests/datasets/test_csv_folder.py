@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from meal_bayes.datasets import load_dataset, make_synthetic, save_csv_folder
 from meal_bayes.datasets.csv_files import read_features, read_rows, read_text
-from meal_bayes.domain import load_domain, read_query
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, SettingsError
 
 
@@ -32,14 +32,6 @@ def test_spreadsheet_habits_are_understood(own):
     text = (own / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
     (own / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_dataset(own / "own.toml", root=own).objects == ("cup", "stone")
-
-
-def test_unknown_label_cannot_be_a_truth(own):
-    dataset = load_dataset(own / "own.toml", root=own)
-    query = read_query("red", dataset.domain)
-    assert dataset.truth(0, query).tolist() == [True]
-    with pytest.raises(DataError, match="Whether 'stone' is 'red' is unknown"):
-        dataset.truth(1, query)
 
 
 def test_a_table_holds_no_recordings():

@@ -22,7 +22,8 @@ def diagram(*effects, states=("a", "b", "term"), start="a", illegal="terminate")
 
 @pytest.mark.parametrize("name", domain_names())
 def test_shipped_rows_are_distributions(name):
-    arrays = load_domain(name).transitions()
+    domain = load_domain(name)
+    arrays = domain.diagram.compile(domain.behavior_names)
     assert (arrays.transition >= 0).all()
     np.testing.assert_allclose(arrays.transition.sum(axis=2), 1.0)
     assert ((arrays.observation_probability >= 0) & (arrays.observation_probability <= 1)).all()

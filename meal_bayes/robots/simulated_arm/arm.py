@@ -1,13 +1,14 @@
 """The robot: executes behaviors by name in the physics, and returns their outcomes.
 
-A behavior is the arm's motions, some recorded, and the states that it may end in.
+A behavior is the arm's motions, some recorded; where it is legal, and which states a success ends
+in, is told by the diagram of the domain `simulated_arm`.
 """
 
 from collections import Counter
 
 import numpy as np
 
-from meal_bayes.domain import TERMINAL, unknown
+from meal_bayes.domain import TERMINAL, load_domain, unknown
 from meal_bayes.errors import RobotError, SettingsError
 from meal_bayes.robots.robot import Outcome
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
@@ -15,7 +16,7 @@ from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, OnFrame, Scene
 from meal_bayes.robots.simulated_arm.sensors import features_of, picture_features
 from meal_bayes.seeds import stream
 
-READY, GRASPED, LIFTED, MOVED = STATES = ("ready", "grasped", "lifted", "moved")
+READY, GRASPED, LIFTED, MOVED = "ready", "grasped", "lifted", "moved"
 
 _HIGH, _LOW = 0.25, 0.035  # m, of the fingertips
 _UP = _LOW + 0.10
@@ -55,19 +56,11 @@ BEHAVIORS: dict[str, tuple[Motion, ...]] = {
     "reinit": (Motion(1.0, width=OPEN), Motion(1.0, z=_HIGH, y=0.0), Motion(4.0)),
 }
 
-LEGAL: dict[str, tuple[str, ...]] = {  # the states that a behavior may start from
-    **dict.fromkeys(("look", "press", "push", "grasp"), (READY,)),
-    "lift": (GRASPED,),
-    **dict.fromkeys(("hold", "shake", "lower", "drop"), (LIFTED,)),
-    "reinit": (GRASPED, LIFTED, MOVED),
+_ARROWS = load_domain("simulated_arm").diagram.effects
+LEGAL = {  # the states that a behavior may start from
+    name: {arrow.source for arrow in _ARROWS if arrow.behavior == name} for name in BEHAVIORS
 }
-SUCCEEDED: dict[str, tuple[str, ...]] = {  # the states that a success ends in
-    **dict.fromkeys(("look", "press", "reinit"), (READY,)),
-    "push": (MOVED,),
-    "drop": (READY, MOVED),
-    **dict.fromkeys(("grasp", "lower"), (GRASPED,)),
-    **dict.fromkeys(("lift", "hold", "shake"), (LIFTED,)),
-}
+_SUCCEEDED = {(arrow.behavior, arrow.target) for arrow in _ARROWS if arrow.senses}
 
 _AT_PLACE = 0.008  # m, along x and y, where a grasp still reaches it
 _UPRIGHT = 0.98  # cosine of the tilt
@@ -139,7 +132,7 @@ class SimulatedArm:
         if behavior == "reinit":
             scene.put_back()
         self._state = observe_state(scene)
-        if self._state not in SUCCEEDED[behavior]:
+        if (behavior, self._state) not in _SUCCEEDED:
             return Outcome(self._state, None)
         if behavior == "look":
             return Outcome(self._state, picture_features(scene, rng))

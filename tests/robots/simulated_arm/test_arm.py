@@ -35,16 +35,6 @@ def test_a_behavior_takes_the_simulated_seconds_that_it_costs(sim, make_object):
     assert seconds == pytest.approx(costs)
 
 
-def test_legal_behaviors_are_those_of_the_diagram(sim):
-    legal, succeeded = sim.arm.LEGAL, sim.arm.SUCCEEDED
-    domain = load_domain("simulated_arm")
-    assert domain.diagram.states == (*sim.arm.STATES, TERMINAL)
-    arrows = {(effect.source, effect.behavior) for effect in domain.diagram.effects}
-    assert arrows == {(state, behavior) for behavior in legal for state in legal[behavior]}
-    senses = {(e.behavior, e.target) for e in domain.diagram.effects if e.senses}
-    assert senses == {(behavior, end) for behavior in succeeded for end in succeeded[behavior]}
-
-
 def test_an_illegal_behavior_ends_the_trial(sim, make_object):
     arm = sim.SimulatedArm(make_object(), 0)
     assert states(arm, "shake") == ["ready", TERMINAL]
