@@ -60,7 +60,7 @@ def label_values(values: Any) -> NDArray[np.int8]:
             labels[index] = -1 if unknown else _LABELS[scalar]
         except (KeyError, TypeError):
             raise DataError(
-                f"Found the label {scalar!r}; expected 1 or True, 0 or False, or None."
+                f"Found the label {scalar!r:.60}; expected 1 or True, 0 or False, or None."
             ) from None
     return labels
 

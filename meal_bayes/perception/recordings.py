@@ -136,12 +136,15 @@ def gather(
     training_set: TrainingSet,
     settings: PerceptionSettings,
     spaces: Spaces | None = None,
+    *,
+    pairs: bool = False,
 ) -> dict[int, BehaviorRecordings]:
     """Collect the recordings of each sensing behavior, by its index; no entry where there is none.
 
     If one behavior is above the settings' exact sizes, all have landmarks, spaced evenly over the
-    recordings. Other methods than "stacked" compare all recordings with each other at any size.
-    Without `spaces` they are fitted to the training set.
+    recordings. The number of objects counts only where `pairs` of them will be left out. Other
+    methods than "stacked" compare all recordings with each other at any size. Without `spaces` they
+    are fitted to the training set.
     """
     if spaces is None:
         spaces = fit_spaces(dataset, training_set, kernel=settings.kernel)
@@ -156,8 +159,8 @@ def gather(
         if len(rows) and modalities:
             gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], modalities)
     if any(
-        len(np.unique(recordings.objects)) > settings.exact_objects
-        or len(recordings.objects) > settings.exact_recordings
+        len(recordings.objects) > settings.exact_recordings
+        or (pairs and len(np.unique(recordings.objects)) > settings.exact_objects)
         for recordings in gathered.values()
     ):
         for e, recordings in gathered.items():

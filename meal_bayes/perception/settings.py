@@ -33,8 +33,9 @@ class PerceptionSettings:
     levels : int
         K of an observed percept: 2 yes or no, 4 graded.
     exact_objects, exact_recordings : int
-        Up to so many objects, and recordings of a behavior, "stacked" leaves every object out
-        alone, and compares all recordings with each other.
+        Up to so many objects (of percept tables, which leave out pairs of them), and recordings of
+        a behavior, "stacked" leaves every object out alone, and compares all recordings with each
+        other.
     landmarks : int
         Above these, recordings are compared with so many of them.
     folds : int

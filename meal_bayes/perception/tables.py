@@ -78,7 +78,7 @@ def build_percept_table(
     domain, n_objects = dataset.domain, len(dataset.objects)
     columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
     held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
-    gathered = gather(dataset, TrainingSet.everything(dataset), settings)
+    gathered = gather(dataset, TrainingSet.everything(dataset), settings, pairs=True)
     groups = groups_of(gathered.values(), n_objects, settings)
     held_groups = np.unique(groups[held])
     _, widths = learned_widths(gathered.values(), settings, held_groups, each)

@@ -12,7 +12,7 @@ from meal_bayes.perception.leave_out import kernel_problem, landmark_problem, le
 from meal_bayes.perception.recordings import dealt
 
 FOLDS = 4
-ABOVE = {"exact_objects": 6, "folds": FOLDS}
+ABOVE = {"exact_recordings": 30, "folds": FOLDS}
 
 
 def test_neighbors_are_in_different_folds_in_no_fixed_order():
@@ -54,7 +54,12 @@ def test_many_objects_are_told_apart_by_what_is_compared_with_landmarks(make, la
     assert len(rows) == min(landmarks, 60)
 
 
-def test_many_recordings_of_few_objects_are_many_too(make):
-    settings = replace(DEFAULT, exact_recordings=30, folds=3)
-    table = build_percept_table(make(2, objects=8, recordings=4), perception=settings)
-    assert table.groups.max() == 2
+def test_fitting_counts_recordings_and_a_table_objects_too(make):
+    dataset, settings = make(2, objects=8, recordings=4), replace(DEFAULT, folds=3)
+    training = TrainingSet.everything(dataset)
+    exact = fit_and_validate(dataset, training, settings=settings)[1].counts
+    for few in ({"exact_recordings": 30}, {"exact_objects": 7}):
+        some = replace(settings, **few)
+        assert build_percept_table(dataset, perception=some).groups.max() == 2
+        counts = fit_and_validate(dataset, training, settings=some)[1].counts
+        assert np.array_equal(counts, exact) == ("exact_objects" in few)
