@@ -8,6 +8,7 @@ import ast
 import html
 import posixpath
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,12 @@ def packages() -> dict[str, Path]:
     return {".".join(path.parent.relative_to(ROOT).parts): path for path in sources}
 
 
+def public_names(source: Path) -> list[str]:
+    """Read `__all__` of a package."""
+    (names,) = re.findall(r"^__all__ = (\[.*?\])", source.read_text("utf-8"), re.M | re.S)
+    return list(ast.literal_eval(names))
+
+
 def on_config(config: Any) -> Any:
     """Put a page for each package behind the first page of the reference."""
     (pages,) = (entry["Reference"] for entry in config.nav if "Reference" in entry)
@@ -43,8 +50,13 @@ def on_config(config: Any) -> Any:
 
 def on_files(files: Files, config: Any) -> Files:
     """Add pages of packages, and what lies outside of docs/, under the paths that it has."""
-    for package in packages():
-        text = f"# {package}\n\n::: {package}\n{FUNCTIONS.get(package, '')}"
+    guides = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("examples/*.py")]
+    mentions = Counter(re.findall(r"\w+", "".join(path.read_text("utf-8") for path in guides)))
+    for package, source in packages().items():
+        # What people are told to call comes first.
+        names = sorted(public_names(source), key=lambda name: (-mentions[name], name))
+        options = f"    options: {{ members: [{', '.join(names)}] }}"
+        text = f"# {package}\n\n::: {package}\n{options}\n{FUNCTIONS.get(package, '')}"
         files.append(File.generated(config, f"reference/{package}.md", content=text))
     for pattern in BESIDE:
         for path in sorted(ROOT.glob(pattern)):
@@ -97,8 +109,7 @@ def on_post_build(config: Any) -> None:
     for package, source in packages().items():
         page = Path(config.site_dir, "reference", package, "index.html").read_text("utf-8")
         shown = set(re.findall(rf'id="{re.escape(package)}\.(?:\w+\.)?(\w+)"', page))
-        (names,) = re.findall(r"^__all__ = (\[.*?\])", source.read_text("utf-8"), re.M | re.S)
-        absent += [f"{package}.{name}" for name in ast.literal_eval(names) if name not in shown]
+        absent += [f"{package}.{name}" for name in public_names(source) if name not in shown]
     if absent:
         raise BuildError(f"No page shows {', '.join(absent)}.")
 
