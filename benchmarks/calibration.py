@@ -35,23 +35,14 @@ from meal_bayes.evaluation import (
 )
 from meal_bayes.experiments import askable
 from meal_bayes.perception.confusion import by_truth, youden
-from meal_bayes.posterior import (
-    ConfusionPosterior,
-    learn_trait,
-    truth_evidence,
-)
+from meal_bayes.posterior import ConfusionPosterior, learn_trait, truth_evidence
 from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
 
 DEFAULT = "shared trait"
-LEVELS = {
-    "counts": 2,
-    "object level": 2,
-    "graded": 4,
-    DEFAULT: 4,
-}
+LEVELS = {"counts": 2, "object level": 2, "graded": 4, DEFAULT: 4}
 USEFUL = 0.2  # TPR - FPR of the pairs that count
 SETS = 500  # bootstrap draws
 

@@ -53,8 +53,7 @@ RUNS = (
     ),
     Run("CY101, one of ten attributes", _CY101),
     Run(
-        "ISPY32, one of 37 attributes",
-        f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 1184",
+        "ISPY32, one of 37 attributes", f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 1184"
     ),
 )
 PAPER_RUN = Run(

@@ -10,7 +10,6 @@ import pytest
 import meal_bayes
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
-from meal_bayes.display import bar_html, card, level_names, short_repr
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
@@ -158,26 +157,3 @@ def test_frames_of_a_run_say_what_its_summary_says(tmp_path):
 def test_empty_lists_are_frames_too():
     assert len(trials_frame([])) == 0
     assert "accuracy" in summarize([]).to_frame().columns
-
-
-def test_arrays_are_shown_by_their_shapes():
-    @dataclasses.dataclass
-    class Thing:
-        values: np.ndarray
-        names: tuple[str, ...]
-        text: str
-        hidden: int = dataclasses.field(default=7, repr=False)
-
-    shown = short_repr(Thing(np.zeros((3, 2)), tuple("abcdefgh"), "x" * 1000))
-    assert shown.startswith(
-        "Thing(values=float64[3, 2], names=('a', 'b', 'c', ... 8 in all), text="
-    )
-    assert len(shown) < 200
-    assert "hidden" not in shown
-
-
-def test_small_parts():
-    assert card("A", {"b": "c", "long": "d"}).splitlines() == ["A", "  b     c", "  long  d"]
-    assert "80px" in bar_html(1.0)
-    assert ">99.9\xa0%" in Outline(bar_html(0.99999)).text
-    assert level_names(8)[0] == "level 0"

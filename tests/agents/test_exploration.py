@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.agents import Progress
-from meal_bayes.agents.exploration import (
-    first_percept_value,
-    fitted_weights,
-    information_value,
-)
+from meal_bayes.agents.exploration import first_percept_value, fitted_weights, information_value
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import ITRS

@@ -59,16 +59,6 @@ def test_truth_of_two_values_is_refused():
         Learner(domain, logs=None).begin("weight", truth=[1, 1, 0])
 
 
-def test_told_values_of_a_group_are_those_of_all_its_attributes():
-    learner = Learner("roc36", logs=None)
-    session = learner.begin("weight")
-    session.cancel()
-    learner.tell(session.trial, {"weight": "light"})
-    known = learner.experience.known.values[-1]
-    columns = TABLE.domain.columns(WEIGHT.attributes)
-    assert known[columns].tolist() == [1, 0, 0]
-
-
 def test_tables_of_independent_attributes_refuse_groups():
     confusion = np.full((3, len(TABLE.domain.behaviors), 2, 2), 0.5)
     momdp = build_momdp(TABLE.domain, WEIGHT, confusion, objective=Objective())

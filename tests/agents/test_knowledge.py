@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.agents import knowledge_without
-from meal_bayes.datasets import load_percepts
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior
 
 HELD_OUT = 3
 
@@ -22,46 +20,16 @@ def numbers(knowledge):
     return np.concatenate([np.ravel(part) for part in (*parts, *rest)])
 
 
-def is_held_out(learn, table, change_object):
-    """Whether changing the object's labels and recordings changes nothing that is known."""
-    changed = change_object(table, HELD_OUT)
-    assert not np.array_equal(changed.labels, table.labels)
-    assert not np.array_equal(changed.training_bins, table.training_bins)
-    return np.array_equal(numbers(learn(table)), numbers(learn(changed)))
-
-
 @pytest.mark.parametrize("object_level", [False, True])
 @pytest.mark.parametrize("levels", [2, 4])
-def test_the_held_out_object_enters_nowhere(table, make, object_level, levels):
+def test_every_object_but_the_held_out_one_enters(table, make, object_level, levels):
     def learn(table):
-        return knowledge_without(table, HELD_OUT, levels=levels, object_level=object_level)
+        return numbers(knowledge_without(table, HELD_OUT, levels=levels, object_level=object_level))
 
-    assert is_held_out(learn, table, make.change_object)
-
-
-def test_real_tables_hold_the_object_out(make):
-    def learn(table):
-        return knowledge_without(table, HELD_OUT)
-
-    assert is_held_out(learn, load_percepts("roc36"), make.change_object)
-
-
-def test_every_other_object_does_enter(table, make):
-    before = numbers(knowledge_without(table, HELD_OUT))
+    before = learn(table)
     for other in range(len(table.objects)):
-        after = numbers(knowledge_without(make.change_object(table, other), HELD_OUT))
+        after = learn(make.change_object(table, other))
         assert np.array_equal(before, after) == (other == HELD_OUT)
-
-
-def leaky_counts(table):
-    """Training-side counts of another held-out object, in which this one counts."""
-    knowledge = knowledge_without(table, HELD_OUT)
-    counts = table_counts(table, HELD_OUT + 1)
-    return replace(knowledge, posterior=ConfusionPosterior.from_objects(counts))
-
-
-def test_a_leak_would_be_found(table, make):
-    assert not is_held_out(leaky_counts, table, make.change_object)
 
 
 def test_base_rates_are_laplace_s_of_the_known_labels(table):

@@ -2,11 +2,14 @@
 
 import dataclasses
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from meal_bayes.agents import AGENTS, Agent, load_agent
+from meal_bayes.datasets import load_percepts
+from meal_bayes.experiments import offline_tasks
 from meal_bayes.planners import POMCP, Predefined, RandomLegal
 
 QUICK = ("random_legal", "predefined", "predefined_plus", "greedy")
@@ -112,21 +115,7 @@ def test_recorded_percepts_are_the_recordings_model_percepts_the_model_s(table, 
     assert np.mean(said["model"]) > 0.9
 
 
-def test_model_percepts_never_run_out(table, make):
-    morc = make.learner(table, EAGER, 2, percepts="model")
-    assert np.isinf(morc.problem(make.task(table, 0)).limit).all()
-
-
 class TestPreparing:
-    def test_the_held_out_object_does_not_enter_its_momdp(self, table, make):
-        for name in ("morc", "bayes"):
-            task, changed = make.task(table, 3), make.change_object(table, 3)
-            one, other = (make.learner(t, fast(name), 0).problem(task) for t in (table, changed))
-            for field in ("confusion", "precision", "prior", "latent_classes"):
-                np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
-            near = make.learner(make.change_object(table, 4), fast(name), 0).problem(task)
-            assert not np.array_equal(one.confusion, near.confusion)
-
     def test_the_paper_s_agent_has_eq_8_and_a_uniform_prior(self, table, make):
         momdp = make.learner(table, fast("morc"), 0).problem(make.task(table, 1))
         assert np.isinf(momdp.precision).all()
@@ -147,12 +136,6 @@ class TestPreparing:
         other = morc.problem(make.task(table, 1, "heavy", "red"))
         np.testing.assert_array_equal(one.confusion, other.confusion[::-1])
         np.testing.assert_array_equal(one.prior, other.prior[::-1])
-
-    @pytest.mark.parametrize("reward", [None, 30.0])
-    def test_rewards(self, table, make, reward):
-        learner = make.learner(table, fast("predefined"), reward=reward)
-        momdp = learner.problem(make.task(table, 0))
-        assert (momdp.correct, momdp.incorrect) == ((100, -100) if reward is None else (30, -30))
 
 
 def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
@@ -184,3 +167,58 @@ class TestNames:
         )
         assert plain == Predefined(("look", "lift"))
         assert plus == Predefined(("look", "lift"), persistent=True)
+
+
+@pytest.mark.parametrize("agent", ["morc", "morc_itrs", "bayes", "olfc", "greedy"])
+def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
+    behaviors = tuple(replace(each, cost=0.0) for each in table.domain.behaviors)
+    shown = table.training_bins.sum(axis=-1, keepdims=True)  # all of them in one bin
+    same = shown * (np.arange(table.training_bins.shape[-1]) == 4)
+    log_odds = np.where(np.isnan(table.log_odds), np.nan, 1.0)
+    free = replace(
+        table, domain=replace(table.domain, behaviors=behaviors), log_odds=log_odds,
+        training_bins=same.astype(np.uint8),
+    )  # fmt: skip
+    learner = make.learner(free, agent, percepts="model")
+    for n in (1, 2):
+        assert len(learner.ask(make.task(free, 0, *free.domain.attributes[:n])).steps) == 1
+
+
+@pytest.mark.parametrize("trials", [6, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("signal", [0.0, 2.0])
+@pytest.mark.parametrize("name", AGENTS)
+def test_nothing_illegal_is_commanded(make, name, signal, trials):
+    """A session refuses what is not legal, by `MOMDP.check_action`."""
+    table = make.table("ispy32", signal=signal)
+    learner = make.learner(table, name)
+    for index in range(trials):
+        n = 1 + 2 * (index % 2)
+        task = make.task(table, index // 2 % 8, *table.domain.attributes[index // 16 :][:n])
+        trial = learner.ask(task)
+        assert trial.last_belief.x == trial.momdp.terminal
+
+
+@pytest.fixture(scope="module")
+def ragged():
+    """Take ROC36's percepts of look away from every object, and all but one of every tap."""
+    table = load_percepts("roc36")
+    look, tap = (table.domain.behavior_index(name) for name in ("look", "tap"))
+    log_odds, counts = table.log_odds.copy(), table.recording_counts.copy()
+    log_odds[:, :, look], log_odds[:, 1:, tap] = np.nan, np.nan
+    counts[:, look], counts[:, tap] = 0, 1
+    return replace(table, log_odds=log_odds, recording_counts=counts)
+
+
+@pytest.mark.parametrize("agent", ["random_legal", "predefined_plus", "greedy"])
+def test_what_was_not_recorded_is_not_perceived(make, ragged, agent):
+    learner, executed = make.learner(ragged, agent), 0
+    for task in offline_tasks(ragged, 1, 6, 0):
+        trial = learner.ask(task)
+        names = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
+        pairs = zip(names, trial.steps, strict=True)
+        seen = [name for name, step in pairs if step.observation is not None]
+        assert "look" not in seen
+        assert seen.count("tap") <= 1
+        executed += names.count("look")
+        assert trial.momdp.limit[ragged.domain.behavior_index("tap")] == 1
+    assert executed

@@ -1,12 +1,8 @@
 """Values that no option takes: each is told in one line, before any work."""
 
 import itertools
-from pathlib import Path
 
 import pytest
-
-from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig, OnlineConfig
 
 OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
@@ -50,22 +46,3 @@ def test_a_bad_value_is_told_in_one_line(fails, command, option, value, tmp_path
 def test_the_range_is_told(fails):
     assert "0<x<=1000000" in fails(*OFFLINE, "--reward", "1e100")
     assert "1<=x<=1024" in fails(*OFFLINE, "--jobs", "0")
-
-
-@pytest.mark.parametrize("key", ["report_reward = 1e100", "legal_budget = []"])
-def test_settings_of_a_domain_have_ranges_too(fails, key, kitchen):
-    table = kitchen / "kitchen.toml"
-    lines = [line for line in table.read_text().splitlines() if key[:9] not in line]
-    table.write_text("\n".join([key, *lines]))
-    told = fails("data", "percepts", "--dataset", table, "--root", kitchen, "--out", "a.npz")
-    assert key.partition(" ")[0] in told
-    assert not Path("a.npz").exists()
-
-
-@pytest.mark.parametrize("value", [-1.0, 1e100, float("inf"), float("nan")])
-def test_the_library_has_the_same_ranges(value):
-    for make in (OfflineConfig, OnlineConfig):
-        with pytest.raises(SettingsError, match="reward is"):
-            make("roc36", reward=value)
-    with pytest.raises(SettingsError, match="alpha is"):
-        OnlineConfig("roc36", alpha=value)

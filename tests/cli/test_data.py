@@ -58,18 +58,6 @@ def test_fetch_then_verify(run, mirror):
     assert (sound.exit_code, sound.stdout) == (0, "roc36: 1 of 1 files are as published\n")
 
 
-def test_a_wrong_checksum_is_told(fails, mirror):
-    mirror.write_text("light_brown_beans")
-    told = fails("data", "fetch", "roc36")
-    assert "does not match the known hash" in told
-
-
-def test_no_network_and_no_cache_is_told(fails, run):
-    told = fails("data", "fetch", "roc36")
-    assert "MEAL_BAYES_OFFLINE" in told
-    assert "embedded percepts" in told
-
-
 @pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.long)])
 def test_own_recordings_end_to_end(run, kitchen, jobs):
     words = ("--dataset", "kitchen.toml", "--root", ".")
@@ -80,24 +68,6 @@ def test_own_recordings_end_to_end(run, kitchen, jobs):
     built = build_percept_table(load_dataset("kitchen.toml", root="."))
     assert saved.domain == built.domain
     np.testing.assert_array_equal(saved.log_odds, built.log_odds)
-
-
-@pytest.mark.parametrize(  # what else readers refuse is tested with them
-    ("file", "old", "new", "found"),
-    [
-        ("look_color.csv", "red_jar,1,", "red_jar,1,x", "expected a number"),
-        ("labels.csv", "red_jar,1,1", "red_jar,1,2", "expected 1, 0 or nothing"),
-        ("kitchen.toml", "probability = 0.9", "probability = 1.9", "at most 1"),
-        ("kitchen.toml", "report_reward", "[", "not valid TOML"),
-    ],
-)
-def test_bad_files_of_ones_own_are_told(fails, kitchen, file, old, new, found):
-    text = Path(file).read_text()
-    assert text.count(old) == 1
-    Path(file).write_text(text.replace(old, new))
-    words = ("--dataset", "kitchen.toml", "--root", ".", "--out", "own.npz")
-    assert found in fails("data", "percepts", *words)
-    assert not Path("own.npz").exists()
 
 
 def test_a_missing_recording_is_told(run, kitchen):
@@ -128,13 +98,6 @@ def test_a_table_made_again_is_compared(run, monkeypatch):
         result = run(*words)
         assert result.exit_code == code
         assert said in result.stdout
-
-
-@pytest.mark.real_data
-def test_the_shipped_roc36_table_is_made_again(run, recordings):
-    result = run("data", "percepts", "--dataset", "roc36", "--root", recordings)
-    assert result.exit_code == 0, result.output
-    assert "within 0.01" in result.stdout
 
 
 def test_percepts_by_a_classifier_of_ones_own(run, kitchen):

@@ -111,28 +111,6 @@ def test_options_reach_the_run(run, words):
     assert {log_info(path).form for path in logs} == {"full"}
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (("--agent", "bayess"), "did you mean 'bayes'"),
-        (("--split", "33/33"), "give three whole numbers above 0, such as 33/33/34"),
-        (("--success", "lift"), "give it as grasp=0.5"),
-        (("--success", "lfit=0.5"), "did you mean 'lift'"),
-        (("--attributes", "3"), "own has 2"),
-        (("--split", "1/1/1000"), "Split sizes"),
-    ],
-)
-def test_bad_input_is_one_line(fails, words, wrong, message):
-    assert message in fails(*words, *wrong)
-    assert not Path("logs").exists()
-
-
-def test_recordings_that_are_not_here_are_told(fails, own_data):
-    assert "give root=" in fails("run", "online", "--dataset", own_data)
-    told = fails("run", "online", "--dataset", "roc36", *SMALL)
-    assert "MEAL_BAYES_OFFLINE forbids the network" in told
-
-
 def test_a_cluster_that_does_not_answer_is_one_line(dask, fails, words, monkeypatch):
     monkeypatch.setattr("meal_bayes.experiments.parallel._PATIENCE", 0.3)
     told = fails(*words, "--agent", "bayes", "--cluster", "tcp://127.0.0.1:9")

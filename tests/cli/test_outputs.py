@@ -1,10 +1,11 @@
-"""What a command writes: never over what it reads, and tried before the work begins."""
+"""What a command writes: never over what it reads, tried before the work begins; reports."""
 
 from pathlib import Path
 
 import pytest
 
-from meal_bayes.trial_log import check_log
+from meal_bayes.learner.api import ask
+from meal_bayes.trial_log import check_log, write_trials
 
 OWN = ("--dataset", "kitchen.npz")
 
@@ -74,3 +75,30 @@ def test_a_failed_report_leaves_the_earlier_one(log, run, fails, monkeypatch):
     assert "page.html cannot be written: No space left" in fails("report", log, "-o", "page.html")
     assert Path("page.html").read_bytes() == before
     assert check_log(log).whole
+
+
+def test_one_page_of_several_logs(run, fails):
+    for agent in ("greedy", "predefined"):
+        trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent=agent)
+        write_trials(f"{agent}.mcap", [trial], header={"seed": 0})
+    told = run("report", "greedy.mcap", "predefined.mcap", "-o", "out/page.html")
+    assert told.exit_code == 0
+    assert told.stdout.startswith("out/page.html: 2 trials of 2 agents, ")
+    text = Path("out/page.html").read_text()
+    assert "greedy" in text
+    assert "predefined" in text
+    assert run("report", "greedy.mcap").stdout.startswith("report.html: 1 trial of 1 agent,")
+    assert "no log none.mcap" in fails("report", "none.mcap")
+    assert "Missing argument" in fails("report")
+
+
+def test_a_torn_log_is_warned_of(run):
+    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
+    trials = [ask("heavy", dataset="roc36", object=o, agent="greedy") for o in objects]
+    write_trials("a.mcap", trials, header={"seed": 0})
+    data = Path("a.mcap").read_bytes()
+    Path("a.mcap").write_bytes(data[: int(len(data) * 0.6)])
+    told = run("report", "a.mcap")
+    assert told.exit_code == 0
+    assert "warning: a.mcap: " in told.stderr
+    assert "Warning" in Path("report.html").read_text()

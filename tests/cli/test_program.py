@@ -1,10 +1,13 @@
-"""The program as a whole: quick to start, quiet to end, every failure one line that teaches."""
+"""The program as a whole: quick to start, quiet to end, every failure one line; `doctor`."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
+from importlib import import_module
+from pathlib import Path
 
 import click
 import pytest
@@ -13,6 +16,7 @@ import meal_bayes
 from meal_bayes.agents import AGENTS
 from meal_bayes.cli import main, options
 from meal_bayes.cli.program import Program
+from meal_bayes.datasets import registry
 
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "greedy")
 
@@ -70,9 +74,6 @@ def test_usage_errors_point_to_the_help(fails, arguments, found):
 @pytest.mark.parametrize(
     ("arguments", "found"),
     [
-        (("ask", "heavy", "--object", "heavy_blue_bean"), "did you mean 'heavy_blue_beans'"),
-        (("ask", "heavvy", "--object", "heavy_blue_beans"), "did you mean 'heavy'"),
-        ((*ASK[:-1], "greedo"), "did you mean 'greedy'"),
         ((*ASK, "--dataset", "toy"), "give the path of its TOML"),
         ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
         (("run", "offline", "--agent", "greedy,greedy"), "named twice"),
@@ -119,3 +120,88 @@ def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path, eventuall
 
 def test_the_module_is_the_command(start):
     assert "Start with: meal-bayes demo" in start("--help").communicate(timeout=600)[0]
+
+
+ROOT = Path(meal_bayes.__file__).resolve().parents[1]
+SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
+LIST = ("data", "list", "roc36")
+SHOW = ("log", "show", str(SAMPLE))
+
+# Variables, command, redirections, and what is said of a failure; "" where there is none.
+CASES = {
+    "HOME that is not there": ({"HOME": "/nowhere"}, LIST, "", ""),
+    "ascii, strict": ({"PYTHONIOENCODING": "ascii:strict"}, SHOW, "", ""),
+    "stdin and stderr closed": ({}, LIST, "<&- 2>&-", ""),
+    "stdout closed": ({}, LIST, ">&-", "output is closed"),
+    "stdout full": ({}, LIST, ">/dev/full", "No space left on device"),
+    "report into /proc": ({}, ("report", str(SAMPLE), "-o", "/proc/a.html"), "", "be written"),
+    "not UTF-8": ({}, ("log", "check", os.fsdecode(b"caf\xe9")), "", "no log caf"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_result_or_one_line(name, tmp_path):
+    variables, arguments, redirections, said = CASES[name]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MEAL_BAYES_OFFLINE": "1", **variables}
+    script = f'exec "$0" -m meal_bayes "$@" {redirections}'
+    command = ["/bin/sh", "-c", script, sys.executable, *arguments]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert b"Traceback" not in done.stderr
+    if said:
+        assert done.returncode in (1, 2)
+        (line,) = done.stderr.decode().splitlines()
+        assert line.startswith("error: ")
+        assert said in line
+    else:
+        assert done.returncode == 0, done.stderr
+        assert done.stdout
+
+
+PARTS = {"package", "system", "versions", "cache", "data", "viewer", "settings"}
+
+
+def test_it_fits_on_a_screen_and_json_holds_the_same(run):
+    lines = run("doctor").stdout.splitlines()
+    assert len(lines) <= 40
+    assert {line[2:12].strip() for line in lines} >= PARTS
+    assert "meal-bayes 0." in lines[0]
+    facts = json.loads(run("doctor", "--json").stdout)
+    assert set(facts) == PARTS
+    assert not any(text.startswith("broken") for text in facts.values())
+    for name in ("roc36", "ispy32", "cy101"):
+        assert f"{name} 0 of {len(registry(name))} files" in facts["data"]
+    assert "does not load" not in facts["versions"]
+
+
+def test_a_broken_part_is_told_and_hides_no_other(run, monkeypatch):
+    def broken(name):
+        if name == "rerun":
+            raise ImportError("GLIBC_2.99 not found\nin this system")
+
+    doctor = import_module("meal_bayes.cli.doctor")  # in the package it is the command's name
+    monkeypatch.setattr(doctor, "import_module", broken)
+    monkeypatch.setattr("meal_bayes.viewer.window.viewer_program", lambda: 1 / 0)
+    facts = json.loads(run("doctor", "--json").stdout)
+    assert "does not load: ImportError: GLIBC_2.99 not found in this system" in facts["versions"]
+    assert facts["viewer"].startswith("broken: ZeroDivisionError")
+    assert facts["system"].startswith("Python 3")
+
+
+def test_folders_that_others_can_change_stand_out(run, tmp_path, monkeypatch):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    (tmp_path / "link").symlink_to(shared)
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "link"))
+    told = json.loads(run("doctor", "--json").stdout)["data"]
+    assert told.startswith(f"{shared}, mode 0777, writable, OTHERS can write; roc36 ")
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "new" / "data"))
+    assert "can be made" in json.loads(run("doctor", "--json").stdout)["data"]
+
+
+def test_passwords_in_addresses_are_not_told(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("MEAL_BAYES_DATA_URL", "https://me:secret@mirror/data")
+    told = run("doctor").stdout
+    assert list(tmp_path.iterdir()) == []  # nothing is written
+    assert "secret" not in told
+    assert "https://...@mirror/data" in told.replace("\n", "")

@@ -6,22 +6,8 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import (
-    Objective,
-    Transition,
-    build_momdp,
-    initial_belief,
-    update_belief,
-)
-from meal_bayes.planners import (
-    POMCP,
-    Greedy,
-    History,
-    Predefined,
-    Random,
-    RandomLegal,
-)
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.planners import POMCP, Greedy, History, Predefined, Random, RandomLegal
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
 
@@ -145,16 +131,6 @@ def test_offline_solvers(name, n, levels):
                 "objective": Objective(abstain=abstain),
             }
             follow(momdp_of(domain, n, levels, seed, **options), solver, seed)
-
-
-@pytest.mark.parametrize(
-    "options", [{"precision": 4.0}, {"n_classes": 2}, {"n_classes": 3, "limit": 2}]
-)
-def test_offline_solvers_refuse_what_they_cannot_hold(options):
-    momdp = momdp_of(load_domain("toy"), 2, 2, 0, **options)
-    for solver in OFFLINE:
-        with pytest.raises(SettingsError, match=r"latent class.* POMCP"):
-            solver.solve(momdp, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("abstain", [False, True])

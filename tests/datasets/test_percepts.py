@@ -107,7 +107,6 @@ def test_rounding_keeps_log_odds_to_a_hundredth():
     [
         ({"labels": np.zeros((3, 3))}, r"labels has shape \(3, 3\); expected \(3, 2\)"),
         ({"log_odds": np.zeros((3, 2, 2, 2))}, r"expected \(3, 2, 3, 2\)"),
-        ({"log_odds": np.zeros(3)}, r"expected \(3, 0, 3, 2\)"),
         ({"training_bins": np.zeros((3, 3, 2, 3, 7))}, r"expected \(3, 3, 2, 3, 8\)"),
         ({"edges": BIN_EDGES[::-1]}, "each above the last"),
         ({"training_bins": np.ones((3, 3, 2, 3, 8))}, "learned without it"),
@@ -182,7 +181,6 @@ def test_torn_and_changed_bytes_are_a_data_error(path, table):
         (lambda a: a.update(log_odds=a["log_odds"] * 0 + np.float16(9)), r"within \+-8"),
         (lambda a: a.update(labels=a["labels"] + np.int8(5)), "expected 1 or True"),
         (lambda a: a.update(training_bins=a["training_bins"] + np.uint8(9)), "no more counts"),
-        (lambda a: a.update(log_odds=a["log_odds"][:2]), "differ in number"),
     ],
 )
 def test_wrong_contents_are_a_data_error(path, change, message):
@@ -196,10 +194,8 @@ def test_wrong_contents_are_a_data_error(path, change, message):
     [
         ({"format": 2}, "has format 2; this version reads format 1"),
         ({"objects": None}, "does not hold its objects"),
-        ({"objects": ["cup", 2, "jar"]}, "does not hold its objects"),
         ({"objects": ["cup"]}, "differ in number"),
         ({"objects": ["cup", "cup", "jar"]}, "names an object twice"),
-        ({"attributes": {"red": 1}}, "does not hold its attributes"),
         ({"provenance": {"package": 1}}, "does not hold its provenance"),
         ({"domain": 5}, "does not hold its domain"),
         ({"behaviors": ["look"]}, "Unknown behavior 'lift'"),

@@ -42,13 +42,6 @@ def test_a_byte_order_mark_and_line_ends_of_windows_are_read(tmp_path):
     assert load(tmp_path, TABLE.replace("\n", "\r\n")) == domain
 
 
-def test_own_table_loads(tmp_path):
-    domain = load(tmp_path, TABLE)
-    assert domain.behavior_names == ("look", "lift")
-    assert domain.data == "mine"
-    assert domain.diagram.states == ("x0", "x1", "term")
-
-
 @pytest.mark.parametrize("name", domain_names())
 def test_shipped_tables_load_and_come_back_equal_through_json(name):
     domain = load_domain(name)
@@ -97,7 +90,6 @@ def test_a_circle_of_tables_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("probability = 0.9", "probability = 1.9", "probability 1.9; expected a number above 0"),
         ("cost = 5, ", "", "behavior 'lift' has no 'cost'; add it"),
         ("cost = 5", "cost = -5", "costs -5.0; give its seconds, 0 to"),
         ("cost = 5", "cost = inf", "costs inf; give its seconds"),
@@ -105,24 +97,18 @@ def test_a_circle_of_tables_is_refused(tmp_path):
         ('["red", "heavy"]', '["red", "red"]', "'red' is listed twice"),
         ('["red", "heavy"]', '"red"', "attributes = 'red'; expected a list of texts"),
         ('["red", "heavy"]', "[]", "needs at least one attribute"),
-        ('to = "x1"', 'to = "x9"', "goes to 'x9'; expected one of"),
         ('do = "lift"', 'do = "fly"', "uses behavior 'fly', which has no entry"),
         ('name = "lift"', 'name = "look"', "behavior 'look' is listed twice"),
-        ('do = "lift", to = "x1"', 'do = "look", to = "x1"', "total probability 1.9"),
-        ('["x0", "x1"]', '["x0", "x1", "x2"]', "ever leads from 'x0' to 'x2'"),
-        ("cost = 5", "price = 5", "has no 'cost'"),
         ("cost = 5", "cost = 5, coast = 1", "Unknown key 'coast': did you mean 'cost'"),
         ("cost = 5", "cost = 5, answer_accuracy = 1.2", "answer_accuracy 1.2; expected"),
         ('"red" }', '"rad" }', "name 'rad', which is no attribute"),
         ("crimson =", "heavy =", "The word 'heavy' stands for"),
         ('crimson = "red"', "crimson = 1", "crimson = 1; expected a text"),
         ("[diagram]", "[diagrams]", "has no 'diagram'; add it"),
-        ('start = "x0"', 'start = "y"', "start = 'y' is none of the states"),
         ("effects = [", "effects = [ 1,", r"expected rows"),
         ('name = "mine"', 'name = "mine"\npredefined = ["poke"]', "'poke', which is no behavior"),
         ('name = "mine"', 'name = "mine"\nextends = 3', "extends = 3; expected a text"),
         ('name = "mine"', "name = ", "is not valid TOML"),
-        ('name = "mine"', "name = 3", "expected a text"),
         ('name = "mine"', 'name = "mine"\nreport_reward = 1e100', r"from 0 to 1e\+06"),
         ('name = "mine"', 'name = "mine"\nlegal_budget = []', "at least one"),
         ('name = "mine"', 'name = "mine"\nlegal_budget = [inf]', "at least one finite"),

@@ -67,3 +67,22 @@ def test_policy_gradient(folder, monkeypatch, capsys):
     learner, bayes = capsys.readouterr().out.splitlines()
     assert learner.startswith("policy gradient: reward ")
     assert 480 < int(bayes.split()[2]) < 500
+
+
+@pytest.mark.long
+def test_own_classifier(capsys):
+    runpy.run_path(str(EXAMPLES / "own_classifier.py"))["main"]()
+    lines = capsys.readouterr().out.splitlines()
+    losses = {line.split()[0]: float(line.split()[-1]) for line in lines if "log-loss" in line}
+    assert len(losses) == 4
+    assert max(losses[name] for name in ("ours", "forest", "logistic")) < losses["base"]
+    assert any(line.startswith("Trial of greedy: is object_01 red?") for line in lines)
+
+
+def test_figures(tmp_path, capsys):
+    main = runpy.run_path(str(EXAMPLES / "figures.py"))["main"]
+    main(trials=8, folder=tmp_path / "figures", logs=tmp_path / "logs")
+    assert "predefined_plus" in capsys.readouterr().out
+    made = sorted((tmp_path / "figures").iterdir())
+    assert [path.name for path in made] == ["accuracy.png", "calibration.png", "cost.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)

@@ -17,13 +17,7 @@ import pytest
 from meal_bayes.datasets import make_synthetic, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import (
-    OfflineConfig,
-    OnlineConfig,
-    parallel,
-    run_offline,
-    run_online,
-)
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, parallel, run_offline, run_online
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.perception import DEFAULT, build_percept_table
 

@@ -18,16 +18,6 @@ def steps_of(run):
     return [len(trial.steps) for trial in run.trials()]
 
 
-@pytest.mark.long
-def test_one_process_and_two_write_equal_logs(module, tmp_path, contents):
-    config = OfflineConfig("cy101", 1, 8, (module(1).Looker(2), "predefined"), seed=1)
-    runs = [run_offline(config, logs=tmp_path / f"jobs{jobs}", jobs=jobs) for jobs in (1, 2)]
-    one, two = (contents(run.folder) for run in runs)
-    assert one == two
-    assert len(one) == 2
-    assert [trial.agent for trial in runs[0].trials()] == ["Looker"] * 8 + ["predefined"] * 8
-
-
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_an_edited_planner_runs_again(module, tmp_path, jobs):
     lengths = {}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, offline_tasks, run_offline
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import read_header, read_trials
 
@@ -165,23 +165,45 @@ def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
         ({"agents": ("bayes", "bayes")}, "named twice"),
         ({"agents": ()}, "No agent named"),
         ({"seed": -1}, "seed is -1"),
+        ({"seed": 1.5}, "seed is 1.5; give a whole number"),
         ({"reward": float("nan")}, "reward is nan"),
-        ({"reward": float("inf")}, "reward is inf"),
+        ({"reward": 1e100}, "reward is 1e"),
     ],
 )
 def test_configs_are_checked(wrong, message):
+    for config in (OfflineConfig, OnlineConfig):
+        with pytest.raises(SettingsError, match=message):
+            config("roc36", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"learning": (("by_objects", False),)}, "did you mean 'by_object'"),
+        ({"percepts": "modell"}, "did you mean 'model'"),
+        ({"attributes": 0}, "attributes is 0"),
+        ({"trials": -1}, "trials is -1"),
+        ({"first": -1}, "0 or more"),
+        ({"split": (33, 0, 34)}, "give three shares"),
+        ({"log": "some"}, "log 'some'"),
+        ({"answers": "verdikt"}, "did you mean 'verdict'"),
+        ({"error": 1.5}, "give 0 to below 1"),
+        ({"normalizer": "papre"}, "did you mean 'paper'"),
+        ({"alpha": -1.0}, "alpha"),
+        ({"beta": float("nan")}, "beta"),
+        ({"horizon": 0}, "horizon"),
+    ],
+)
+def test_configs_of_online_runs_are_checked(wrong, message):
     with pytest.raises(SettingsError, match=message):
-        OfflineConfig("roc36", **wrong)
+        OnlineConfig("toy", **wrong)
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"dataset": "rok36"}, "'roc36'"),
-        ({"dataset": "toy"}, "toy has no public recordings"),
-        ({"attributes": 11}, "give a number from 1 to 10"),
         ({"trials": 0}, "0 trials asked"),
-        ({"perception": "papr"}, "did you mean 'paper'"),
         ({"percepts": "modell"}, "did you mean 'model'"),
     ],
 )

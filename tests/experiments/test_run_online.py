@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_dataset
-from meal_bayes.domain import Effect, load_domain
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.environment import Environment, true_dynamics
+from meal_bayes.experiments.environment import Environment
 from meal_bayes.experiments.protocol import Protocol, Recordings
 from meal_bayes.learner import Learner
 from meal_bayes.robots import RecordedRobot
@@ -322,13 +321,3 @@ def test_what_cannot_be_run_leaves_no_log(config, tmp_path, wrong, error, messag
     with pytest.raises(error, match=message):
         run_online(replace(config, **wrong), logs=tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_true_dynamics_keep_the_fractions_of_outcomes(own_data):
-    domain = load_domain(own_data)
-    lifts = (Effect("x0", "lift", "x1", 0.6), Effect("x0", "lift", "x0", 0.2))
-    others = tuple(e for e in domain.diagram.effects if e.behavior != "lift")
-    two = replace(domain, diagram=replace(domain.diagram, effects=(*others, *lifts)))
-    dynamics = true_dynamics(two, {"lift": 0.4})
-    assert [e.probability for e in dynamics.diagram.effects] == pytest.approx([1, 1, 0.3, 0.1])
-    assert true_dynamics(two, {}) == two

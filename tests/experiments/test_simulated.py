@@ -66,33 +66,6 @@ def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
 
 
-@pytest.mark.long
-def test_the_same_question_repeats_and_is_logged(room, training, tmp_path):
-    learner = Learner("simulated_arm", agent="greedy", logs=None).fit(training)
-    trials = []
-    for name in ("a", "b"):
-        learner.asked = 0
-        log = tmp_path / f"{name}.mcap"
-        trials.append(room.ask_new(learner, "Is it heavy, and does it rattle?", 7, log=log))
-    assert trials[0].task.query.attributes == ("heavy", "rattles")
-    assert (trials[0].truth >= 0).all()
-    actions = [[step.decision.action for step in trial.steps] for trial in trials]
-    assert actions[0] == actions[1]
-    np.testing.assert_array_equal(*(trial.last_belief.positive for trial in trials))
-    (logged,) = read_trials(tmp_path / "a.mcap")
-    assert logged.cost == trials[0].cost
-
-
-@pytest.mark.long
-def test_it_learns_live_from_nothing(room, tmp_path):
-    done = list(room.learn_live(learner_of("bayes"), 14, 3, logs=tmp_path))
-    assert [one.number for one in done] == list(range(1, 15))
-    assert all(one.trial is not None for one in done)
-    assert len(list(tmp_path.glob("*.mcap"))) == 14
-    assert len(done[0].trial.steps) > 1  # it tries what it knows nothing of
-    assert done[-1].trial.momdp.rows.std() > 0
-
-
 def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, monkeypatch):
     execute = sim.SimulatedArm.execute
 

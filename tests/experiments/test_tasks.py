@@ -127,10 +127,6 @@ class TestMistakes:
         with pytest.raises(SettingsError, match="give a number from 1 to 37"):
             offline_tasks(ispy32, n, 10, 0)
 
-    def test_no_trials(self, roc36):
-        with pytest.raises(SettingsError, match="0 trials asked"):
-            offline_tasks(roc36, 2, 0, 0)
-
     def test_more_than_any_object_has_labels_of(self, roc36):
         labels = np.full_like(roc36.labels, -1)
         for index in range(36):

@@ -1,10 +1,11 @@
-"""Several processes on one folder of logs: work is shared, and the dead hold nothing."""
+"""Several processes: work on one folder is shared, the dead hold nothing, none is left behind."""
 
 import errno
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,9 @@ import pytest
 
 from meal_bayes.errors import OutputError, SettingsError
 from meal_bayes.experiments import OfflineConfig, run_offline, units
+from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.units import claimed, run_units
+from meal_bayes.trial_log import read_trials
 from meal_bayes.trial_log.names import drafts_of, new_draft
 
 ROOT = Path(units.__file__).resolve().parents[2]
@@ -172,3 +175,96 @@ def test_the_place_is_tried_first(tmp_path):
 def test_no_process_is_no_way_to_run(tmp_path):
     with pytest.raises(SettingsError, match="jobs is 0"):
         run_units([Part(tmp_path / "unit")], list, jobs=0)
+
+
+CONFIG = OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3)
+CODE = """
+import os, signal, sys
+from meal_bayes.learner import Learner
+from meal_bayes.experiments import OfflineConfig, run_offline
+
+run, last = Learner.ask, int(sys.argv[2])
+
+def run_until(self, task, **options):
+    global last
+    last -= 1
+    if last == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run(self, task, **options)
+
+Learner.ask = run_until
+run_offline(OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3), logs=sys.argv[1])
+"""
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory, contents):
+    """What one run writes that nobody disturbs."""
+    return contents(run_offline(CONFIG, logs=tmp_path_factory.mktemp("alone")).folder)
+
+
+@pytest.mark.long
+def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path, contents):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    started = [
+        subprocess.Popen([sys.executable, "-c", CODE, str(tmp_path), str(last)], env=environment)
+        for last in (40, 170, 0)  # killed in the first unit, in a later one, never
+    ]
+    codes = [process.wait() for process in started]
+    assert codes[0] == -signal.SIGKILL
+    assert codes[2] == 0
+    run = run_offline(CONFIG, logs=tmp_path)
+    assert contents(run.folder) == alone
+    assert not list(run.folder.rglob("*.active"))
+    assert len([trial for path in run.paths for trial in read_trials(path)]) == 260
+
+
+def children() -> set[int]:
+    """Processes that this one has started."""
+    text = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text()
+    return {int(word) for word in text.split()}
+
+
+def process_id(piece):
+    return os.getpid()
+
+
+def fail(piece):
+    raise ZeroDivisionError(piece)
+
+
+def test_no_more_processes_than_pieces_of_work():
+    before, seen = children(), set()
+    for _ in in_parallel(process_id, range(2), jobs=10_000):
+        seen |= children() - before
+    assert 2 <= len(seen) <= 4  # and loky's trackers of resources
+
+
+def test_one_piece_is_done_here():
+    assert list(in_parallel(process_id, range(1), jobs=2)) == [os.getpid()]
+    assert list(in_parallel(process_id, [], jobs=2)) == []
+
+
+def test_the_processes_end_with_the_work():
+    used = set(in_parallel(process_id, range(8), jobs=2))
+    assert os.getpid() not in used
+    assert not used & children()
+
+
+def test_faults_end_the_processes_and_are_told():
+    before = children()
+    with pytest.raises(ZeroDivisionError):
+        list(in_parallel(fail, range(4), jobs=2))
+    assert len(children() - before) <= 2  # trackers
+
+
+def test_libraries_share_the_processors(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 6)
+    assert set(in_parallel(threads, range(4), jobs=2)) == {"3"}
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert set(in_parallel(threads, range(4), jobs=2)) == {"1"}
+
+
+def threads(piece):
+    return os.environ["OMP_NUM_THREADS"]

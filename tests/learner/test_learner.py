@@ -118,16 +118,6 @@ def test_eq_8_equals_a_fit_from_all_data(dataset, make):
     np.testing.assert_allclose(alpha(learner), expected.concentration, rtol=0, atol=1e-9)
 
 
-def test_the_next_ask_differs_without_a_refit(dataset, make):
-    learner = make.learner(dataset)
-    first = learner.ask("red, full", make.arm(seed=1))
-    before = learner.ask("red, full", make.arm(seed=2)).momdp
-    learner.tell(first, {"red": False, "full": True})
-    after = learner.ask("red, full", make.arm(seed=2)).momdp
-    assert not np.array_equal(before.confusion, after.confusion)
-    assert not np.array_equal(before.prior, after.prior)
-
-
 def test_who_recognizes_an_object_believes_its_labels_of_it_only(dataset, make):
     learner = make.learner(dataset, make.agent("look", memory=True, **make.ours))
     trial = learner.ask("red", make.arm(), object_name="mug")
@@ -216,11 +206,6 @@ class TestAPerceptTable:
             before.posterior.concentration,
         )
 
-    def test_equal_questions_give_equal_trials(self, table):
-        learner = Learner("roc36", agent="random_legal", seed=3, logs=None).fit(table)
-        one, other = (learner.ask("heavy, blue", table.objects[2]) for _ in range(2))
-        assert [s.decision.action for s in one.steps] == [s.decision.action for s in other.steps]
-
     def test_a_robot_needs_recordings_and_a_name_a_table(self, table, dataset, make):
         learner = Learner("roc36", agent="predefined", logs=None).fit(table)
         with pytest.raises(SettingsError, match="holds no classifiers"):
@@ -266,12 +251,6 @@ class TestTheAgentCanBeChanged:
         assert (counts - before)[0].sum() == shown > 0
         with pytest.raises(SettingsError):
             learner.agent = "bayse"
-
-
-def test_an_object_may_be_labelled_without_a_trial(dataset, make):
-    learner = make.learner(dataset, make.agent("look", memory=True, **make.ours))
-    learner.tell("mug", {"red": True})
-    assert learner.ask("red", make.arm(), object_name="mug").momdp.prior[0] == 0.99
 
 
 def test_success_rates_are_learned_from_executions(dataset, make):

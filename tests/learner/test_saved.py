@@ -182,15 +182,12 @@ def state(edit):
 
 HOSTILE = {
     "format": text(format=99),
-    "no format": text(format=None),
     "domain": text(domain={"name": "x"}),
-    "domain text": text(domain="x"),
     "an object less": lambda members: members.update({"objects": b'"cup 0"'}),
     "an object twice": lambda members: members.update({"objects": b"\n".join([b'"a"'] * 14)}),
     "a number for an object": lambda members: members.update({"objects": b"7"}),
     "keys that are none": lambda members: members.update({"trials": b"{}"}),
     "seed": text(seed="x"),
-    "seed below": text(seed=-1),
     "reward": text(reward=[1]),
     "growth": text(growth=7),
     "a level too high": entry("levels", 0, 99),
@@ -205,7 +202,6 @@ HOSTILE = {
     "another class": state(lambda found: found["perception"].update({"class": "system"})),
     "no perception": state(lambda found: found.pop("perception")),
     "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),
-    "text for perception": state(lambda found: found.update({"perception": "x"})),
     "text for counts": state(lambda found: found.update({"counted": "y"})),
     "an array of objects": state(lambda found: found["seen"].update({"dtype": "|O"})),
     "an array that is not there": state(lambda found: found["seen"].update({"array": "../x"})),

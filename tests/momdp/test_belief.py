@@ -151,18 +151,6 @@ def test_sure_weights_are_sure_beliefs():
     assert belief.entropy == pytest.approx(0.0)
 
 
-def test_entropy_in_bits():
-    momdp = momdp_of("toy", {"red": {}, "heavy": {}}, prior=[0.5, 1.0])
-    assert initial_belief(momdp).entropy == pytest.approx(1.0)
-
-
-def test_certain_percepts_decide(follow):
-    momdp = momdp_of("toy", {"red": {"look": (1.0, 0.0)}})
-    assert follow(momdp, [("look", [1])])[-1].positive[0] == 1.0
-    with pytest.raises(ImpossibleObservation):
-        follow(momdp, [("look", [1]), ("look", [0])])
-
-
 @pytest.mark.parametrize(
     ("action", "x", "percept"),
     [(-1, 1, None), (99, 1, None), (0, -1, None), (0, 99, None), (0, 1, [-1]), (0, 1, [2]),

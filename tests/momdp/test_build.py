@@ -31,11 +31,7 @@ def test_states_of_the_paper(name, n, states):
 
 def test_rewards_are_the_domains_unless_told():
     assert (uninformed("cy101", 1).correct, uninformed("cy101", 1).incorrect) == (300.0, -300.0)
-    momdp = uninformed(
-        "cy101",
-        1,
-        objective=Objective(correct=10, incorrect=-20),
-    )
+    momdp = uninformed("cy101", 1, objective=Objective(correct=10, incorrect=-20))
     assert (momdp.correct, momdp.incorrect) == (10, -20)
 
 
@@ -95,10 +91,7 @@ def test_a_kind_that_the_prior_rules_out_keeps_its_truth():
     ("latent_classes", "says"),
     [
         (np.full((2, 2, 4), 0.4), "Rows of MOMDP.latent_classes must be >= 0 and sum to 1"),
-        (np.tile([1.5, -0.5, 0.0, 0.0], (2, 2, 1)), "Rows of MOMDP.latent_classes must be >= 0"),
         (np.full((1, 2, 4), 0.25), r"latent_classes has shape \(1, 2, 4\); expected \(2,2,C\)"),
-        (np.full((2, 2), 0.5), r"latent_classes has shape \(2, 2\); expected \(2,2,C\)"),
-        (0.5, r"latent_classes has shape \(\); expected \(2,2,C\)"),
         (
             np.tile(np.eye(2), (2, 1, 1)),
             r"\(2, 3, 4, 2\); expected \(2 queried, 3 behaviors, 2 latent classes",
@@ -115,23 +108,6 @@ def test_wrong_latent_classes_are_refused(latent_classes, says):
         )
 
 
-def test_reports_are_paid_all_or_nothing():
-    momdp = uninformed(
-        "toy",
-        2,
-        objective=Objective(correct=30.0, incorrect=-10.0),
-    )
-    right = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.5, 0.8]])
-    np.testing.assert_allclose(momdp.report_reward(right), [30.0, -10.0, -10.0, 6.0])
-
-
-def test_behaviors_without_modalities_never_give_a_percept():
-    momdp = uninformed("roc36", 1)
-    reinit = momdp.behavior_names.index("reinit")
-    assert momdp.observation_probability[reinit].sum() == 0
-    assert (momdp.observation_probability.sum(axis=(1, 2))[:reinit] > 0).all()
-
-
 def test_arrays_cannot_be_written_to():
     momdp = uninformed("toy", 1)
     with pytest.raises(ValueError, match="read-only"):
@@ -142,10 +118,8 @@ def test_arrays_cannot_be_written_to():
     ("confusion", "says"),
     [
         (np.full((2, 3, 2, 2), 0.4), "confusion must be >= 0 and sum to 1"),
-        (np.tile([1.5, -0.5], (2, 3, 2, 1)), "confusion must be >= 0"),
         (np.full((2, 3, 2, 2), np.nan), "confusion must be >= 0"),
         (np.full((1, 3, 2, 2), 0.5), r"confusion has shape \(1, 3, 2, 2\); expected \(2 queried"),
-        (np.full((2, 2, 2, 2), 0.5), r"confusion has shape \(2, 2, 2, 2\); expected \(2 queried"),
     ],
 )
 def test_confusion_that_is_none_is_refused(confusion, says):

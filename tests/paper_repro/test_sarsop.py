@@ -148,11 +148,6 @@ def test_what_the_format_cannot_hold_is_told(program):
             solve(momdp, program=path)
 
 
-def test_settings_out_of_range_are_told():
-    with pytest.raises(SettingsError, match="Sarsop needs"):
-        Sarsop(seconds=0)
-
-
 def test_the_real_program_agrees():
     """Runs where SARSOP is installed: its bound on a small problem is ours."""
     program = os.environ.get("MEAL_BAYES_POMDPSOL") or shutil.which("pomdpsol")

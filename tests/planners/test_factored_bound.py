@@ -208,14 +208,6 @@ def to_and_fro(n):
 
 
 class TestPartsOfAQuery:
-    def test_of_all_or_nothing(self, small):
-        """Fewer attributes are easier; two of the three bound A3 better than a coarse grid."""
-        momdp = small.noisy_roc36(3)
-        bounds = [upper_bound(momdp, size=size, points=8_000) for size in (1, 2, 3)]
-        assert bounds[0] > bounds[1] + 20
-        assert bounds[1] >= bounds[2] > 238
-        assert bounds[1] < 243
-
     def test_attributes_without_informative_behaviors_need_no_axis(self, small):
         """All they do is to be guessed: r+ shrinks by the chance of that."""
         rates = {"red": {"look": (0.8, 0.25)}, "heavy": {}}

@@ -7,13 +7,7 @@ import pytest
 from planner_reference import load_reference
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
-from meal_bayes.momdp import (
-    MOMDP,
-    Objective,
-    build_momdp,
-    initial_belief,
-    percept_probabilities,
-)
+from meal_bayes.momdp import MOMDP, Objective, build_momdp, initial_belief, percept_probabilities
 from meal_bayes.planners import Factored
 
 

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
-from meal_bayes.momdp import (
-    Objective,
-    Transition,
-    initial_belief,
-    report_value,
-    update_belief,
-)
+from meal_bayes.momdp import Objective, Transition, initial_belief, report_value, update_belief
 from meal_bayes.planners import POMCP, History
 from meal_bayes.planners.rollout import simulate
 

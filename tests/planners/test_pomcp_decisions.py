@@ -1,5 +1,6 @@
-"""What a decision of the search holds, who may abstain, large queries, compiled or not."""
+"""What a decision of the search holds, who may abstain, large queries; what is kept and shared."""
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
@@ -8,8 +9,9 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Objective, build_momdp, initial_belief
-from meal_bayes.planners import POMCP, History
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.planners import POMCP, Decision, History, Remembering
+from meal_bayes.planners.compiled import compile_momdp
 
 
 def same(one, other):
@@ -99,3 +101,63 @@ def test_threads_decide_alike(small):
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(decide, range(24)))
     assert all(map(same, alone, together))
+
+
+@pytest.fixture(scope="module")
+def beliefs(toy):
+    """Beliefs at the start, after a look of two kinds, and lifted."""
+    start = initial_belief(toy)
+    look = update_belief(start, toy, Transition(0, 0, np.array([1, 0], np.int8)))
+    other = update_belief(start, toy, Transition(0, 0, np.array([0, 0], np.int8)))
+    return start, look, other, start.at(1)
+
+
+def test_decisions_are_made_once_for_a_place_and_percepts(toy, beliefs):
+    class Counting:
+        calls = 0
+
+        def decide(self, history, rng):
+            self.calls += 1
+            nothing = np.zeros(toy.n_behaviors + 1)
+            return Decision(self.calls, nothing, nothing, nothing)
+
+    inner = Counting()
+    policy, (start, look, *_) = Remembering(inner), beliefs
+    trial = [*beliefs, start, look]
+    assert [policy.decide(History(b), None).action for b in trial] == [1, 2, 3, 4, 1, 2]
+    assert inner.calls == 4
+
+
+def test_decisions_are_equal_whatever_trial_comes_first(toy, beliefs):
+    made = set()
+    for seed, order in enumerate(itertools.permutations(range(4))):
+        policy = Remembering(POMCP(20).solve(toy, np.random.default_rng(seed)))
+        rng, found = np.random.default_rng(seed), [None] * 4
+        for place in order:
+            decision = policy.decide(History(beliefs[place]), rng)
+            values = decision.values[~np.isnan(decision.values)]
+            found[place] = decision.action, decision.tree, tuple(values), tuple(decision.visits)
+        made.add(tuple(found))
+    assert len(made) == 1
+
+
+def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
+    one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
+    other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
+    assert one.dynamics is other.dynamics
+    for options in ({"objective": Objective(discount=0.9)}, {"objective": Objective(abstain=True)}):
+        unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
+        assert unlike.dynamics is not one.dynamics
+
+
+def test_information_on_the_latent_class_is_planned_with():
+    """Look says nothing of the truth, but whether lift is to be believed."""
+    honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
+    lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
+    look = [honest[0], mistaken[0], honest[1], mistaken[1]]
+    rows = np.array([[look, lift, [[0.5, 0.5]] * 4]])
+    latent_classes = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
+    momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
+    assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
+    informative = compile_momdp(momdp).percepts.informative
+    np.testing.assert_array_equal(informative, [[True, True, False]])

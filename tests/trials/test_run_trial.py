@@ -10,6 +10,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import Boundary, Outcome
+from meal_bayes.seeds import _words, stream
 from meal_bayes.trials import Session, Streams, Task, run_trial, truth_of
 
 REPORT = "report"  # of the most probable values
@@ -147,9 +148,7 @@ class TestAWholeTrial:
     ("report", "right"), [((1, 0), True), ((0, 0), False), ((1, 1), False), ((0, 1), False)]
 )
 def test_reports_are_right_in_every_attribute_or_wrong(report, right):
-    momdp = momdp_of(
-        objective=Objective(correct=300.0, incorrect=-200.0),
-    )
+    momdp = momdp_of(objective=Objective(correct=300.0, incorrect=-200.0))
     trial = trial_of(momdp, Script(momdp, report=report))
     assert trial.success == right
     assert trial.reward == (300.0 if right else -200.0)
@@ -236,14 +235,6 @@ class TestTruth:
         with pytest.raises(QueryError):
             truth_of(Query(("red", "heavy")), wrong)
 
-    def test_what_is_not_known_is_neither_right_nor_wrong(self):
-        momdp = momdp_of()
-        trial = trial_of(momdp, Script(momdp, report=(1, 0)), truth={"red": False})
-        assert trial.success is None
-        assert not trial.judged
-        assert np.isnan(trial.reward)
-        np.testing.assert_array_equal(trial.truth, [0, -1])
-
 
 def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
     task = Task("a task", Query(("red",)), 0, "object", ("toy", 3))
@@ -260,3 +251,16 @@ def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
     for changed in (draws(2, task, "bayes"), draws(1, other, "bayes")):
         assert not set(changed) & set(one)
     assert len(set(one)) == 2
+
+
+@pytest.mark.parametrize("root", [0, 7, 2**32 - 1, 2**32, 2**127 + 5, 2**128, 2**200])
+def test_the_name_of_a_stream_is_the_spawn_key_of_its_seed(root):
+    key = (*_words("text", "robot"), *_words("number", "3"))
+    spawned = np.random.PCG64(np.random.SeedSequence(root, spawn_key=key))
+    assert stream(root, "robot", np.int64(3)).bit_generator.state == spawned.state
+
+
+@pytest.mark.parametrize("root", [-1, 1.5])
+def test_what_is_no_seed_is_refused(root):
+    with pytest.raises((TypeError, ValueError)):
+        stream(root, "robot")

@@ -1,19 +1,24 @@
-"""What stands in an .rrd file is what stands in the MCAP file it was made of."""
+"""What stands in an .rrd file is what stands in its log, be that whole, growing or damaged."""
 
 import dataclasses
+import random
+import threading
 import warnings
 from collections import Counter
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
+from meal_bayes.cli import main
 from meal_bayes.domain import Query
-from meal_bayes.trial_log import read_trials
+from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
 from meal_bayes.trial_log.schema import StepMessage, TrialMessage
 from meal_bayes.trials import Task, TrialOutcomes
-from meal_bayes.viewer import write_recording
+from meal_bayes.viewer import replay, write_recording
 
 TIMELINES = {"trial", "step", "sim_time"}
 
@@ -192,3 +197,116 @@ def test_strange_names_break_nothing(trials, read_back, tmp_path):
     text = rows["/narration"]["TextDocument:text"][0][0]
     assert "<b>" not in text
     assert "`" not in text
+
+
+def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
+    path, saved = tmp_path / "run.mcap", tmp_path / "seen.rrd"
+    monkeypatch.setattr(replay, "_POLL", 0.01)
+    seen, landed = [], threading.Event()
+
+    def write():
+        with TrialWriter(path, {"seed": 1}) as log:
+            for number, trial in enumerate(trials):
+                log.write(trial)
+                eventually(lambda number=number: seen[-1:] == [number + 1])
+        landed.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    follower = replay.follow(path, saved, watching=lambda: True, on_trials=seen.append)
+    writer.join()
+    assert seen == [1, 2, 3, 4]  # each was seen before the next was written
+    assert follower.finished
+    assert follower.problems == []
+    assert landed.is_set()
+    rows = read_back(saved)
+    assert len(rows["/entropy"]["step"]) == sum(len(trial.steps) + 2 for trial in trials)
+
+
+def test_it_ends_when_nobody_watches(tmp_path, monkeypatch):
+    monkeypatch.setattr(replay, "_POLL", 0.01)
+    answers = iter([True, True, False])
+    path = tmp_path / "to come.mcap"
+    follower = replay.follow(path, tmp_path / "none.rrd", watching=lambda: next(answers))
+    assert not follower.finished
+
+
+def damaged(data, number):
+    rng = random.Random(f"damage {number}")
+    if number % 2:
+        return data[: rng.randrange(len(data))]
+    changed = bytearray(data)
+    for _ in range(rng.randint(1, 3)):
+        changed[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    return bytes(changed)
+
+
+def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path, codes, view = tmp_path / "a.mcap", [], ["view", "a.mcap", "--save", "a.rrd"]
+    write_trials(path, trials, header={"seed": 1})
+    data = path.read_bytes()
+    assert "warning" not in CliRunner().invoke(main, view).stderr
+    for number in range(16):
+        path.write_bytes(damaged(data, number))
+        for words in (view, ["report", "a.mcap"])[: 1 + (number % 8 < 2)]:  # which takes longer
+            result = CliRunner().invoke(main, words)
+            codes.append(result.exit_code)
+            if result.exit_code == 0:
+                assert "warning: a.mcap: " in result.stderr, (number, result.stderr)
+            else:
+                assert result.exit_code == 2, (number, words, result.output, result.exception)
+                assert result.stderr.count("\n") == 1
+                assert result.stderr.startswith("error: ")
+    assert codes.count(0) > 8
+    assert 2 in codes
+
+
+def frame(seconds):
+    rng = np.random.default_rng(int(seconds * 10))
+    shapes = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
+    half, contacts = np.full((6, 3), 0.5, np.float32), 2 * int(seconds > 0)
+    return Frame(
+        seconds, rng.normal(size=(6, 3)).astype(np.float32), half / 5,
+        np.tile(np.array([0, 0, 0, 1], np.float32), (6, 1)), half, shapes,
+        np.zeros((2, 3), np.float32)[:contacts],
+        np.array([[0.0, 0.0, 3.0], [0.0, 4.0, 0.0]], np.float32)[:contacts],
+        np.full((4, 6, 3), 0.5, np.float32),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def watched(trials, read_back, tmp_path_factory):
+    trial = trials[0]
+    frames = [frame(seconds) for seconds in np.arange(0.0, trial.cost + 1e-9, 0.5)]
+    path = tmp_path_factory.mktemp("robot") / "robot.rrd"
+    assert write_recording([trial], path, {}, frames=frames) == 1
+    return trial, frames, read_back(path)
+
+
+def test_every_frame_is_in_the_row_of_its_step(watched):
+    trial, frames, rows = watched
+    load = rows["/contact_force"]
+    ends = np.cumsum([step.cost for step in trial.steps])
+    assert len(load["step"]) == len(frames)
+    for one, step in zip(frames, load["step"], strict=True):
+        expected = 0 if one.seconds == 0 else 1 + int((ends < one.seconds - 1e-6).sum())
+        assert step == min(expected, len(trial.steps))
+
+
+def test_bodies_and_forces_are_the_frames(watched):
+    _, frames, rows = watched
+    shells = rows["/robot/object"]["Boxes3D:centers"]
+    balls = rows["/robot/content"]["Points3D:positions"]
+    for one, boxes, points in zip(frames, shells, balls, strict=True):
+        np.testing.assert_allclose(boxes, one.centers[one.shapes == SHELL])
+        np.testing.assert_allclose(points, one.centers[one.shapes == BALL])
+    strength = rows["/contact_force"]["Scalars:scalars"]
+    assert strength[0] == [0.0]
+    assert strength[1] == pytest.approx([4.0])
+    assert len(rows["/robot/forces"]["Arrows3D:vectors"][1]) == 2
+
+
+def test_a_trial_without_frames_shows_no_robot(trials, read_back, tmp_path):
+    write_recording([trials[0]], tmp_path / "plain.rrd", {})
+    assert not any(entity.startswith("/robot") for entity in read_back(tmp_path / "plain.rrd"))
