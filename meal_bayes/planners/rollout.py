@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.momdp.observation import sample_rows
+from meal_bayes.planners.compiled import Floats
 from meal_bayes.planners.solver import History, Policy
 
 
@@ -17,20 +17,14 @@ from meal_bayes.planners.solver import History, Policy
 class Rollouts:
     """What a policy came to in simulated episodes; n of them."""
 
-    returns: NDArray[np.float64]  # (n,) discounted; the report's reward as its expectation
-    certainty: NDArray[np.float64]  # (n,) Pr(report right | all percepts), 0 where abstained
+    returns: Floats  # (n,) discounted; the report's reward as its expectation
+    certainty: Floats  # (n,) Pr(report right | all percepts), 0 where abstained
     success: NDArray[np.bool_]  # (n,) was the report right?
-    cost: NDArray[np.float64]  # (n,) s
+    cost: Floats  # (n,) s
     abstained: NDArray[np.bool_]  # (n,)
     decisions: int
     simulations: int
     cpu_s: float  # of the process in `decide`, s
-
-    def __post_init__(self) -> None:
-        for name in ("returns", "certainty", "cost"):
-            set_frozen(self, **{name: freeze(getattr(self, name))})
-        for name in ("success", "abstained"):
-            set_frozen(self, **{name: freeze(getattr(self, name), np.bool_)})
 
     @property
     def value(self) -> float:
@@ -49,7 +43,6 @@ def simulate(
     episodes: int,
     rng: np.random.Generator,
     *,
-    believed: MOMDP | None = None,
     max_steps: int = 100,
 ) -> Rollouts:
     """Simulate episodes; truths, objects' rows and failures are drawn from the MOMDP.
@@ -68,48 +61,34 @@ def simulate(
     rng : np.random.Generator
         Every episode spawns its own streams of world and policy from it, so that policies are
         paired: at equal states they meet the same objects and the same luck.
-    believed : MOMDP | None
-        MOMDP whose belief the policy is shown, the world's by default: what it costs to believe in
-        another observation model. Both need the same behaviors and attributes.
     max_steps : int
         After which the best answer is given.
 
     Raises
     ------
     SettingsError
-        Fewer than two episodes, or a believed MOMDP of another problem.
+        Fewer than two episodes.
     """
-    believed = momdp if believed is None else believed
-    if believed.query != momdp.query or believed.behavior_names != momdp.behavior_names:
-        raise SettingsError("`believed` must have the attributes and behaviors of `momdp`.")
     if episodes < 2:
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
-    rows = []
-    for luck in rng.spawn(episodes):
-        world_rng, policy_rng = luck.spawn(2)
-        rows.append(_episode(momdp, believed, policy, world_rng, policy_rng, max_steps))
+    rows = [_episode(momdp, policy, luck, max_steps) for luck in rng.spawn(episodes)]
     *measures, decisions, simulations, cpu = zip(*rows, strict=True)
     returns, certainty, success, cost, abstained = map(np.array, measures)
-    return Rollouts(
-        returns, certainty, success, cost, abstained, sum(decisions), sum(simulations), sum(cpu)
-    )
+    counted = sum(decisions), sum(simulations), sum(cpu)
+    return Rollouts(returns, certainty, success, cost, abstained, *counted)
 
 
 def _episode(
-    world: MOMDP,
-    believed: MOMDP,
-    policy: Policy,
-    world_rng: np.random.Generator,
-    policy_rng: np.random.Generator,
-    max_steps: int,
+    world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: int
 ) -> tuple[float, float, bool, float, bool, int, int, float]:
     """Simulate one episode; return its row of `Rollouts`."""
+    world_rng, policy_rng = rng.spawn(2)
     true, rows = _object(world, world_rng)
-    known, belief = initial_belief(world), initial_belief(believed)
-    history, total, scale, paid, simulations, cpu = History(belief), 0.0, 1.0, 0.0, 0, 0.0
-    report, certainty = None, 0.0
+    history, total, scale = History(initial_belief(world)), 0.0, 1.0
+    report, certainty, simulations, cpu = None, 0.0, 0, 0.0
     for step in range(max_steps + 1):
-        action = best_answer(believed, belief)
+        belief = history.belief
+        action = best_answer(world, belief)
         if step < max_steps:
             before = time.process_time()
             decision = policy.decide(history, policy_rng)
@@ -118,29 +97,24 @@ def _episode(
         if action >= world.n_behaviors:
             report = world.reported(action)
             break
-        world.check_action(known.x, action)
-        x, percept = _execute(world, known.x, action, rows, known.percept_counts[0], world_rng)
+        world.check_action(belief.x, action)
+        x, percept = _execute(world, belief, action, rows, world_rng)
         cost = float(world.cost[action])
-        total, paid = total - scale * cost, paid + cost
+        total -= scale * cost
         scale *= world.discount
+        after = update_belief(belief, world, Transition(action, x, percept))
+        history = history.after(after, action, percept is not None, cost)
         if x == world.terminal:
             break
-        transition = Transition(action, x, percept)
-        known = belief = update_belief(known, world, transition)
-        if believed is not world:
-            belief = update_belief(history.belief, believed, transition)
-        history = history.after(belief, action, percept is not None, cost)
     if report is not None:
-        right = known.agreement(report)
+        right = history.belief.agreement(report)
         total += scale * float(world.report_reward(right))
         certainty = float(right.prod())
     success = report is not None and bool((report == true).all())
-    return total, certainty, success, paid, report is None, step + 1, simulations, cpu
+    return total, certainty, success, history.cost, report is None, step + 1, simulations, cpu
 
 
-def _object(
-    world: MOMDP, rng: np.random.Generator
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _object(world: MOMDP, rng: np.random.Generator) -> tuple[NDArray[np.bool_], Floats]:
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
     for group in map(list, world.query.groups):
@@ -152,22 +126,17 @@ def _object(
 
 
 def _execute(
-    world: MOMDP,
-    x: int,
-    action: int,
-    rows: NDArray[np.float64],
-    seen: NDArray[np.int64],
-    rng: np.random.Generator,
+    world: MOMDP, belief: Belief, action: int, rows: Floats, rng: np.random.Generator
 ) -> tuple[int, NDArray[np.int8] | None]:
     """Draw the next x and the percept (N,), None where nothing is perceived."""
-    next_x = _draw(world.transition[action, x], rng)
-    comes = rng.random() < world.observation_probability[action, x, next_x]
-    if not comes or seen[action].sum() >= world.limit[action]:
+    next_x = _draw(world.transition[action, belief.x], rng)
+    comes = rng.random() < world.observation_probability[action, belief.x, next_x]
+    if not comes or belief.percept_counts[0, action].sum() >= world.limit[action]:
         return next_x, None
     above = rows[:, action].cumsum(axis=1) <= rng.random(len(rows))[:, None]
     return next_x, np.minimum(above.sum(axis=1), world.levels - 1).astype(np.int8)
 
 
-def _draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> int:
+def _draw(probabilities: Floats, rng: np.random.Generator) -> int:
     index = int(np.searchsorted(probabilities.cumsum(), rng.random(), side="right"))
     return min(index, len(probabilities) - 1)

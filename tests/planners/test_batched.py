@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import Factored, History, batched_value_iteration
 
@@ -16,12 +15,11 @@ pairs = st.tuples(rate, rate).map(sorted)  # Pr(yes | false) <= Pr(yes | true)
 chance = st.floats(0.02, 0.98)
 
 
-def problem(rates=None, prior=0.5, domain=TOY, n=1, **options):
+def problem(rates=None, prior=0.5, domain=TOY, **options):
     e = len(domain.behaviors)
     yes = np.full((e, 2), 0.5) if rates is None else np.asarray(rates)
-    confusion = np.repeat(np.stack([1 - yes, yes], axis=-1)[None], n, axis=0)
-    query = Query(domain.attributes[:n])
-    return build_momdp(domain, query, confusion, prior=prior, **options)
+    confusion = np.stack([1 - yes, yes], axis=-1)[None]
+    return build_momdp(domain, Query(domain.attributes[:1]), confusion, prior=prior, **options)
 
 
 def optimum(momdp):
@@ -53,7 +51,7 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
 
 @given(st.lists(pairs, min_size=3, max_size=3), chance)
 def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
-    (value,) = batched_value_iteration(problem(), [rates], [prior])
+    (value,) = batched_value_iteration(problem(), np.array([rates]), np.array([prior]))
     assert 100 * (2 * max(prior, 1 - prior) - 1) - 0.2 <= value <= 100  # the grid rounds 0.1 %
 
 
@@ -61,18 +59,6 @@ def test_values_are_between_reporting_at_once_and_knowing(rates, prior):
 def test_better_percepts_are_worth_no_less(rates, prior, e, step):
     better = np.array(rates)
     better[e] = np.clip(better[e] + step * np.array([-1, 1]), 0.01, 0.99)
-    plain, improved = batched_value_iteration(problem(), [rates, better.tolist()], [prior, prior])
+    both = np.stack([rates, better])
+    plain, improved = batched_value_iteration(problem(), both, np.full(2, prior))
     assert improved >= plain - 0.5  # 0.25 % of r+ - r-, interpolation
-
-
-@pytest.mark.parametrize(
-    ("momdp", "shape", "message"),
-    [
-        (problem(n=2), (1, 3, 2), "one attribute"),
-        (problem(), (1, 2, 2), r"expected \(B,3,2\)"),
-        (problem(), (2, 3, 2), r"expected \(B,3,2\)"),
-    ],
-)
-def test_what_does_not_fit_is_refused(momdp, shape, message):
-    with pytest.raises(SettingsError, match=message):
-        batched_value_iteration(momdp, np.full(shape, 0.5), [0.5])

@@ -1,7 +1,5 @@
 """Simulated episodes estimate the exact value of a policy, of whatever class objects are."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -91,19 +89,6 @@ def test_what_is_not_legal_is_refused(small):
 
 
 @pytest.mark.statistical
-def test_believing_in_another_model_costs(small):
-    """Shown the belief of a model that takes percepts for independent; paid by the true one."""
-    true = small.toy(3, 2, 2, finite=True, limit=3)
-    believed = replace(true, precision=np.full(true.precision.shape, np.inf))
-    wrong = run(true, Gather(believed, 3), believed=believed)
-    right = run(true, Gather(true, 3))
-    # What is perceived is the same, as the seeds are; only the reports differ.
-    np.testing.assert_array_equal(wrong.cost, right.cost)
-    assert (wrong.returns <= right.returns + 1e-9).all()
-    assert wrong.value < right.value
-
-
-@pytest.mark.statistical
 def test_branches_and_silence(small):
     """A lift that drops the object is not perceived."""
     effects = (
@@ -148,13 +133,3 @@ def test_the_environment_does_not_know_the_policys_draws(toy):
 def test_too_few_episodes_are_told(toy, episodes):
     with pytest.raises(SettingsError, match=f"episodes is {episodes}; a standard error"):
         run(toy, Gather(toy, 1), episodes)
-
-
-def test_another_problem_cannot_be_believed_in(small, toy):
-    for believed in (
-        small.momdp("toy", {"red": {}}),
-        small.momdp("roc36", {"heavy": {}}),
-        small.momdp("toy", dict(reversed(small.rates.items()))),
-    ):
-        with pytest.raises(SettingsError, match="attributes and behaviors"):
-            run(toy, Gather(toy, 1), 3, believed=believed)

@@ -22,28 +22,45 @@ much nearer the optimum.
 What is left out of the state, and what then holds:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
-  (unless shaping takes pay away). Behaviors that have run out are planned without, by a table that
-  is made when first needed.
+  (unless shaping takes pay away). Once percepts have run out, open-loop plans decide.
 - finite precision and several latent classes a truth: `Factored` refuses; plan with `POMCP`.
 - undiscounted behaviors that cost nothing and inform of nothing: going round them for ever is worth
   what the table started from. The bound holds, but is idle, and the policy may go round.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import ClassVar
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, answer_value, initial_belief
+from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners.compiled import Compiled, Floats, compile_momdp
-from meal_bayes.planners.factored.grid import Table, add_values_ahead, make_scratch, value_after
-from meal_bayes.planners.factored.iteration import ValueIteration
+from meal_bayes.planners.factored.grid import (
+    Table,
+    add_values_ahead,
+    even_axis,
+    make_axis,
+    make_scratch,
+    make_table,
+    refine,
+    value_after,
+)
+from meal_bayes.planners.factored.sweep import Edges, Matrices, make_backups, percepts_on, sweep
+from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
 _FINER = 8  # times `points` are those of the estimate, and of the bound of _MANY attributes
 _MANY = 5  # of fewer, the bound has points enough
+_SWEEPS = 1_000  # at most; a table is a bound after any number of them
+_SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
+_SMOOTHED, _SMOOTH_SETTLED = 150, 0.1  # the same of the estimate
+_INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N; five share
+_LEAST = 9  # fewer are no grid
+_EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,27 +106,26 @@ class Factored:
                 "independent given the truth, with known rates (Eq. 8: infinite precision, one "
                 "latent class a truth); plan with POMCP."
             )
-        momdp = _without_percepts(momdp, momdp.limit <= 0)
+        momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
-        free = ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
-        many = free.edges.moves.any(axis=1).sum() == _MANY
+        free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
+        moves, problem = free.edges.moves, compile_momdp(momdp)
+        many = moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
-        iteration = replace(free, problem=compile_momdp(momdp))
-        estimate = iteration.estimate(bound, _FINER * self.points)
-        iteration.forget_grids()
-        return FactoredPolicy(iteration, _rounded_up(bound), _rounded_up(estimate))
+        paid = _ValueIteration(momdp, problem, tolerance)
+        estimate = paid.estimate(bound, _FINER * self.points)
+        return FactoredPolicy(momdp, problem, moves, _rounded_up(bound), _rounded_up(estimate))
 
 
 @dataclass(frozen=True, slots=True)
 class FactoredPolicy:
     """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
-    iteration: ValueIteration
+    momdp: MOMDP
+    problem: Compiled
+    moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
     bound: Table
     estimate: Table
-    _rest: dict[tuple[int, ...], tuple[ValueIteration, Table]] = field(
-        default_factory=dict, repr=False, compare=False
-    )  # what is left when behaviors have run out
     deterministic: ClassVar[bool] = True
 
     @property
@@ -118,57 +134,43 @@ class FactoredPolicy:
 
         Certified, unless percepts run out and shaping takes pay away for them.
         """
-        momdp, x = self.iteration.momdp, self.iteration.momdp.start
+        momdp, x = self.momdp, self.momdp.start
         ending = answer_value(momdp, initial_belief(momdp))
-        free = compile_momdp(momdp, price=0.0)
-        ahead = _values_ahead(free, self.bound, self.iteration.edges.moves, x, momdp.prior)
-        return min(max(ending, float(ahead.max())), self.value_at(x, momdp.prior))
+        free = replace(self, problem=compile_momdp(momdp, price=0.0))
+        ahead = float(free.upper_bounds(x, momdp.prior).max())
+        return min(max(ending, ahead), self.value_at(x, momdp.prior))
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
-        iteration = self.iteration
-        return _values_ahead(iteration.problem, self.bound, iteration.edges.moves, x, prob)
+        return self._values_ahead(self.bound, x, prob)
 
     def value_at(self, x: int, prob: Floats) -> float:
         """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
-        rows, moves = self.iteration.problem.percepts.rows, self.iteration.edges.moves
+        rows = self.problem.percepts.rows
         scratch = make_scratch(self.bound, rows.shape[3])
-        return float(value_after(self.bound, rows, moves, x, -1, np.array(prob), scratch))
+        return float(value_after(self.bound, rows, self.moves, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the best action by one step ahead of the estimate."""
-        belief, prob = history.belief, history.belief.positive
-        iteration, table = self._left(belief)
-        momdp, problem = iteration.momdp, iteration.problem
-        ahead = _values_ahead(problem, table, iteration.edges.moves, belief.x, prob)
-        if iteration is self.iteration:  # weak percepts: the estimate may pass the bound
-            ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
+        """Choose the best action by one step ahead of the estimate, which may pass the bound."""
+        momdp, belief, prob = self.momdp, history.belief, history.belief.positive
+        exhausted = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
+        if (exhausted & (self.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2)))).any():
+            return OpenLoop().solve(momdp, rng).decide(history, rng)
+        ahead = self._values_ahead(self.estimate, belief.x, prob)
+        ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
         return Decision.exact(*choose(momdp, belief, ahead))
 
-    def _left(self, belief: Belief) -> tuple[ValueIteration, Table]:
-        """Return iteration and table without the behaviors whose percepts have run out."""
-        momdp = self.iteration.momdp
-        gone = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
-        if gone.any():
-            gone &= self.iteration.edges.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2))
-        if not gone.any():
-            return self.iteration, self.estimate
-        key = tuple(np.flatnonzero(gone).tolist())
-        if key not in self._rest:
-            rest = _without_percepts(momdp, gone)
-            iteration = replace(self.iteration, momdp=rest, problem=compile_momdp(rest))
-            start = self.bound
-            if self.iteration.problem.shaped:  # what is gone may have taken pay away
-                top = np.full_like(start.value, iteration.constant_bound())
-                start = start._replace(value=top)
-            self._rest[key] = iteration, _rounded_up(iteration.lowered(start))
-        return self._rest[key]
-
-
-def _without_percepts(momdp: MOMDP, gone: NDArray[np.bool_]) -> MOMDP:
-    """Remove percepts and bonus from some behaviors (E,)."""
-    limit, bonus = np.where(gone, 0.0, momdp.limit), np.where(gone[:, None], 0.0, momdp.bonus)
-    return replace(momdp, limit=limit, bonus=bonus)
+    def _values_ahead(self, table: Table, x: int, prob: Floats) -> Floats:
+        """Compute the value (E,) of each behavior by a table; -inf where not legal."""
+        problem = self.problem
+        step, percepts = problem.dynamics.step[x], problem.percepts
+        out = -step["cost"]
+        if problem.shaped:
+            bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
+            out += step["bonus_scale"] * bonus
+        scratch, prob = make_scratch(table, percepts.rows.shape[3]), np.array(prob)
+        add_values_ahead(problem.dynamics, percepts, table, self.moves, x, prob, scratch, out)
+        return np.where(step["legal"], out, -np.inf)
 
 
 def _rounded_up(table: Table) -> Table:
@@ -176,15 +178,147 @@ def _rounded_up(table: Table) -> Table:
     return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 
-def _values_ahead(
-    problem: Compiled, table: Table, moves: NDArray[np.bool_], x: int, prob: Floats
-) -> Floats:
-    """Compute the value of each behavior (E,), one step ahead of a table; -inf where not legal."""
-    dynamics, percepts, step = problem.dynamics, problem.percepts, problem.dynamics.step[x]
-    out = -step["cost"]
-    if problem.shaped:
-        bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
-        out += step["bonus_scale"] * bonus
-    scratch = make_scratch(table, percepts.rows.shape[3])
-    add_values_ahead(dynamics, percepts, table, moves, x, np.array(prob), scratch, out)
-    return np.where(step["legal"], out, -np.inf)
+class _Grid(NamedTuple):
+    """Upper bounds, and how often each of the N axes was refined."""
+
+    table: Table
+    levels: tuple[int, ...]
+
+
+class _ValueIteration:
+    """Value iteration of a MOMDP of infinite precision and one latent class a truth.
+
+    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
+    """
+
+    def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
+        self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
+        self.edges = Edges.of(momdp, problem)
+        self._percepts: dict[tuple[int, int], Matrices] = {}  # by attribute, and size of its axis
+
+    def bounds(self, points: int) -> Table:
+        """Compute upper bounds on a grid of so many points at most.
+
+        Easy attributes need few points, hard ones many. So the grid is refined first evenly; then
+        every round tries each axis at half its steps for one sweep, keeps the one that lowered the
+        bound at the start most for the points it took, and sweeps until nothing changes.
+        """
+        grid, fall = self._lowered(self._coarsest(points)), np.inf
+        moving = np.flatnonzero(grid.table.size > 1).tolist()
+        while fall > self.tolerance and (even := self._finer(grid, moving, points // _EVENLY)):
+            even = self._lowered(even)
+            grid, fall = even, self._fall(grid, even)
+        fine: set[int] = set()
+
+        def merit(finer: _Grid) -> float:
+            growth = math.log(finer.table.value.shape[1] / grid.table.value.shape[1])
+            return self._fall(grid, finer) / growth
+
+        while True:
+            finer = {i: self._finer(grid, [i], points) for i in moving if i not in fine}
+            tried = {i: g for i, g in finer.items() if g is not None}
+            if not tried:
+                return grid.table
+            best = next(iter(tried))
+            if len(tried) > 1:
+                tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
+                best = max(tried, key=lambda i: merit(tried[i]))
+            chosen = self._lowered(tried[best])
+            fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
+            grid = chosen
+
+    def estimate(self, bounds: Table, points: int) -> Table:
+        """Estimate the optimum by smooth interpolation, starting from bounds.
+
+        Linear interpolation adds a little at every step ahead; a policy that trusts a coarse table
+        puts the report off. Here nothing adds up, if the steps are even: the grid is one of its
+        own, of so many points at most. What results is near the optimum, but no bound.
+        """
+        moving = np.flatnonzero(bounds.size > 1)
+        if not len(moving):
+            return bounds
+        inner = _inner_points(bounds.size[moving].astype(float), points)
+        if min(inner) < _LEAST:
+            return bounds
+        for i, each in zip(moving.tolist(), inner, strict=True):
+            bounds = refine(bounds, i, even_axis(self.momdp, i, each))
+        return self._swept(bounds, _SMOOTHED, _SMOOTH_SETTLED, smooth=True)
+
+    def _swept(self, table: Table, sweeps: int, settled: float, *, smooth: bool) -> Table:
+        """Iterate values on their own grid until a sweep changes none of them."""
+        percepts = []
+        for i, axis in enumerate(table.axes):
+            key = i, len(axis)
+            if key not in self._percepts:
+                self._percepts[key] = percepts_on(self.momdp, i, axis, smooth=smooth)
+            percepts.append(self._percepts[key])
+        value = table.value.astype(np.float64)
+        backups = make_backups(self.momdp, self.edges, table, percepts)
+        scratch = np.zeros((4, value.shape[1]))
+        sweep(backups, value, scratch, settled * self.tolerance, sweeps, smooth)
+        return table._replace(value=value)
+
+    def _lowered(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:
+        return grid._replace(table=self._swept(grid.table, sweeps, _SETTLED, smooth=False))
+
+    def _coarsest(self, points: int) -> _Grid:
+        """Build the coarsest grid, of a constant that no value exceeds."""
+        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
+        axes = [
+            make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
+            for i, moved in enumerate(moves.tolist())
+        ]
+        size = math.prod(len(axis) for axis in axes)
+        if size > points:
+            raise SettingsError(
+                f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
+                f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
+            )
+        value = np.full((momdp.terminal, size), self._constant_bound())
+        return _Grid(make_table(axes, value), (0,) * len(axes))
+
+    def _constant_bound(self) -> float:
+        """Bound every value by the best ending, or the best pay for ever."""
+        step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
+        best = max(self.momdp.correct, self.problem.dynamics.exit_value)
+        pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
+        kept = 1 - step["discount"][step["legal"]]
+        lasting = kept > 0
+        if (pay[~lasting] > 0).any():
+            raise SettingsError(
+                "Undiscounted, behaviors that are shaped to pay more than they cost promise "
+                "without end; plan with a discount below 1, or with POMCP."
+            )
+        return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
+
+    def _finer(self, grid: _Grid, attributes: Sequence[int], points: int) -> _Grid | None:
+        """Divide the steps of some axes by two; None if the grid would have too many points."""
+        table, levels, size = grid.table, list(grid.levels), grid.table.size.copy()
+        axes = {i: make_axis(self.momdp, i, levels[i] + 1) for i in attributes}
+        for i, axis in axes.items():
+            size[i] = len(axis)
+        if not attributes or math.prod(size.tolist()) > points:
+            return None
+        for i, axis in axes.items():
+            table, levels[i] = refine(table, i, axis), levels[i] + 1
+        return _Grid(table, tuple(levels))
+
+    def _fall(self, grid: _Grid, finer: _Grid) -> float:
+        """Compute by how much the bound at the start has fallen."""
+        x, prior = self.momdp.start, self.momdp.prior
+        before, after = (t.value[x, t.position(prior)] for t in (grid.table, finer.table))
+        return float(before - after)
+
+
+def _inner_points(size: Floats, points: int) -> list[int]:
+    """Return how many uncertain beliefs each axis of the estimate has, given those of the bounds.
+
+    Where many attributes share the points, axes that the bounds refined most get most.
+    """
+    n, least, scale = len(size), _LEAST + 2, 1.0
+    if n < len(_INNER) or least**n > points:
+        return [min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))] * n
+    size = size * (points / size.prod()) ** (1 / n)
+    while np.maximum(size * scale, least).prod() > points:
+        scale *= 0.98
+    return [int(each) - 2 for each in np.maximum(size * scale, least)]

@@ -1,5 +1,1 @@
 """POMCP: Monte Carlo tree search in sampled MOMDPs, from the exact belief."""
-
-from meal_bayes.planners.pomcp.policy import POMCP, POMCPPolicy
-
-__all__ = ["POMCP", "POMCPPolicy"]
