@@ -10,37 +10,49 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
+from numpy.typing import NDArray
 
 from meal_bayes.display import percent
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.canvas import render
-from meal_bayes.evaluation.collect import Collected, Worst
 from meal_bayes.evaluation.statistics import wilson_interval
 from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
 from meal_bayes.files import check_output, write_whole
-from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import Trial, TrialOutcomes, percept_labels
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
-_OPENED = 3  # trials that are not folded
+WORST = 10  # trials that are kept whole
+_OPENED = 3  # of these, that are not folded
 
 Section = dict[str, Any]
+Numbers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class ReportInfo:
+class Worst(NamedTuple):
+    """A trial with one of the lowest rewards, its number in its file, its outcome as one row.
+
+    `trial` is None of a compact log; `badness` is the belief in the report less the reward.
+    """
+
+    file: Path
+    number: int
+    outcome: TrialOutcomes
+    trial: Trial | None
+    badness: float
+
+
+class ReportInfo(NamedTuple):
     """What a report was made of; its size in bytes."""
 
-    path: Path
     size: int
     trials: int
     agents: tuple[str, ...]
@@ -51,32 +63,51 @@ def write_report(
 ) -> ReportInfo:
     """Read logs as far as they can be read and write one self-contained HTML page.
 
-    They are of one data set, as objects are the clusters of standard errors. `on_progress` is
-    called with (files done, files in all).
-
-    Raises
-    ------
-    LogError
-        There is not one trial that can be read.
-    OutputError
-        The page cannot be written, or would replace a log.
+    They are of one data set, as objects are the clusters of standard errors; a `LogError` where not
+    one trial can be read. `on_progress` is called with (files done, files in all).
     """
-    path, data, read = Path(path), Collected(), set[Path]()
+    path, read = Path(path), set[Path]()
+    parts, batches, worst = list[TrialOutcomes](), list[Numbers](), list[Worst]()
     check_output(path, inputs=logs.files)
     for group in logs.groups():
         read.add(group.file)
         if on_progress is not None:
             on_progress(len(read) - 1, len(logs.files))
-        data.add(group)
-    outcomes = data.outcomes()
+        # An online run names the batch of a log, and its part, in the header.
+        number, part = group.header.get("batch"), group.header.get("part")
+        known = part in ("train", "test") and isinstance(number, int)
+        batch: Any = (number if known else -1, part == "test")
+        batches.append(np.full((len(group.outcomes), 2), batch))
+        parts.append(group.outcomes)
+        worst = worst_of(worst, group)
+    outcomes = TrialOutcomes.join(parts)
     if not len(outcomes):
         logs.complain_of_nothing()
-    write_whole(path, report_page(data, outcomes, logs), inputs=logs.files)
-    return ReportInfo(path, path.stat().st_size, len(outcomes), outcomes.agents)
+    write_whole(path, _page(outcomes, np.concatenate(batches), worst, logs), inputs=logs.files)
+    return ReportInfo(path.stat().st_size, len(outcomes), outcomes.agents)
 
 
-def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
-    """Return the page as HTML; of a single trial, the trial without statistics."""
+def worst_of(worst: Sequence[Worst], group: Group) -> list[Worst]:
+    """Return the worst of some trials and of a group: those with the lowest reward.
+
+    Of equals, those that were surest come first, then the earliest.
+    """
+    outcomes = group.outcomes
+    badness = np.where(outcomes.judged, outcomes.certainty - outcomes.reward, -np.inf)
+    entries = [
+        Worst(group.file, group.places[row], outcomes.rows([row]),
+              group.trials[row] if group.trials else None, badness[row])
+        for row in np.argsort(-badness, kind="stable")[:WORST].tolist()
+        if badness[row] > -np.inf
+    ]  # fmt: skip
+    return sorted([*worst, *entries], key=lambda entry: -entry.badness)[:WORST]
+
+
+def _page(outcomes: TrialOutcomes, batches: Numbers, worst: Sequence[Worst], logs: Logs) -> str:
+    """Return the page as HTML; of a single trial, the trial without statistics.
+
+    Batches (n,2) are the number of each trial's, -1 without one, and whether it is a test.
+    """
     agents = {name or "agent": outcomes.of_agent(name) for name in outcomes.agents}
     sections = list[Section]()
     if logs.problems:
@@ -87,18 +118,16 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
         rows = summarize(outcomes)
         sections += [
             _agents(rows, agents, outcomes),
-            *_learning(data, outcomes),
+            *_learning(batches, outcomes),
             _calibration(rows, outcomes),
             _attributes(agents),
             _behaviors(agents),
         ]
-    worst = [{**_trial(worst), "opened": rank < _OPENED} for rank, worst in enumerate(data.worst)]
-    trials: Section = {"title": "The trial", "parts": worst}
+    trials: Section = {"title": "The trial"}
     if len(outcomes) > 1:
-        trials["title"] = "The worst trials"
-        trials["text"] = (
-            "Those with the lowest reward; among equals, where the belief was nearest to certain."
-        )
+        text = "Those with the lowest reward; of equals, where the belief was nearest to certain."
+        trials = {"title": "The worst trials", "text": text}
+    trials["parts"] = [_trial(bad) | {"opened": i < _OPENED} for i, bad in enumerate(worst)]
     header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
     files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
     run = [
@@ -112,29 +141,25 @@ def report_page(data: Collected, outcomes: TrialOutcomes, logs: Logs) -> str:
     if len(logs.files) > 1:
         folder = os.path.commonpath([file.resolve() for file in logs.files])
         source = f"{len(logs.files)} logs in {Path(folder).name}"
-    environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
-    environment.filters["base64"] = lambda ax: base64.b64encode(render(ax, "svg")).decode()
-    page = environment.get_template("report.html").render(
-        title=f"Trials on {name}" if isinstance(name, str) else "Trials",
-        source=source,
-        facts=_facts(outcomes),
-        blocks=sections,
-    )
-    return page + "\n"
-
-
-def _facts(outcomes: TrialOutcomes) -> dict[str, str]:
     numbers = {
         "trial": len(outcomes),
         "step": int(outcomes.steps.sum()),
         "agent": len(outcomes.agents),
         "object": len(set(outcomes.object_name.tolist())),
     }
-    cost = float(outcomes.cost.sum())
-    hours = cost / _HOUR
-    unit, amount = ("hours", f"{hours:.1f}") if hours > _SHORT else ("seconds", f"{cost:.1f}")
-    counted = {name + "s" * (n != 1): f"{n:,}" for name, n in numbers.items()}
-    return {**counted, f"{unit} of robot time": amount}
+    facts = {name + "s" * (n != 1): f"{n:,}" for name, n in numbers.items()}
+    hours = float(outcomes.cost.sum()) / _HOUR
+    unit, amount = ("hours", hours) if hours > _SHORT else ("seconds", _HOUR * hours)
+    facts[f"{unit} of robot time"] = f"{amount:.1f}"
+    environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
+    environment.filters["base64"] = lambda ax: base64.b64encode(render(ax, "svg")).decode()
+    page = environment.get_template("report.html").render(
+        title=f"Trials on {name}" if isinstance(name, str) else "Trials",
+        source=source,
+        facts=facts,
+        blocks=sections,
+    )
+    return page + "\n"
 
 
 def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
@@ -145,31 +170,25 @@ def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-")
 def _agents(
     rows: list[SummaryRow], agents: Mapping[str, TrialOutcomes], outcomes: TrialOutcomes
 ) -> Section:
-    columns: dict[str, list[str]] = {
-        "agent": [row.agent or "agent" for row in rows],
-        "trials": [
-            f"{row.trials:,}"
-            + f", {row.trials - row.judged:,} {UNKNOWN}" * (row.trials > row.judged)
-            for row in rows
-        ],
-        "accuracy": [_number(row.accuracy, 3, row.accuracy_se, UNKNOWN) for row in rows],
-        "cost, s (sd)": [f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})" for row in rows],
-        "reward": [_number(row.reward, 1, row.reward_se, UNKNOWN) for row in rows],
-        "NLL": [_number(row.nll, 3) for row in rows],
-        "ECE": [_number(row.ece, 3) for row in rows],
-        "abstained": [f"{_number(100 * row.abstained, 1)} %" for row in rows],
-    }
+    head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
+    cells: list[list[str | Section]] = [
+        [row.agent or "agent",
+         f"{row.trials:,}" + f", {row.trials - row.judged:,} {UNKNOWN}" * (row.trials > row.judged),
+         _number(row.accuracy, 3, row.accuracy_se, UNKNOWN),
+         f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
+         _number(row.reward, 1, row.reward_se, UNKNOWN),
+         _number(row.nll, 3), _number(row.ece, 3), f"{_number(100 * row.abstained, 1)} %"]
+        for row in rows
+    ]  # fmt: skip
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
-        "accuracy": best_of([round(row.accuracy, 3) for row in rows]),
-        "reward": best_of([round(row.reward, 1) for row in rows]),
-        "NLL": best_of([-round(row.nll, 3) for row in rows]),
+        2: best_of([round(row.accuracy, 3) for row in rows]),
+        4: best_of([round(row.reward, 1) for row in rows]),
+        5: best_of([-round(row.nll, 3) for row in rows]),
     }
-    marked = [
-        [{"text": text, "best": place in best.get(name, ())} for place, text in enumerate(texts)]
-        for name, texts in columns.items()
-    ]
-    cells = list(zip(*marked, strict=True))
+    for column, places in best.items():
+        for place in places:
+            cells[place][column] = {"text": cells[place][column], "best": True}
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {name: (mean(own, "success"), mean(own, "cost")) for name, own in agents.items()}
@@ -185,7 +204,7 @@ def _agents(
         "text": "A trial counts as right when all its attributes are; one that abstained does not. "
         "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
         "belief. Bold: best accuracy, reward and NLL.",
-        "tables": [{"head": list(columns), "rows": cells}, *_differences(rows, outcomes)],
+        "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes)],
         "figures": figures,
     }
 
@@ -215,17 +234,17 @@ def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Se
         yield {"head": ["difference", "reward", "cost, s"], "rows": cells, "note": note}
 
 
-def _learning(data: Collected, outcomes: TrialOutcomes) -> Iterator[Section]:
+def _learning(batches: Numbers, outcomes: TrialOutcomes) -> Iterator[Section]:
     """Yield the learning curves, where an agent has tests of two batches."""
-    batch, test = data.batches()
+    batch, test = batches.T
     curves = []
     for name in outcomes.agents:
         own = outcomes.agent == name
-        judged = own & test & outcomes.judged
+        judged = own & (test == 1) & outcomes.judged
         numbers = np.unique(batch[judged])
         if len(numbers) < 2:
             continue
-        trained = own & ~test & (batch >= 0)
+        trained = own & (test == 0) & (batch >= 0)
         hours = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]
         success = [outcomes.success[judged & (batch == n)] for n in numbers]
         accuracy = np.array([wilson_interval(int(each.sum()), len(each)) for each in success])
@@ -266,8 +285,7 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
         row: list[str | Section] = [attribute, f"{total[attribute]:,}"]
         for asked, answered in counts:
             fraction = answered[attribute] / max(asked[attribute], 1)
-            cell = {"text": f"{fraction:.3f}", "bar": fraction}
-            row.append(cell if asked[attribute] else "-")
+            row.append({"text": f"{fraction:.3f}", "bar": fraction} if asked[attribute] else "-")
         cells.append(row)
     text = "Fraction of right answers in each attribute; an agent that abstained was not right."
     table = {"head": ["attribute", "asked", *agents], "rows": cells}
@@ -280,16 +298,16 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
     for column, behavior in enumerate(next(iter(agents.values())).behaviors):
         row: list[str | Section] = [behavior]
         for executed, failed in counts:
-            done, empty = executed[column], failed[column]
-            bar = done / max(executed.sum(), 1)
-            row.append({"text": f"{done:,} ({empty / done:.0%})", "bar": bar} if done else "-")
+            done, bar = executed[column], executed[column] / max(executed.sum(), 1)
+            text = f"{done:,} ({failed[column] / max(done, 1):.0%})"
+            row.append({"text": text, "bar": bar} if done else "-")
         cells.append(row)
     text = (
         "Executions, and in brackets how many of them were without a percept. A bar is the "
         "behavior's fraction of all that the agent executed."
     )
-    tables = [{"head": ["behavior", *agents], "rows": cells}]
-    return {"title": "Behaviors", "text": text, "tables": tables}
+    table = {"head": ["behavior", *agents], "rows": cells}
+    return {"title": "Behaviors", "text": text, "tables": [table]}
 
 
 def _trial(worst: Worst) -> Section:

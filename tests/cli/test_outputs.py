@@ -42,7 +42,7 @@ def test_an_export_does_not_replace_its_table_or_a_device(table, fails):
 @pytest.mark.parametrize(
     ("words", "work"),
     [
-        (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.collect.Collected.add"),
+        (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.report.worst_of"),
         (("export", "file/a.pomdp", "--query", "red", *OWN), "meal_bayes.datasets.load_percepts"),
         (("posterior", "--out", "file/p", *OWN), "meal_bayes.posterior.draw_grid"),
         (("data", "percepts", "--dataset", "kitchen.toml", "--root", ".", "--out", "file/a.npz"),

@@ -11,8 +11,7 @@ import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
-from meal_bayes.evaluation.collect import WORST, Collected
-from meal_bayes.evaluation.report import best_of, write_report
+from meal_bayes.evaluation.report import WORST, best_of, worst_of, write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Group, Logs, TrialWriter, write_trials
 from meal_bayes.trials import TrialOutcomes
@@ -84,16 +83,16 @@ def test_attributes_and_behaviors_are_counted(trials, page):
 
 
 def test_the_worst_trials_come_first(trials):
-    data = Collected()
+    chosen = []
     for at in range(0, len(trials), 7):
         part = tuple(trials[at : at + 7])
         places = tuple(range(at, at + len(part)))
-        data.add(Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
-    worst = [bad.trial.reward for bad in data.worst]
+        chosen = worst_of(chosen, Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
+    worst = [bad.trial.reward for bad in chosen]
     assert len(worst) == WORST
     assert worst[0] == min(trial.reward for trial in trials)
     assert max(worst) <= sorted(trial.reward for trial in trials)[WORST - 1] + 1
-    for bad in data.worst:
+    for bad in chosen:
         assert trials[bad.number] is bad.trial
         assert bad.outcome.reward == bad.trial.reward
 
