@@ -125,8 +125,7 @@ def _write(
     from meal_bayes.evaluation import calibration_error, expected_calibration_error
     from meal_bayes.evaluation.calibration import negative_log_likelihood
     from meal_bayes.evaluation.canvas import save
-    from meal_bayes.evaluation.plots import reliability_diagram
-    from meal_bayes.evaluation.posterior_plots import forest, predictive
+    from meal_bayes.evaluation.plots import forest, predictive, reliability_diagram
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import checks, idata
     from meal_bayes.posterior.draws import ROW, draw_prior, log_prior, sensing

@@ -36,33 +36,19 @@ _LAST = 3  # batches whose beliefs are pooled
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LearningRow(Measures):
-    """Test trials of one agent after one batch of one repeat; nan where undefined.
-
-    Attributes
-    ----------
-    hours : float
-        Of exploration so far.
-    reward : float
-        Mean, unshaped.
-    ece : float
-        Of the final beliefs, as `nll`; of a few hundred cases it is biased up, see `pooled_ece`.
-    accuracy_se : float
-        With objects as clusters.
-    claimed_accuracy : float
-        Mean of the agent's own Pr(its report is right).
-    """
+    """Test trials of one agent after one batch of one repeat; nan where undefined."""
 
     agent: str
     repeat: int
     batch: int
-    hours: float
+    hours: float  # of exploration so far
     accuracy: float
-    reward: float
-    ece: float
-    accuracy_se: float
+    reward: float  # mean, unshaped
+    ece: float  # of the final beliefs; of a few hundred cases it is biased up, see `pooled_ece`
+    accuracy_se: float  # with objects as clusters
     test_cost_s: float
-    nll: float
-    claimed_accuracy: float
+    nll: float  # of the final beliefs
+    claimed_accuracy: float  # mean of the agent's own Pr(its report is right)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -70,28 +56,17 @@ class LearningSummary(Measures):
     """An agent beside the reference, over the repeats that they share; nan where undefined.
 
     `after` is after the last batch; differences are agent - reference.
-
-    Attributes
-    ----------
-    area_hours : float
-        Hours H that the reference explores, mean over repeats.
-    area_reward_difference : float
-        Of the mean test reward over the first H hours.
-    area_low, area_high : float
-        Its 95 % interval, corrected as repeats split the same objects.
-    ece_after : float
-        Of the last three batches, all repeats pooled.
     """
 
     agent: str
-    area_hours: float
-    area_reward_difference: float
-    area_low: float
+    area_hours: float  # H that the reference explores, mean over repeats
+    area_reward_difference: float  # of the mean test reward over the first H hours
+    area_low: float  # of its 95 % interval, corrected as repeats split the same objects
     area_high: float
     reward_after: float
     reward_after_difference: float
     accuracy_after: float
-    ece_after: float
+    ece_after: float  # of the last three batches, all repeats pooled
 
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:

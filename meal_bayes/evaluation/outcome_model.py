@@ -66,25 +66,13 @@ class AgentEffect(Measures):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Cells:
-    """Trials that share all terms of the model, summed.
+    """Trials that share all terms of the model, summed."""
 
-    Attributes
-    ----------
-    terms : dict[str, Index]
-        (C,) index of the level, by the name of its term; several columns for attributes.
-    sizes : dict[str, int]
-        Levels of each term.
-    trials, total : Array
-        (C,) how many trials, and the sum of their measure.
-    spread : float
-        Standard deviation of the measure within cells; nan for successes.
-    """
-
-    terms: dict[str, Index]
-    sizes: dict[str, int]
-    trials: NDArray[np.int64]
-    total: Array
-    spread: float
+    terms: dict[str, Index]  # (C,) level of each term by name; several columns for attributes
+    sizes: dict[str, int]  # levels of each term
+    trials: NDArray[np.int64]  # (C,)
+    total: Array  # (C,) of their measure
+    spread: float  # standard deviation of the measure within cells; nan for successes
     agents: tuple[str, ...]
 
     @classmethod
@@ -94,16 +82,15 @@ class Cells:
         known = ~np.isnan(values)
         if not known.any():
             raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
-        own, values = outcomes.rows(known), values[known]
+        judged, values = outcomes.rows(known), values[known]
         again = np.zeros(len(known), int) if repeats is None else np.asarray(repeats)
-        columns = {"agent": own.agent, "object": own.object_name, "repeat": again[known],
-                   "attribute": own.attribute}  # fmt: skip
+        columns = {"agent": judged.agent, "object": judged.object_name, "repeat": again[known],
+                   "attribute": judged.attribute}  # fmt: skip
         coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
-        codes = [code.reshape(len(own), -1) for _, code in coded.values()]
+        codes = [code.reshape(len(judged), -1) for _, code in coded.values()]
         cells, inverse = np.unique(np.hstack(codes), axis=0, return_inverse=True)
-        inverse = inverse.ravel()
-        trials, total = np.bincount(inverse), np.bincount(inverse, values)
-        residual = values - (total / trials)[inverse]
+        trials, total = np.bincount(inverse.ravel()), np.bincount(inverse.ravel(), values)
+        residual = values - (total / trials)[inverse.ravel()]
         free = len(values) - len(cells)
         spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
         agent, thing, repeat = cells[:, :3].T
@@ -178,7 +165,7 @@ def compare_outcomes(
     return rows
 
 
-def sample(cells: Cells, *, draws: int = 500, seed: int = 0) -> dict[str, Array]:
+def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Array]:
     """Draw from the posterior by NUTS, two chains joined: arrays (draws, ...) by name.
 
     They are `mean`, the effect of each term by its name, and its spread by `spread of <name>`.

@@ -7,8 +7,7 @@ import pytest
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import canvas, plots
 from meal_bayes.evaluation.canvas import save
-from meal_bayes.evaluation.plots import Series
-from meal_bayes.evaluation.posterior_plots import forest, predictive
+from meal_bayes.evaluation.plots import Series, forest, predictive
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.learner.api import ask
 
