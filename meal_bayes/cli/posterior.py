@@ -122,10 +122,7 @@ def _write(
     import numpy as np
     import xarray as xr
 
-    from meal_bayes.evaluation import calibration_error, expected_calibration_error
-    from meal_bayes.evaluation.calibration import negative_log_likelihood
-    from meal_bayes.evaluation.canvas import save
-    from meal_bayes.evaluation.plots import forest, predictive, reliability_diagram
+    from meal_bayes.evaluation import calibration, canvas, plots
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import checks, idata
     from meal_bayes.posterior.draws import ROW, draw_prior, log_prior, sensing
@@ -161,16 +158,18 @@ def _write(
     summary = idata.summary_of(made)
     write_whole(folder / "summary.csv", summary.to_csv())
     low, middle, high = np.quantile(yes, [0.025, 0.5, 0.975], axis=0)
-    save(forest(middle, low, high, attributes, behaviors), folder / "forest.png")
-    save(predictive(check.observed, check.predicted), folder / "predictive.png")
+    forest = plots.forest(middle, low, high, attributes, behaviors)
+    canvas.save(forest, folder / "forest.png")
+    predictive = plots.predictive(check.observed, check.predicted)
+    canvas.save(predictive, folder / "predictive.png")
     quality = {}
     for name, pair in beliefs.items():
-        save(reliability_diagram(*pair), folder / f"reliability_{name}.png")
-        calibrated = expected_calibration_error(pair[0], stream(seed, "calibrated belief"))
+        canvas.save(plots.reliability_diagram(*pair), folder / f"reliability_{name}.png")
+        rng = stream(seed, "calibrated belief")
         quality[name] = {
-            "nll": float(negative_log_likelihood(*pair).mean()),
-            "ece": calibration_error(*pair),
-            "ece_calibrated": calibrated,
+            "nll": float(calibration.negative_log_likelihood(*pair).mean()),
+            "ece": calibration.calibration_error(*pair),
+            "ece_calibrated": calibration.expected_calibration_error(pair[0], rng),
         }
     epsilon = draws.get("misperception")
     return {

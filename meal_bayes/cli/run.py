@@ -63,29 +63,24 @@ def offline(
 
     An interrupted run continues when the same command is given again.
     """
+    from meal_bayes import experiments
     from meal_bayes.evaluation import compare, summarize
     from meal_bayes.evaluation.statistics import plain
-    from meal_bayes.experiments import (
-        DEFAULT_AGENTS,
-        OfflineConfig,
-        offline_tasks,
-        run_offline,
-        warm_up_offline,
-    )
     from meal_bayes.experiments.percepts import percepts_for
 
     settings["dataset"] = opt.table_of(settings["dataset"], root, settings["perception"])
-    chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or DEFAULT_AGENTS
-    config = OfflineConfig(**settings, agents=chosen)
+    chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or experiments.DEFAULT_AGENTS
+    config = experiments.OfflineConfig(**settings, agents=chosen)
     how: dict[str, Any] = {"on_note": terminal.note}
     with terminal.progress("percepts", "behaviors") as advance:
         table = percepts_for(config.dataset, config.perception, on_progress=advance, **how)
-    offline_tasks(table, config.attributes, config.trials, config.seed)  # raises before any work
+    # Raises before any work.
+    experiments.offline_tasks(table, config.attributes, config.trials, config.seed)
     with terminal.showing_compilation():
-        warm_up_offline(config)
+        experiments.warm_up_offline(config)
     how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}
     with terminal.resumed("trials") as advance:
-        finished = run_offline(config, on_progress=advance, **how)
+        finished = experiments.run_offline(config, on_progress=advance, **how)
     outcomes = finished.outcomes()
     rows = summarize(outcomes, seconds=finished.seconds)
     paired = [
