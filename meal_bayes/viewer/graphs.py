@@ -1,9 +1,10 @@
 """Two graphs with positions of their own: the transition diagram, the top of the search tree."""
 
-from collections import deque
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.display import best_options, level_names
 from meal_bayes.momdp import MOMDP
@@ -51,7 +52,10 @@ class Diagram:
 
     def __init__(self, momdp: MOMDP) -> None:
         self._momdp = momdp
-        moves = _moves(momdp)
+        moves = dict[tuple[int, int], list[int]]()  # by (state, most probable next state)
+        for state, action in np.argwhere(momdp.legal[: momdp.terminal]).tolist():
+            target = int(momdp.transition[action, state].argmax())
+            moves.setdefault((state, target), []).append(action)
         labels = {
             pair: "\n".join(action_label(momdp, action) for action in actions)
             for pair, actions in moves.items()
@@ -132,36 +136,22 @@ def search_tree(frame: TrialFrame) -> Graph:
     return Graph(tuple(nodes), tuple(edges))
 
 
-def _moves(momdp: MOMDP) -> dict[tuple[int, int], list[int]]:
-    """Return the legal behaviors by (state, most probable next state)."""
-    moves = dict[tuple[int, int], list[int]]()
-    for x, action in zip(*np.nonzero(momdp.legal), strict=True):
-        if x != momdp.terminal:
-            target = int(momdp.transition[action, x].argmax())
-            moves.setdefault((int(x), target), []).append(int(action))
-    return moves
-
-
 def _place_states(momdp: MOMDP, moves: dict[tuple[int, int], str]) -> list[Node]:
     """Return a node for every x, in the column of its distance from the start."""
-    depth, queue = {momdp.start: 0}, deque([momdp.start])
-    while queue:
-        x = queue.popleft()
-        for source, target in sorted(moves):
-            if source == x and target not in depth:
-                depth[target] = depth[x] + 1
-                queue.append(target)
     labels = [*momdp.x_names[: momdp.terminal], "end: abstained"]
+    links = np.zeros((len(labels), len(labels)))
+    links[tuple(np.transpose(list(moves)))] = 1
+    depth = shortest_path(links, unweighted=True, indices=momdp.start)
+    depth[np.isinf(depth)] = 0  # what is never reached
+    depth[momdp.terminal] = depth.max()
     between = [text for (source, target), text in moves.items() if source != target] or [""]
     wide = max(box_size(label)[0] for label in labels[:-1]) + 2 * _COLUMN_GAP
     wide += max(box_size(text)[0] for text in between)
     high = max(box_size(text)[1] for text in between) + 2 * box_size("")[1]
-    depth[momdp.terminal] = max(depth.values())
-    nodes, used = list[Node](), dict[int, int]()
-    for x, label in enumerate(labels):
-        column = depth.get(x, 0)
-        lane = used[column] = used.get(column, -1) + 1
-        nodes.append(Node(f"x{x}", label, column * wide, lane * high, GRAY))
+    nodes, used = list[Node](), Counter[int]()
+    for x, (label, column) in enumerate(zip(labels, depth.tolist(), strict=True)):
+        nodes.append(Node(f"x{x}", label, column * wide, used[column] * high, GRAY))
+        used[column] += 1
     return nodes
 
 

@@ -1,7 +1,6 @@
 """The entities of one trial: texts, plots, graphs and pictures of each frame."""
 
 import textwrap
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -31,11 +30,20 @@ class Scene:
     def __init__(self, recorder: Recorder) -> None:
         self._to = recorder
         self._diagrams: dict[int, tuple[MOMDP, Diagram, Matrices]] = {}
-        self._attributes: dict[str, int] = {}
+        self._attributes: list[str] = []
         self._lanes: dict[str, dict[str, Color]] = {}
         self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
         self._arrows: tuple[tuple[str, str], ...] | None = None  # of the diagram as it was sent
-        self._begun = False
+        for entity in (NARRATION, DECISION):
+            recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
+        for entity in (DIAGRAM, TREE):
+            directed = rr.GraphEdges.from_fields(graph_type=rr.GraphType.Directed)
+            recorder.add_static(f"{entity}/nodes", directed)
+        for entity in (BARS, CONFUSION):
+            shown = rr.Points2D.from_fields(radii=0.01, show_labels=True)
+            recorder.add_static(f"{entity}/labels", shown)
+        recorder.add_line(ENTROPY, "entropy, bits", ORANGE)
+        recorder.add_line(COST, "cost so far, s", RED)
 
     @property
     def crowded(self) -> bool:
@@ -44,13 +52,14 @@ class Scene:
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
-        if not self._begun:
-            self._begin()
         to, time = self._to, frame.time
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
+        warned = frame.step is not None and frame.step.warning
+        failed = frame.last and (frame.trial.ended or frame.trial.success is False)
         for line in textwrap.wrap(log_line(frame), _LOG_WIDTH):
-            to.add(LOG, rr.TextLog, time, text=[line], level=[_level(frame)])
+            level = "WARN" if warned or failed else "INFO"
+            to.add(LOG, rr.TextLog, time, text=[line], level=[level])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
         for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
@@ -59,7 +68,7 @@ class Scene:
             decision = frame.step.decision
             errors = np.square(np.nan_to_num(decision.value_se))
             values, errors = (np.roll(row, 1).tolist() for row in (decision.values, errors))
-            self._value_row(frame.trial.momdp, values, errors, time)
+            self._value_row(frame.trial.momdp.behavior_names, values, errors, time)
         self._picture(BARS, belief_bars(frame), time)
         _, diagram, matrices = self._of(frame.trial)
         drawn = diagram.at(frame)
@@ -76,23 +85,9 @@ class Scene:
         for entity in (ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         actions = trial.momdp.n_behaviors + 1
-        self._value_row(trial.momdp, _GAP * actions, [0.0] * actions, time)
+        self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
         for lane in ("action", "x", *self._percept_lanes(trial)):
             self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
-
-    def _begin(self) -> None:
-        """Send what holds at all times, once."""
-        self._begun = True
-        for entity in (NARRATION, DECISION):
-            self._to.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
-        for entity in (DIAGRAM, TREE):
-            directed = rr.GraphEdges.from_fields(graph_type=rr.GraphType.Directed)
-            self._to.add_static(f"{entity}/nodes", directed)
-        for entity in (BARS, CONFUSION):
-            shown = rr.Points2D.from_fields(radii=0.01, show_labels=True)
-            self._to.add_static(f"{entity}/labels", shown)
-        self._to.add_line(ENTROPY, "entropy, bits", ORANGE)
-        self._to.add_line(COST, "cost so far, s", RED)
 
     def _of(self, trial: Trial) -> tuple[MOMDP, Diagram, Matrices]:
         """Return a trial's MOMDP with its drawings; it is kept, so that no other gets its id."""
@@ -107,16 +102,14 @@ class Scene:
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{part(name)}"
         if name not in self._attributes:
-            color = series_color(len(self._attributes))
-            self._attributes[name] = len(self._attributes)
-            self._to.add_line(entity, plain_text(name), color)
+            self._to.add_line(entity, plain_text(name), series_color(len(self._attributes)))
+            self._attributes.append(name)
         return entity
 
     def _value_row(
-        self, momdp: MOMDP, values: list[float], variances: list[float], time: Time
+        self, names: tuple[str, ...], values: list[float], variances: list[float], time: Time
     ) -> None:
         """Add one row of all actions' values; every set of behaviors has an entity."""
-        names = momdp.behavior_names
         entity = self._actions.get(names)
         if entity is None:
             entity = self._actions[names] = f"{VALUES}/set_{len(self._actions)}"
@@ -130,22 +123,14 @@ class Scene:
 
     def _picture(self, entity: str, picture: Picture, time: Time) -> None:
         self._to.add_image(f"{entity}/image", picture.pixels, time)
-        fields: dict[str, list[Any]] = {
-            "positions": [(label.x, label.y) for label in picture.labels],
-            "labels": [label.text for label in picture.labels],
-            "colors": [label.color for label in picture.labels],
-        }
+        labels, x, y, colors = map(list, zip(*picture.labels, strict=True))
+        fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
         self._to.add(f"{entity}/labels", rr.Points2D, time, **fields)
 
     def _graph(self, entity: str, graph: Graph, time: Time, *, arrows: bool = True) -> None:
-        nodes = graph.nodes
-        fields: dict[str, list[Any]] = {
-            "node_ids": [node.name for node in nodes],
-            "labels": [node.label for node in nodes],
-            "positions": [(node.x, node.y) for node in nodes],
-            "colors": [node.color for node in nodes],
-        }
-        self._to.add(f"{entity}/nodes", rr.GraphNodes, time, **fields)
+        names, labels, x, y, colors = map(list, zip(*graph.nodes, strict=True))
+        fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
+        self._to.add(f"{entity}/nodes", rr.GraphNodes, time, node_ids=names, **fields)
         if arrows:
             self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
 
@@ -190,10 +175,3 @@ class Scene:
     @staticmethod
     def _percept_lanes(trial: Trial) -> list[str]:
         return [f"percept_{i + 1}" for i in range(min(len(trial.truth), _PERCEPTS))]
-
-
-def _level(frame: TrialFrame) -> str:
-    warned = frame.step is not None and frame.step.warning
-    if warned or (frame.last and (frame.trial.ended or frame.trial.success is False)):
-        return "WARN"
-    return "INFO"
