@@ -7,9 +7,8 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, ConfusionCounts, PerceptionSettings
 from meal_bayes.perception.confusion import by_truth
-from meal_bayes.perception.fitting import method_of
+from meal_bayes.perception.fitting import learned_widths, method_of
 from meal_bayes.perception.recordings import gather, groups_of, number_in_object
-from meal_bayes.perception.width import learned_widths
 
 Floats = NDArray[np.float64]
 

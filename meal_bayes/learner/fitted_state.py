@@ -15,7 +15,7 @@ from meal_bayes.agents import Knowledge
 from meal_bayes.domain import Domain
 from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
-from meal_bayes.perception.modality import FeatureSpace
+from meal_bayes.perception.recordings import FeatureSpace
 from meal_bayes.perception.stacked import Stacker
 from meal_bayes.posterior import ConfusionPosterior, SharedTrait
 

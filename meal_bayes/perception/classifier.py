@@ -34,8 +34,7 @@ from meal_bayes.perception.folds import (
     table_outputs,
 )
 from meal_bayes.perception.leave_out import known_patterns, stacker_options
-from meal_bayes.perception.modality import FeatureSpace
-from meal_bayes.perception.recordings import BehaviorRecordings, dealt
+from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import Stacker
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers

@@ -13,8 +13,8 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError
-from meal_bayes.perception.modality import FeatureSpace, joint_kernel
 from meal_bayes.perception.perceiver import person_says
+from meal_bayes.perception.recordings import FeatureSpace, joint_kernel
 
 Floats = NDArray[np.float64]
 Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing

@@ -28,11 +28,10 @@ from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import by_truth, youden
-from meal_bayes.perception.fitting import method_of
+from meal_bayes.perception.fitting import Map, learned_widths, method_of
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.recordings import BehaviorRecordings, gather, groups_of, number_in_object
 from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
-from meal_bayes.perception.width import Map, learned_widths
 from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]

@@ -9,9 +9,14 @@ from meal_bayes.datasets import TrainingSet, load_dataset
 from meal_bayes.domain import Query
 from meal_bayes.perception import DEFAULT, PAPER, fit_and_validate, fit_spaces
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.modality import FeatureSpace, fit_space, joint_kernel
-from meal_bayes.perception.recordings import BehaviorRecordings, gather
-from meal_bayes.perception.width import WIDTHS, _losses_of_widths, learned_widths
+from meal_bayes.perception.fitting import WIDTHS, _losses_of_widths, learned_widths
+from meal_bayes.perception.recordings import (
+    BehaviorRecordings,
+    FeatureSpace,
+    fit_space,
+    gather,
+    joint_kernel,
+)
 
 
 def gram(space):

@@ -28,9 +28,9 @@ from meal_bayes.perception import (
     with_classifier,
 )
 from meal_bayes.perception.confusion import cohens_kappa
+from meal_bayes.perception.fitting import learned_widths
 from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.recordings import dealt, gather
-from meal_bayes.perception.width import learned_widths
 
 ALL = replace(DEFAULT, positive_youden_only=False)
 FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]
