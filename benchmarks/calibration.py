@@ -35,8 +35,9 @@ from meal_bayes.evaluation import (
 )
 from meal_bayes.experiments import askable
 from meal_bayes.perception.confusion import by_truth, youden
-from meal_bayes.posterior import ConfusionPosterior, learn_trait, truth_evidence
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
+from meal_bayes.posterior.trait import learn_trait, truth_evidence
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ Modules that draw, check and save are loaded when they are used: `draws`, `check
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from meal_bayes.posterior.dirichlet import ConfusionPosterior, row_precision
-from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
+from meal_bayes.posterior.dirichlet import ConfusionPosterior
+from meal_bayes.posterior.trait import SharedTrait
 
 if TYPE_CHECKING:
     from meal_bayes.posterior.draws import draw_grid
@@ -23,9 +23,6 @@ __all__ = [
     "SharedTrait",
     "draw_grid",
     "fit_hierarchical",
-    "learn_trait",
-    "row_precision",
-    "truth_evidence",
 ]
 _LATER = {"draw_grid": "draws", "fit_hierarchical": "hierarchical"}  # in which modules
 

@@ -125,16 +125,9 @@ def learn_trait(
 ) -> SharedTrait:
     """Learn the standard deviation of objects' traits about their truth.
 
-    Parameters
-    ----------
-    posterior : ConfusionPosterior
-        Learned from the same objects.
-    levels : ArrayLike
-        (O,P,E,K) how often each object showed each level.
-    labels : ArrayLike
-        (O,P) 1 true, 0 false, -1 unknown (left out, as are objects without percepts).
-    base_rates : ArrayLike
-        (P,) prior that an attribute is true.
+    The posterior is learned from the same objects, which showed the levels (O,P,E,K) so often;
+    labels (O,P) are 1 true, 0 false, -1 unknown (left out, as are objects without percepts), base
+    rates (P,) the prior that an attribute is true.
     """
     counts, truth = np.asarray(levels, dtype=np.intp), np.asarray(labels)
     if not posterior.informative.any():
@@ -237,12 +230,7 @@ def _loss(
 def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     """Return the log likelihood ratio (...) of the truths, traits summed out.
 
-    Parameters
-    ----------
-    log_likelihood : NDArray[np.floating]
-        (...,M) ln Pr(percepts | t).
-    log_classes : NDArray[np.floating]
-        (2,M) ln Pr(t | truth).
+    Of ln Pr(percepts | t) (...,M) and ln Pr(t | truth) (2,M).
     """
     peak = log_likelihood.max(axis=-1, keepdims=True)
     each = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)

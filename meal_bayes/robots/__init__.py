@@ -5,6 +5,6 @@ implements `Robot`; `Boundary` checks what it returns.
 """
 
 from meal_bayes.robots.recorded import RecordedRobot, replayable
-from meal_bayes.robots.robot import Boundary, Execution, Outcome, Robot
+from meal_bayes.robots.robot import Boundary, Outcome, Robot
 
-__all__ = ["Boundary", "Execution", "Outcome", "RecordedRobot", "Robot", "replayable"]
+__all__ = ["Boundary", "Outcome", "RecordedRobot", "Robot", "replayable"]

@@ -9,20 +9,12 @@ SOLID, SHELL, BALL = range(3)
 
 
 class Frame(NamedTuple):
-    """The geometry of a robot and its surroundings at one time.
+    """The geometry of a robot and its surroundings, `seconds` after the trial began.
 
-    Attributes
-    ----------
-    seconds : float
-        s, since the trial began.
-    centers, half_sizes, quaternions, colors : NDArray[np.float32]
-        Of the boxes and balls: (B,3) m, (B,3) m, (B,4) x, y, z, w, and (B,3) in [0, 1].
-    shapes : NDArray[np.int8]
-        (B,) `SOLID` (a box), `SHELL` (a transparent box) or `BALL`.
-    contacts, forces : NDArray[np.float32]
-        (C,3) m, points of contact, and (C,3) N, what acts there.
-    picture : NDArray[np.float32]
-        (rows, columns, 3) in [0, 1], of the robot's camera.
+    B boxes and balls: centers (B,3) m, half sizes (B,3) m, quaternions (B,4) x, y, z, w, colors
+    (B,3) in [0, 1], and shapes (B,) `SOLID`, `SHELL` (a transparent box) or `BALL`. C points of
+    contact (C,3) m, and the forces (C,3) N that act there. The picture of the robot's camera,
+    (rows, columns, 3) in [0, 1].
     """
 
     seconds: float

@@ -58,18 +58,11 @@ class Robot(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """A checked outcome.
+    """A checked outcome, with the index of the next state.
 
-    Attributes
-    ----------
-    next_x : int
-        Index of the next state.
-    instance : Instance | None
-        What can be perceived; None where the behavior failed or its features are invalid.
-    answers : Mapping[str, bool] | None
-        A person's answers, by attribute.
-    warning : str
-        Why features or answers of the robot are invalid; empty where all are valid.
+    The instance can be perceived, None where the behavior failed or its features are invalid;
+    answers are a person's, by attribute. The warning says why features or answers are invalid, if
+    they are.
     """
 
     next_x: int
@@ -86,18 +79,10 @@ class Boundary:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
     A state that the domain does not know raises `RobotError`. A modality that is missing, of
-    another size than those learned from, or not of finite numbers is left out, with a warning; the
-    percept is made from the others, and where there are none the trial goes on without.
-    Modalities that the behavior does not have are left aside.
-
-    Parameters
-    ----------
-    domain : Domain
-        Its states, behaviors and modalities.
-    object_index : int
-        Of the object in the data set, -1 for an object of which nothing is recorded.
-    sizes : Sizes
-        Number of features of each (behavior, modality) that is known.
+    another size than those learned from (`sizes`, where known), or not of finite numbers is left
+    out, with a warning; the percept is made from the others, and where there are none the trial
+    goes on without. Modalities that the behavior does not have are left aside. The object has its
+    index in the data set, or -1 where nothing is recorded of it.
     """
 
     def __init__(self, domain: Domain, *, object_index: int = -1, sizes: Sizes = _NONE) -> None:
@@ -106,24 +91,12 @@ class Boundary:
         self._n_sensed, self._warned = 0, set[str]()
 
     def start(self, state: object) -> int:
-        """Return the index of x0, where a robot starts a trial.
-
-        Raises
-        ------
-        RobotError
-            A state that the domain does not know.
-        """
+        """Return the index of x0, where a robot starts a trial; a `RobotError` if unknown."""
         self._n_sensed = 0
         return self._index(state, "start()")
 
     def execute(self, behavior: int, outcome: object) -> Execution:
-        """Return the checked outcome of a behavior.
-
-        Raises
-        ------
-        RobotError
-            No `Outcome`, or a state that the domain does not know.
-        """
+        """Return the checked outcome of a behavior; a `RobotError` if it has no known state."""
         spec = self._domain.behaviors[behavior]
         if not isinstance(outcome, Outcome):
             raise RobotError(

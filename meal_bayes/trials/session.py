@@ -17,7 +17,8 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Boundary, Execution, Outcome, Robot
+from meal_bayes.robots import Boundary, Outcome, Robot
+from meal_bayes.robots.robot import Execution
 from meal_bayes.trials.trial import Step, Streams, Task, Trial, truth_of
 
 MAX_STEPS = 100

@@ -7,7 +7,8 @@ from hypothesis.extra import numpy as hnp
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
-from meal_bayes.posterior import ConfusionPosterior, row_precision
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.dirichlet import row_precision
 
 SHAPE = (3, 2, 2, 2)  # (P,E,2,K)
 

@@ -7,8 +7,9 @@ from scipy.special import betaln
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percept_file import load_percepts
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior, truth_evidence
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
+from meal_bayes.posterior.trait import truth_evidence
 
 
 def repeats_nll(posteriors, table, columns, exact):

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.posterior import ConfusionPosterior, SharedTrait, learn_trait, truth_evidence
+from meal_bayes.posterior import ConfusionPosterior, SharedTrait
 from meal_bayes.posterior.checks import log_likelihood
+from meal_bayes.posterior.trait import learn_trait, truth_evidence
 
 OBJECTS, ATTRIBUTES, BEHAVIORS, LEVELS = 80, 6, 5, 4
 
