@@ -17,7 +17,7 @@ import meal_bayes
 from meal_bayes import errors
 from meal_bayes.agents import load_agent
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.errors import MealBayesError, QueryError, SettingsError
 
 SOURCE = Path(meal_bayes.__file__)

@@ -206,7 +206,7 @@ def memory() -> None:
 @opt.json_option
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels of the objects of a data set, the latest last."""
-    from meal_bayes.datasets.percept_file import domain_of
+    from meal_bayes.datasets.percepts import domain_of
 
     labels = _read(_memory(logs, domain_of(dataset).data))
     if as_json:
@@ -225,7 +225,7 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 @opt.logs_option
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget labels; the trials stay in their logs."""
-    from meal_bayes.datasets.percept_file import domain_of
+    from meal_bayes.datasets.percepts import domain_of
     from meal_bayes.files import write_whole
 
     path = _memory(logs, domain_of(dataset).data)

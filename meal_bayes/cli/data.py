@@ -114,7 +114,7 @@ def percepts(
     behaviors are computed at once by --jobs processes, or by a cluster: the table is the same.
     """
     from meal_bayes.datasets import load_dataset
-    from meal_bayes.datasets.percept_file import save_percepts
+    from meal_bayes.datasets.percepts import save_percepts
     from meal_bayes.datasets.sources import SOURCES
     from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError

@@ -57,8 +57,8 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
     from meal_bayes.perception import table_counts
-    from meal_bayes.posterior.dispersion import prior_of
     from meal_bayes.posterior.draws import rows_of, sensing
+    from meal_bayes.posterior.grid import prior_of
 
     if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")

@@ -15,7 +15,7 @@ from meal_bayes.cli.program import Section
 if TYPE_CHECKING:
     from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.learner import Learner
-    from meal_bayes.robots.frame import Frame
+    from meal_bayes.robots.robot import Frame
 
 _BLOCK = 20  # trials of one point of the curve
 _FAULT = 1  # exit code of a trial that ended with a robot error

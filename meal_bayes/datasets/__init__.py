@@ -7,11 +7,9 @@ Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
 from meal_bayes.datasets.csv_files import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, object_index
 from meal_bayes.datasets.download import cache_folder, fetch, load_dataset, registry, verify
-from meal_bayes.datasets.percept_file import load_percepts, save_percepts
-from meal_bayes.datasets.percepts import PerceptTable
-from meal_bayes.datasets.splits import ObjectSplit
+from meal_bayes.datasets.percepts import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.synthetic import make_synthetic
-from meal_bayes.datasets.training_set import TrainingSet
+from meal_bayes.datasets.training_set import ObjectSplit, TrainingSet
 
 __all__ = [
     "Dataset",

@@ -1,19 +1,50 @@
-"""Percept tables: the outputs of held-out classifiers on every recording, in levels."""
+"""Percept tables: the outputs of held-out classifiers on every recording, in levels.
 
+As files they ship with the package by name, or are your own .npz.
+"""
+
+import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, label_values, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
-from meal_bayes.domain import Domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.domain import (
+    Domain,
+    domain_from_table,
+    domain_names,
+    domain_table,
+    load_domain,
+    unknown,
+)
+from meal_bayes.errors import DataError, DomainError, SettingsError
+from meal_bayes.files import draft_of
+from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
 BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
+_FORMAT = 1
+_MEMBERS = {  # name -> dtype, axes
+    "meta": ("|u1", 1),  # JSON
+    "labels": ("|i1", 2),  # (O,P)
+    "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
+    "edges": ("<f8", 1),  # (L-1,)
+    "training_bins": ("|u1", 5),  # (O,P,E',G,L) [o', ..., held-out g]: neighbors are alike
+    "recording_counts": ("<u2", 2),  # (O,E'), only where recordings are ragged
+    "groups": ("<u2", 1),  # (O,), only where objects are left out by folds
+}
+_OPTIONAL = ("recording_counts", "groups")
+_TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
+_BINS = 2 << 24  # bytes that the training bins may unpack to
+_REST = 1 << 24  # and each other member
 
 
 def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
@@ -159,3 +190,158 @@ class PerceptTable:
         bins = self.training_bins[self.groups[held_out]]
         merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)
         return freeze(merged, np.int64)
+
+
+def save_percepts(table: PerceptTable, path: str | Path) -> None:
+    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
+
+    The file holds the domain too, unless it is a shipped one.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; one that was there stays.
+    """
+    sensing = table.domain.recorded
+    meta = {
+        "format": _FORMAT,
+        "domain": table.domain.name,
+        "objects": table.objects,
+        "attributes": table.domain.attributes,
+        "behaviors": [table.domain.behavior_names[i] for i in sensing],
+        "provenance": dict(table.provenance),
+    }
+    if table.domain.name not in domain_names() or load_domain(table.domain.name) != table.domain:
+        meta["domain_table"] = domain_table(table.domain)
+    arrays = {
+        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
+        "labels": table.labels,
+        "log_odds": table.log_odds[:, :, sensing],
+        "edges": table.edges,
+        "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
+    }
+    if table.ragged:
+        arrays["recording_counts"] = table.recording_counts[:, sensing]
+    if (table.groups != np.arange(len(table.objects))).any():
+        arrays["groups"] = table.groups
+    with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
+        for name, values in arrays.items():
+            write_array(archive, name, np.asarray(values, _MEMBERS[name][0]))
+
+
+def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
+    """Load the shipped table of a domain, or your own table from the path of an .npz.
+
+    Parameters
+    ----------
+    name : str | Path
+        A shipped domain (variants share their data set's table), or a path ending in .npz.
+    domain : Domain | None
+        Whose behaviors and attributes the table gets, in their order; by default that of the name
+        or the file.
+
+    Raises
+    ------
+    SettingsError
+        No shipped table and no file of that name.
+    DataError
+        A file that is not a percept table, or not one of this domain.
+    """
+    if str(name).endswith(".npz"):
+        path = Path(name)
+        if not path.is_file():
+            raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
+        with path.open("rb") as file:
+            return _read(file, str(path), domain)
+    domain = load_domain(name) if domain is None else domain
+    resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
+    if not resource.is_file():
+        raise SettingsError(
+            f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
+            "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
+            "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
+        )
+    with resource.open("rb") as file:
+        return _read(file, str(name), domain)
+
+
+def domain_of(name: str | Path) -> Domain:
+    """Return the domain of a shipped name, of a TOML, or of a percept table (.npz)."""
+    return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
+
+
+def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
+    """Read a table, with attributes and behaviors in the order of the domain (the file's own)."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            arrays = {
+                name: read_array(archive, name, *spec, _BINS if name == "training_bins" else _REST)
+                for name, spec in _MEMBERS.items()
+                if name not in _OPTIONAL or f"{name}.npy" in archive.namelist()
+            }
+        meta = read_meta(arrays["meta"].tobytes(), _FORMAT)
+    except (*UNREADABLE, OSError) as error:
+        raise DataError(
+            f"{where} is not a whole percept table ({error}); make it again with "
+            "`meal-bayes data percepts --dataset D`."
+        ) from error
+    for key, wanted in _TEXTS.items():
+        texts = meta.get(key)
+        inside = texts.values() if isinstance(texts, dict) else texts
+        if not isinstance(texts, wanted) or not all(isinstance(text, str) for text in inside or ()):
+            raise DataError(f"{where} does not hold its {key}; make the table again.")
+    if len(set(meta["objects"])) < len(meta["objects"]):
+        raise DataError(f"{where} names an object twice; make the table again.")
+    if not np.isfinite(arrays["edges"]).all() or (np.abs(arrays["log_odds"]) > LIMIT).any():
+        raise DataError(f"{where}: expected log-odds within +-{LIMIT:g}; make the table again.")
+    if domain is None and "domain_table" not in meta and meta["domain"] not in domain_names():
+        raise SettingsError(
+            f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
+            "domain=load_domain(<your table>.toml)."
+        )
+    try:
+        if domain is None and "domain_table" in meta:
+            domain = domain_from_table(meta["domain_table"])
+        return _in_domain_order(meta, arrays, domain or load_domain(meta["domain"]))
+    except DomainError as error:
+        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from error
+
+
+def _in_domain_order(
+    meta: dict[str, Any], arrays: dict[str, NDArray[Any]], domain: Domain
+) -> PerceptTable:
+    """Return the table with attributes and behaviors in the order of the domain."""
+    sensing = [domain.behavior_names[e] for e in domain.recorded]
+    for key, names in (("attributes", domain.attributes), ("behaviors", sensing)):
+        for name in names:
+            if name not in meta[key]:
+                raise DataError(unknown(key[:-1], name, meta[key]))
+    labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
+    o, p, e = (len(meta[key]) for key in ("objects", "attributes", "behaviors"))
+    r = log_odds.shape[1]
+    counts = arrays.get("recording_counts", np.full((o, e), r, np.uint16))
+    groups = arrays.get("groups", np.arange(o)).astype(np.int64)
+    g = int(groups.max(initial=-1)) + 1
+    shapes = (labels.shape, log_odds.shape, counts.shape, groups.shape, bins.shape[:4], g <= o)
+    if shapes != ((o, p), (o, r, e, p), (o, e), (o,), (o, p, e, g), True):
+        raise DataError("Names and arrays differ in number; make the table again.")
+    if (bins.sum(axis=-1, dtype=np.uint32) > r).any():
+        raise DataError("Expected no more counts than recordings; make the table again.")
+    columns = [meta["attributes"].index(name) for name in domain.attributes]
+    # Behaviors without modalities take the empty row that is appended.
+    rows = [meta["behaviors"].index(b.name) if b.modalities else e for b in domain.behaviors]
+    if bins.size // max(p * e, 1) * len(columns) * len(rows) > 2 * _BINS:
+        raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
+    return PerceptTable(
+        domain,
+        tuple(meta["objects"]),
+        labels[:, columns],
+        np.insert(log_odds, e, np.nan, axis=2)[:, :, rows][..., columns],
+        arrays["edges"],
+        np.insert(bins[:, columns], e, 0, axis=2)[:, :, rows].transpose(3, 0, 1, 2, 4),
+        meta["provenance"],
+        np.insert(counts, e, 0, axis=1)[:, rows],
+        groups,
+    )

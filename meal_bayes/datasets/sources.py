@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets.csv_files import read_features, read_rows
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.frames import Context, FeatureRows, fault, join_features
-from meal_bayes.datasets.percept_file import load_percepts
+from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 

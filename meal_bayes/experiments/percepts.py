@@ -13,7 +13,7 @@ from meal_bayes.datasets import (
     load_percepts,
     save_percepts,
 )
-from meal_bayes.datasets.percept_file import domain_of
+from meal_bayes.datasets.percepts import domain_of
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import load_domain, unknown
 from meal_bayes.errors import DataError, SettingsError

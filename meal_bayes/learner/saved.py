@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.cache import temporary_folder
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of

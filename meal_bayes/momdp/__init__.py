@@ -15,10 +15,9 @@ from meal_bayes.momdp.belief import (
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import Objective, build_momdp
+from meal_bayes.momdp.build import ITRS, Objective, build_momdp, observation_entropy, shape_reward
 from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
-from meal_bayes.momdp.shaping import ITRS, observation_entropy, shape_reward
 from meal_bayes.momdp.solver_files import write_pomdp, write_pomdpx
 
 __all__ = [

@@ -13,7 +13,7 @@ from meal_bayes.display import best_html, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.dispersion import PRIOR_WEIGHT, grid_posterior
+from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 
 if TYPE_CHECKING:
     from meal_bayes.perception.confusion import ConfusionCounts

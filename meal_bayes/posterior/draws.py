@@ -20,8 +20,13 @@ from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
-from meal_bayes.posterior.dispersion import grid_posterior
-from meal_bayes.posterior.grid import DISPERSIONS, RowStatistics, hyperparameters, quadrature
+from meal_bayes.posterior.grid import (
+    DISPERSIONS,
+    RowStatistics,
+    grid_posterior,
+    hyperparameters,
+    quadrature,
+)
 
 Array = NDArray[np.float64]
 
@@ -179,7 +184,7 @@ def draw_grid(
 ) -> xr.Dataset:
     """Draw independently from the posterior that `ConfusionPosterior.from_objects` summarizes.
 
-    Exact for two levels, up to the grid's steps (see `dispersion.grid_posterior`).
+    Exact for two levels, up to the grid's steps (see `grid.grid_posterior`).
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ Both integrate each object's row theta ~ Dirichlet(s m) out, as rising factorial
 few logarithms a row serve all objects, where PyMC's BetaBinomial takes six gamma functions and
 their derivatives for each.
 
-`same` is the model of `dispersion`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
+`same` is the model of `grid`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
 each truth alone, and m has the prior that the grid learned. `crossed` pools the log-odds of m and
 ln s over attributes and over behaviors, with a residual for each pair, and lets each object *seem*
 to be what it is not with probability epsilon, to all behaviors alike.
@@ -30,9 +30,8 @@ from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.dispersion import prior_of
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensed
-from meal_bayes.posterior.grid import DISPERSIONS, TAUS
+from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
 from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
 

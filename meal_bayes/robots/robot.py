@@ -1,12 +1,13 @@
 """The interface that the driver of a real robot implements, by names alone, and its boundary.
 
-At the boundary a robot's outcomes are checked, once, and become indices.
+At the boundary a robot's outcomes are checked, once, and become indices. Any robot may make frames
+for the viewer.
 """
 
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from meal_bayes.errors import RobotError
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
 _NONE: Sizes = {}
+SOLID, SHELL, BALL = range(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,3 +178,23 @@ class Boundary:
         if not np.isfinite(values).all():
             raise _NoPercept(f"{modality} holds NaN or infinity")
         return values
+
+
+class Frame(NamedTuple):
+    """The geometry of a robot and its surroundings, `seconds` after the trial began.
+
+    B boxes and balls: centers (B,3) m, half sizes (B,3) m, quaternions (B,4) x, y, z, w, colors
+    (B,3) in [0, 1], and shapes (B,) `SOLID`, `SHELL` (a transparent box) or `BALL`. C points of
+    contact (C,3) m, and the forces (C,3) N that act there. The picture of the robot's camera,
+    (rows, columns, 3) in [0, 1].
+    """
+
+    seconds: float
+    centers: NDArray[np.float32]
+    half_sizes: NDArray[np.float32]
+    quaternions: NDArray[np.float32]
+    colors: NDArray[np.float32]
+    shapes: NDArray[np.int8]
+    contacts: NDArray[np.float32]
+    forces: NDArray[np.float32]
+    picture: NDArray[np.float32]

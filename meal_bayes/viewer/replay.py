@@ -11,7 +11,7 @@ import rerun as rr
 import rerun_bindings
 
 from meal_bayes.files import draft_of
-from meal_bayes.robots.frame import Frame
+from meal_bayes.robots.robot import Frame
 from meal_bayes.trial_log import Follower
 from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.viewer.blueprint import blueprint

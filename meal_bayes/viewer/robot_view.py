@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import rerun as rr
 
-from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial
 from meal_bayes.viewer.recorder import Recorder, Time
 

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from meal_bayes.cli import main
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.trial_log import log_info, read_trials
 
 QUESTION = "Is it crimson, and is it full?"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.evaluation import SummaryRow, compare
 from meal_bayes.trial_log import read_trials
 

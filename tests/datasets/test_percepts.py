@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.datasets.percept_file import load_percepts, save_percepts
 from meal_bayes.datasets.percepts import (
     BIN_EDGES,
     LIMIT,
@@ -17,7 +16,9 @@ from meal_bayes.datasets.percepts import (
     PerceptTable,
     level_edges,
     levels_of,
+    load_percepts,
     round_log_odds,
+    save_percepts,
 )
 from meal_bayes.domain import domain_table, load_domain
 from meal_bayes.errors import DataError, SettingsError

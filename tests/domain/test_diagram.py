@@ -122,7 +122,7 @@ def test_outcomes_keep_their_fractions_when_success_changes():
 @pytest.mark.parametrize("name", ["toy", "roc36", "cy101", "ispy32"])
 def test_each_sensing_behavior_is_executed_where_it_is_legal(name):
     domain = replace(load_domain(name), predefined=())
-    arrays = domain.transitions()
+    arrays = domain.diagram.compile(domain.behavior_names)
     sequence = domain.default_sequence
     x = domain.diagram.states.index(domain.diagram.start)
     for behavior in sequence:

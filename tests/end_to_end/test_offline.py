@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import make_synthetic
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import compare, summarize
 from meal_bayes.experiments import DEFAULT_AGENTS, OfflineConfig, run_offline

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percept_file import save_percepts
+from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import percepts

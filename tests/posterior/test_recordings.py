@@ -5,7 +5,7 @@ import pytest
 from scipy.special import betaln
 
 from meal_bayes.agents import knowledge_without
-from meal_bayes.datasets.percept_file import load_percepts
+from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood

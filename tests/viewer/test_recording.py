@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from meal_bayes.cli import main
 from meal_bayes.domain import Query
-from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
 from meal_bayes.trial_log.schema import StepMessage, TrialMessage
 from meal_bayes.trials import Task, TrialOutcomes

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from meal_bayes.robots.frame import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.robots.simulated_arm.objects import SHELL_GROUP
 from meal_bayes.robots.simulated_arm.physics import CHANNELS, Floats, Scene
 
