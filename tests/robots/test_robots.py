@@ -74,11 +74,8 @@ def felt(execution: Execution) -> tuple[object, ...] | None:
 @pytest.mark.parametrize("name", ["toy", "roc36", "roc36_published", "ispy32", "cy101"])
 def test_moves_only_where_the_diagram_leads(make, name):
     domain = load_domain(name)
-    arrays, robot, choose = (
-        domain.diagram.compile(domain.behavior_names),
-        make(domain, 1, 3),
-        np.random.default_rng(2),
-    )
+    arrays = domain.diagram.compile(domain.behavior_names)
+    robot, choose = make(domain, 1, 3), np.random.default_rng(2)
     for _ in range(60):
         x = robot.start()
         assert domain.diagram.states[x] == domain.diagram.start
