@@ -23,9 +23,8 @@ import numpy as np
 from measuring import SPAWN, options_of, show
 from numpy.typing import NDArray
 from planner_bound import restrict, upper_bound
-from planner_models import LARGE, MODELS, momdp_of
+from planner_models import LARGE, MODELS, momdp_of, names_of
 from planner_policies import PLANNERS, TABLED, Planner, planners_for, solver_of
-from planner_random import names_of
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, OpenLoop, Policy

@@ -1,24 +1,33 @@
 """The problems of `planner.py`, by name.
 
-- `A1` .. `A5`: the reference models (one to five attributes, noisy rates; `--reference DIR`).
+- `A1` .. `A5`: the reference models (one to five attributes, noisy rates), which other solvers have
+  solved, from `planner_reference.json` in a folder (`--reference`, or `MEAL_BAYES_REFERENCE`).
+  Their transition diagram is their own: five x, loops that never fail, illegal behaviors end the
+  trial, at the behavior's cost. That is how other solvers abstain in them; here it costs nothing.
 - `clean1` .. `clean5`: the same questions, asked of our own ROC36 perception: shipped tables,
   learned without the first object; r+ = -r- = 500, uniform prior, Eq. 8.
 - `A1-precision1` .. `A3-precision5`: A1 to A3 in worlds where every object has rows of its own
   (Dirichlet of precision 1, 3, 5).
-- `random7-3`, `noisy7-3`: random problems (`planner_random.py`); not in `MODELS`.
+- `random7-3`, `noisy7-3`: random problems that nobody tuned for: seed 7, three attributes; not in
+  `MODELS`. Each seed draws five problems (one to five attributes), each with a diagram, costs,
+  success probabilities and rates of its own: a chain of x, loops that perceive, ways back. Percepts
+  of `noisy7-3` say little, so that good plans are long.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
   as above; all but the first two are known before; nobody to ask.
 """
 
+import json
+import os
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from planner_random import attributes_of, random_momdp
-from planner_reference import load_reference
 
-from meal_bayes.domain import Domain, Query, load_domain
+from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
@@ -87,3 +96,126 @@ def _large_query(n: int) -> tuple[str, ...]:
     names = load_domain("ispy32").attributes
     asked = askable(load_percepts("ispy32"))
     return (*asked, *(name for name in names if name not in asked))[:n]
+
+
+def load_reference(folder: str | Path | None = None) -> dict[str, MOMDP]:
+    """Load the reference models by name, "A1" (one attribute) to "A5"."""
+    named = folder or os.environ.get("MEAL_BAYES_REFERENCE")
+    if not named:
+        raise SystemExit("name the folder of planner_reference.json: --reference DIR")
+    text = (Path(named) / "planner_reference.json").read_text(encoding="utf-8")
+    return {str(model["model"]): build_model(model) for model in json.loads(text)["models"]}
+
+
+def build_model(model: dict[str, Any]) -> MOMDP:
+    """Build the MOMDP of one model, as the file describes it."""
+    rows = model["behaviors"]
+    states = sorted({row[end] for row in rows for end in ("source", "target")})
+    domain = Domain(
+        name=model["model"],
+        attributes=tuple(model["attributes"]),
+        behaviors=tuple(
+            Behavior(row["behavior"], row["cost_s"], ("all",) if row["informative"] else ())
+            for row in rows
+        ),
+        diagram=TransitionDiagram(
+            states=(*states, "term"),
+            start=states[0],
+            effects=tuple(
+                Effect(row["source"], row["behavior"], row["target"], row["success"])
+                for row in rows
+            ),
+        ),
+    )
+    confusion = np.full((len(domain.attributes), len(rows), 2, 2), 0.5)
+    for e, row in enumerate(rows):
+        if row["informative"]:
+            yes = np.array([row["false_positive_rate"], row["true_positive_rate"]])  # (2,N)
+            confusion[:, e] = np.stack([1 - yes, yes], axis=-1).transpose(1, 0, 2)
+    objective = Objective(model["correct"], model["incorrect"], model["discount"], abstain=True)
+    return build_momdp(domain, Query(domain.attributes), confusion, objective=objective)
+
+
+ATTRIBUTES = 5
+_NAME = re.compile(r"(random|noisy)(\d+)-([1-5])")
+
+
+def names_of(seed: int, *, noisy: bool) -> list[str]:
+    """Return the names of a seed's problems."""
+    return [f"{'noisy' if noisy else 'random'}{seed}-{n}" for n in range(1, ATTRIBUTES + 1)]
+
+
+def attributes_of(model: str) -> int | None:
+    """Return how many attributes a random problem has; None for the name of any other."""
+    match = _NAME.fullmatch(model)
+    return None if match is None else int(match[3])
+
+
+def random_momdp(model: str) -> MOMDP:
+    """Build a random problem by name."""
+    match = _NAME.fullmatch(model)
+    if match is None:
+        raise SystemExit(f"{model!r} names no random problem; write random7-3 or noisy7-3")
+    return _drawn(int(match[2]), match[1] == "noisy")[int(match[3]) - 1]
+
+
+@lru_cache(maxsize=1)
+def _drawn(seed: int, noisy: bool) -> list[MOMDP]:
+    rng = np.random.default_rng([seed, noisy])
+    return [build_model(_problem(n, noisy, rng)) for n in range(1, ATTRIBUTES + 1)]
+
+
+def _rates(n: int, noisy: bool, rng: np.random.Generator) -> tuple[list[float], list[float]]:
+    """Draw true and false positive rates (n,) of one behavior."""
+    true, false = [], []
+    for _ in range(n):
+        if rng.random() < 0.55:  # it says something of the attribute
+            apart = rng.beta(1.2, 4.0 if noisy else 1.5)
+            middle = rng.uniform(0.15, 0.85)
+            true.append(min(0.97, middle + apart * (1 - middle)))
+            false.append(max(0.03, middle - apart * middle))
+        else:
+            rate = rng.uniform(0.05, 0.3)
+            true.append(min(0.97, rate * rng.uniform(0.9, 1.1)))
+            false.append(rate)
+    return true, false
+
+
+def _problem(n: int, noisy: bool, rng: np.random.Generator) -> dict[str, Any]:
+    """Draw one problem, in the words of the reference models."""
+    size, behaviors = int(rng.integers(4, 8)), list[dict[str, Any]]()
+
+    def add(source: int, target: int, cost: float, success: float, senses: bool) -> None:
+        true, false = _rates(n, noisy, rng) if senses else ([0.5] * n, [0.5] * n)
+        behaviors.append(
+            {
+                "behavior": f"b{len(behaviors)}",
+                "source": f"x{source}",
+                "target": f"x{target}",
+                "success": float(success),
+                "cost_s": round(float(cost), 2),
+                "informative": bool(senses),
+                "true_positive_rate": true,
+                "false_positive_rate": false,
+            }
+        )
+
+    for i in range(size - 1):
+        cost, success = rng.lognormal(1.0, 0.8), rng.choice([1.0, 0.95, 0.9, 0.8])
+        add(i, i + 1, cost, success, rng.random() < 0.8)
+    for i in range(size):
+        for _ in range(int(rng.integers(0, 3))):
+            add(i, i, rng.lognormal(1.2, 0.9), rng.choice([1.0, 0.95]), True)
+    for i in range(2, size):
+        if rng.random() < 0.5:
+            target, cost = int(rng.integers(0, i)), rng.lognormal(1.3, 0.8)
+            add(i, target, cost, rng.choice([1.0, 0.95]), rng.random() < 0.5)
+    add(size - 1, 0, rng.lognormal(1.3, 0.8), 1.0, False)
+    return {
+        "model": f"A{n}",
+        "attributes": [f"q{i}" for i in range(n)],
+        "discount": 0.99,
+        "correct": 500,
+        "incorrect": -500,
+        "behaviors": behaviors,
+    }

@@ -1,6 +1,5 @@
 """One's own data: read as written, and every mistake told in one line."""
 
-import os
 import re
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import load_dataset, make_synthetic, save_csv_folder
-from meal_bayes.datasets.csv_files import read_features, read_rows, read_text
+from meal_bayes.datasets.csv_files import read_features, read_rows
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, SettingsError
 
@@ -172,12 +171,6 @@ def test_a_quote_in_the_middle_joins_no_cells(tmp_path):
     (tmp_path / "a.csv").write_text('"a"b,1\n"a,b",1\n')
     cells = [cells for _, cells in read_rows(tmp_path / "a.csv")]
     assert cells == [['"a"b,1'], ["a,b", "1"]]
-
-
-def test_endless_files_are_not_read(tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    with pytest.raises(DataError, match="no regular file"):
-        read_text(tmp_path / "pipe.csv")
 
 
 @pytest.mark.parametrize("ragged", [False, True])

@@ -235,20 +235,6 @@ def test_a_labelled_object_is_known_again_only_with_memory():
 
 
 class TestPublishedVariants:
-    def test_sample_wise_claims_more(self):
-        rng = np.random.default_rng(0)
-        strange = make_synthetic(
-            TOY, objects=18, recordings=RECORDINGS, signal=0.0, object_effect=3.0, rng=rng
-        )
-
-        def claimed(*learning):
-            options = {"learning": learning, "answers": "all"}
-            run = trained("iterative_random_legal", strange, 24, **options)[1]
-            yes = run.posterior.mean[:, :2, :, 1]
-            return (yes[..., 1] - yes[..., 0]).mean()
-
-        assert claimed(("by_object", False)) > claimed() + 0.2
-
     def test_the_joint_label_is_true_where_all_are(self):
         run, judged = Run("iterative_morc", answers="joint"), 0
         for o in TRAIN.tolist():

@@ -49,15 +49,6 @@ class TestAFinishedRun:
 
 
 class TestRunningAgain:
-    def test_what_is_whole_is_not_run_again(self, finished):
-        before = {path: path.stat().st_mtime_ns for path in finished.paths}
-        again = run_offline(CONFIG, logs=finished.folder.parent)
-        assert set(finished.seconds) == set(AGENTS)
-        assert all(0 < seconds < 60 for seconds in finished.seconds.values())
-        assert again.paths == finished.paths
-        assert again.seconds == finished.seconds
-        assert {path: path.stat().st_mtime_ns for path in again.paths} == before
-
     def test_only_what_is_missing_or_unfinished_is_run(self, finished, contents):
         before, lost = contents(finished.folder), finished.paths[1]
         times = {path: path.stat().st_mtime_ns for path in finished.paths if path != lost}

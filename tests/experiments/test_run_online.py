@@ -114,16 +114,6 @@ class TestAFinishedRun:
             assert path.parent.parent.name == header["agent"]
             assert ("pretrained" in header) == (path.name == "00-test.mcap")
 
-    def test_what_is_whole_is_not_run_again(self, finished, config):
-        before = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*.*")}
-        steps = []
-        again = run_online(
-            config, logs=finished.folder.parent, on_progress=lambda *step: steps.append(step)
-        )
-        assert again == finished
-        assert steps == [(12, 12)]
-        assert {path: path.stat().st_mtime_ns for path in again.folder.rglob("*.*")} == before
-
 
 @pytest.mark.parametrize(
     "lost",

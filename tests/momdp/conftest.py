@@ -1,11 +1,19 @@
-"""What the tests of beliefs share."""
+"""What the tests of beliefs and of written problems share."""
 
 from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
 
-from meal_bayes.momdp import MOMDP, Belief, Transition, initial_belief, update_belief
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import (
+    MOMDP,
+    Belief,
+    Transition,
+    build_momdp,
+    initial_belief,
+    update_belief,
+)
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +30,16 @@ def follow() -> Callable[..., list[Belief]]:
         return after
 
     return beliefs
+
+
+@pytest.fixture(scope="session")
+def momdp_of() -> Callable[..., MOMDP]:
+    """Build a problem of a domain's first attributes with random rows and priors."""
+
+    def build(name: str, n: int, levels: int = 2, **options: object) -> MOMDP:
+        domain, rng = load_domain(name), np.random.default_rng(0)
+        confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))
+        prior = rng.uniform(0.2, 0.8, n)
+        return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
+
+    return build

@@ -14,21 +14,6 @@ def uninformed(name, n, levels=2, **options):
     return build_momdp(domain, Query(domain.attributes[:n]), confusion, **options)
 
 
-@pytest.mark.parametrize(
-    ("name", "n", "states"),
-    [
-        ("ispy32", 2, 25), ("ispy32", 3, 49), ("roc36", 2, 25), ("roc36", 3, 49),
-        ("cy101", 1, 11), ("cy101", 2, 21),
-    ],
-)  # fmt: skip
-def test_states_of_the_paper(name, n, states):
-    momdp = uninformed(name, n)
-    assert momdp.n_states == states
-    assert momdp.n_actions == momdp.n_behaviors + 2**n
-    assert replace(momdp, abstain=True).n_actions == momdp.n_actions + 1
-    assert momdp.x_names[momdp.terminal] == "term"
-
-
 def test_rewards_are_the_domains_unless_told():
     assert (uninformed("cy101", 1).correct, uninformed("cy101", 1).incorrect) == (300.0, -300.0)
     momdp = uninformed("cy101", 1, objective=Objective(correct=10, incorrect=-20))

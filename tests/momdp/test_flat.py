@@ -12,15 +12,8 @@ from meal_bayes.momdp import (
     initial_belief,
     percept_probabilities,
     update_belief,
+    write_pomdp,
 )
-
-
-def momdp_of(name, n, levels=2, seed=0, **options):
-    domain, rng = load_domain(name), np.random.default_rng(seed)
-    shape = (n, len(domain.behaviors), 2)
-    confusion = rng.dirichlet(np.ones(levels), shape)
-    prior = rng.uniform(0.2, 0.8, n)
-    return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
 
 
 @pytest.mark.parametrize(
@@ -30,7 +23,7 @@ def momdp_of(name, n, levels=2, seed=0, **options):
         ("roc36_published", 3, 2, 49, 9), ("cy101", 1, 2, 11, 3), ("cy101", 2, 2, 21, 5),
     ],
 )  # fmt: skip
-def test_sizes_and_distributions(name, n, levels, states, observations):
+def test_sizes_and_distributions(momdp_of, name, n, levels, states, observations):
     momdp = momdp_of(name, n, levels)
     flat = flatten(momdp)
     assert len(flat.state_names) == len(set(flat.state_names)) == states == momdp.n_states
@@ -45,7 +38,7 @@ def test_sizes_and_distributions(name, n, levels, states, observations):
 
 @pytest.mark.parametrize("name", ["toy", "ispy32", "roc36_published"])
 @pytest.mark.parametrize("levels", [2, 4])
-def test_the_dense_filter_is_the_factored_filter(name, levels):
+def test_the_dense_filter_is_the_factored_filter(momdp_of, name, levels):
     momdp = momdp_of(name, 2, levels)
     flat, rng = flatten(momdp), np.random.default_rng(1)
     for _ in range(30):
@@ -68,7 +61,7 @@ def test_the_dense_filter_is_the_factored_filter(name, levels):
                 np.testing.assert_allclose(dense[next_x * 4 : next_x * 4 + 4], belief.joint)
 
 
-def test_rewards_are_equation_4():
+def test_rewards_are_equation_4(momdp_of):
     momdp = momdp_of("toy", 2)
     flat, e = flatten(momdp), momdp.n_behaviors
     legal = np.repeat(momdp.legal[:-1], 4, axis=0)
@@ -81,7 +74,7 @@ def test_rewards_are_equation_4():
     np.testing.assert_array_equal(flat.transition[e:, :, -1], 1.0)
 
 
-def test_abstaining_is_the_last_action_and_worth_nothing():
+def test_abstaining_is_the_last_action_and_worth_nothing(momdp_of):
     momdp = replace(momdp_of("toy", 2), abstain=True)
     flat = flatten(momdp)
     assert flat.action_names[-1] == "abstain"
@@ -89,7 +82,9 @@ def test_abstaining_is_the_last_action_and_worth_nothing():
     assert (flat.transition[-1, :, -1] == 1).all()
 
 
-def test_what_does_not_fit_is_refused():
+def test_what_does_not_fit_is_refused(momdp_of, tmp_path):
+    with pytest.raises(SettingsError, match="precision=inf"):
+        write_pomdp(momdp_of("toy", 1, precision=4.0), tmp_path / "a.pomdp")
     with pytest.raises(SettingsError, match="5 attributes"):
         flatten(momdp_of("ispy32", 5))
     with pytest.raises(SettingsError, match="precision=inf"):

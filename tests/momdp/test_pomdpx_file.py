@@ -7,17 +7,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from planner_reference import load_reference
+from planner_models import load_reference
 
-from meal_bayes.domain import Query, load_domain
-from meal_bayes.momdp import build_momdp, flatten, write_pomdpx
-
-
-def momdp_of(name, n, levels=2, seed=0, **options):
-    domain, rng = load_domain(name), np.random.default_rng(seed)
-    confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))
-    prior = rng.uniform(0.2, 0.8, n)
-    return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)
+from meal_bayes.momdp import flatten, write_pomdpx
 
 
 def read_pomdpx(path: Path) -> SimpleNamespace:
@@ -102,7 +94,7 @@ def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
     ("name", "n", "levels"),
     [("toy", 1, 2), ("toy", 2, 4), ("roc36", 2, 2), ("ispy32", 3, 2), ("cy101", 1, 4)],
 )
-def test_what_is_written_is_the_flat_problem(tmp_path, name, n, levels):
+def test_what_is_written_is_the_flat_problem(momdp_of, tmp_path, name, n, levels):
     momdp = momdp_of(name, n, levels)
     bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
     momdp = replace(momdp, bonus=bonus)
@@ -125,7 +117,7 @@ def test_what_is_written_is_the_flat_problem(tmp_path, name, n, levels):
     np.testing.assert_allclose(np.where(reached, shown, 0.0), expected, atol=1e-15)
 
 
-def test_actions_and_hidden_values_stand_in_our_order(tmp_path):
+def test_actions_and_hidden_values_stand_in_our_order(momdp_of, tmp_path):
     """As the alpha vectors of a solver are read by position."""
     momdp = momdp_of("toy", 2)
     ours, e = written(momdp, tmp_path), momdp.n_behaviors
@@ -138,7 +130,7 @@ def test_actions_and_hidden_values_stand_in_our_order(tmp_path):
     np.testing.assert_allclose(ours.y0, prior, atol=1e-15)
 
 
-def test_a_branching_diagram_is_written_as_x_is_observed(tmp_path):
+def test_a_branching_diagram_is_written_as_x_is_observed(momdp_of, tmp_path):
     """What .pomdp has to refuse: two x' that look alike."""
     momdp = momdp_of("toy", 1)
     transition, observation_probability = (

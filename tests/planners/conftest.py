@@ -1,17 +1,16 @@
 """Small problems, and an exact solution of them that shares no code with the planners."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from planner_models import load_reference
 
-from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
+from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.momdp.belief import belief_of
 from meal_bayes.planners import POMCP, Decision, History, Policy
@@ -244,29 +243,8 @@ class Expectimax:
 
 
 def noisy_roc36(n: int) -> MOMDP:
-    """Build models A1 to A3 of the planner reference: five x, loops that never fail, look .95."""
-    text = Path(__file__).with_name("noisy_roc36.json").read_text(encoding="utf-8")
-    table = json.loads(text)
-    rows = table["behaviors"]
-    domain = Domain(
-        name="noisy_roc36",
-        attributes=tuple(table["attributes"]),
-        behaviors=tuple(
-            Behavior(row["name"], row["cost"], ("felt",) if "tpr" in row else ()) for row in rows
-        ),
-        diagram=TransitionDiagram(
-            states=("x0", "x1", "x2", "x3", "x4", "term"),
-            start="x0",
-            effects=tuple(
-                Effect(row["from"], row["name"], row["to"], row["success"]) for row in rows
-            ),
-        ),
-    )
-    rates = {
-        attribute: {row["name"]: (row["tpr"][i], row["fpr"][i]) for row in rows if "tpr" in row}
-        for i, attribute in enumerate(domain.attributes[:n])
-    }
-    return replace(momdp_of(domain, rates), abstain=True)
+    """Load a model of the planner reference, A1 to A3, whose rates have four digits here."""
+    return load_reference(Path(__file__).parent)[f"A{n}"]
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:

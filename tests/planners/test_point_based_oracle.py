@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planner_reference import load_reference
+from planner_models import load_reference
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, initial_belief, percept_probabilities
