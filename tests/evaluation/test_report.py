@@ -108,14 +108,10 @@ def test_nothing_is_fetched_and_nothing_runs(page):
     assert not re.search(r"@import|url\((?!data:)", text)
 
 
-def write_page(trials, folder):
-    write_trials(folder / "a.mcap", trials, header={})
-    write_report(Logs(folder / "a.mcap"), folder / "a.html")
-    return (folder / "a.html").read_text()
-
-
 def test_a_single_trial_is_shown_without_statistics(trials, tmp_path):
-    text = write_page(trials[:1], tmp_path)
+    write_trials(tmp_path / "a.mcap", trials[:1], header={})
+    write_report(Logs(tmp_path / "a.mcap"), tmp_path / "a.html")
+    text = (tmp_path / "a.html").read_text()
     assert "<b>1</b><span>trial</span>" in text
     assert "<b>1</b><span>object</span>" in text
     assert re.findall(r"<h2>(.*?)</h2>", text) == ["The trial", "The run"]

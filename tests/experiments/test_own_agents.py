@@ -14,17 +14,13 @@ from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run
 from meal_bayes.planners import RandomLegal
 
 
-def steps_of(run):
-    return [len(trial.steps) for trial in run.trials()]
-
-
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_an_edited_planner_runs_again(module, tmp_path, jobs):
     lengths = {}
     for looks in (1, 2, 1):
         config = OfflineConfig("cy101", 1, 4, (module(looks).Looker(),), seed=1)
         run = run_offline(config, logs=tmp_path / "logs", jobs=jobs)
-        lengths.setdefault(looks, []).append(steps_of(run))
+        lengths.setdefault(looks, []).append([len(trial.steps) for trial in run.trials()])
         folder = run.folder
     assert set(lengths[1][0]) == {2}
     assert set(lengths[2][0]) == {3}

@@ -26,10 +26,6 @@ def training(room, tmp_path_factory):
         yield room.training_recordings(16, 1)
 
 
-def learner_of(agent):
-    return Learner("simulated_arm", agent=agent, seed=3, logs=None)
-
-
 def accuracy(room, data, truths=None):
     """Ask one attribute of each of 30 new objects."""
     learner = Learner("simulated_arm", agent="greedy", logs=None).fit(data)
@@ -77,7 +73,8 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, mon
         return execute(arm, behavior)
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
-    done = list(room.learn_live(learner_of("random_legal"), 3, 3, logs=tmp_path))
+    learner = Learner("simulated_arm", agent="random_legal", seed=3, logs=None)
+    done = list(room.learn_live(learner, 3, 3, logs=tmp_path))
     assert [one.fault for one in done] == ["", "the object fell off the table", ""]
     assert done[1].trial is None
     (broken,) = read_trials(tmp_path / "00002.mcap")

@@ -233,22 +233,19 @@ def fail(piece):
     raise ZeroDivisionError(piece)
 
 
-def test_no_more_processes_than_pieces_of_work():
-    before, seen = children(), set()
-    for _ in in_parallel(process_id, range(2), jobs=10_000):
+def test_no_more_processes_than_pieces_of_work_and_they_end_with_it():
+    before, seen, used = children(), set(), set()
+    for number in in_parallel(process_id, range(2), jobs=10_000):
         seen |= children() - before
+        used.add(number)
     assert 2 <= len(seen) <= 4  # and loky's trackers of resources
+    assert os.getpid() not in used
+    assert not used & children()
 
 
 def test_one_piece_is_done_here():
     assert list(in_parallel(process_id, range(1), jobs=2)) == [os.getpid()]
     assert list(in_parallel(process_id, [], jobs=2)) == []
-
-
-def test_the_processes_end_with_the_work():
-    used = set(in_parallel(process_id, range(8), jobs=2))
-    assert os.getpid() not in used
-    assert not used & children()
 
 
 def test_faults_end_the_processes_and_are_told():

@@ -13,16 +13,13 @@ from meal_bayes.momdp import (
 )
 
 
-def two_level(rates):
-    """Rows of {behavior: (TPR, FPR)} for one attribute, (2,K) each."""
-    return {name: [[1 - fpr, fpr], [1 - tpr, tpr]] for name, (tpr, fpr) in rates.items()}
-
-
 def momdp_of(name, rates_by_attribute, precision=np.inf, **options):
+    """Build a problem of {attribute: {behavior: (TPR, FPR)}}."""
     domain, attributes = load_domain(name), tuple(rates_by_attribute)
     confusion = np.full((len(attributes), len(domain.behaviors), 2, 2), 0.5)
     for i, rates in enumerate(rates_by_attribute.values()):
-        for behavior, rows in two_level(rates).items():
+        for behavior, (tpr, fpr) in rates.items():
+            rows = [[1 - fpr, fpr], [1 - tpr, tpr]]
             confusion[i, domain.behavior_index(behavior)] = rows
     return build_momdp(domain, Query(attributes), confusion, precision, **options)
 

@@ -30,7 +30,7 @@ PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
 def solvers(momdp):
     # Undiscounted, `Factored` goes round where recordings run out: its module says so.
     known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-    return [POMCP(100), POMCP(100, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
+    return [POMCP(30), POMCP(30, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
 
 
 @pytest.mark.statistical
@@ -60,7 +60,7 @@ def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
 
 
 @pytest.mark.parametrize("settings", [{"precision": 8.0}, {}])
-@pytest.mark.parametrize("solver", [POMCP(100), POMCP(100, points=0), OpenLoop(), Greedy()])
+@pytest.mark.parametrize("solver", [POMCP(30), POMCP(30, points=0), OpenLoop(), Greedy()])
 def test_what_is_not_informative_is_not_done_again(small, solver, settings):
     """Recordings of the free look have run out, and lift tells nothing."""
     rates = {"red": {"look": (0.8, 0.25)}}

@@ -88,9 +88,7 @@ def test_crossed_integrates_what_the_object_seems_to_be(levels):
     inner = [variable.name for variable in model.free_RVs]
     assert sum(name.endswith("_standard") for name in inner) == 7  # effects, and epsilon
     rng = np.random.default_rng(1)
-    point, shapes = {}, {v.name: s for v, s in zip(model.free_RVs, shapes_of(model), strict=True)}
-    for name in inner:
-        point[name] = rng.uniform(0.1, 0.9, shapes[name])
+    point = {v.name: rng.uniform(0.1, 0.9, v.shape.eval(**PLAIN)) for v in model.free_RVs}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         compiled = model.compile_fn(
@@ -108,10 +106,6 @@ def test_crossed_integrates_what_the_object_seems_to_be(levels):
     wrong = np.where(truth, scores[..., 0], scores[..., 1])
     expected = np.logaddexp(right + np.log1p(-epsilon), wrong + np.log(epsilon)).sum()
     assert potential(model, "percepts", point) == pytest.approx(expected, rel=1e-6)
-
-
-def shapes_of(model):
-    return [tuple(int(n) for n in variable.shape.eval(**PLAIN)) for variable in model.free_RVs]
 
 
 @pytest.mark.long
