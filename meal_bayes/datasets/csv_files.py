@@ -108,12 +108,10 @@ def read_text(path: Path) -> str:
     """Read a UTF-8 file; a `DataError` where it is absent, empty, too large, or no text."""
     try:
         data = read_bytes(path)
-    except FileNotFoundError:
-        beside, repair = "it beside the others of its data set", "put it there, or check the names"
-        raise fault(str(path), "no such file", beside, repair) from None
     except OSError as error:
         raise DataError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions."
+            f"{path}: cannot be read ({error.strerror}); expected it beside the others of its data "
+            "set; check names and permissions."
         ) from error
     except ValueError as error:
         raise DataError(f"{path}: {error}; expected a text file of its data set.") from error

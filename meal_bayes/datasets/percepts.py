@@ -7,9 +7,8 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -248,21 +247,18 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
         A file that is not a percept table, or not one of this domain.
     """
     if str(name).endswith(".npz"):
-        path = Path(name)
-        if not path.is_file():
-            raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
-        with path.open("rb") as file:
-            return _read(file, str(path), domain)
+        if not Path(name).is_file():
+            raise SettingsError(f"No file {name}; give the path of a percept table (.npz).")
+        return _read(Path(name), str(name), domain)
     domain = load_domain(name) if domain is None else domain
-    resource = resources.files("meal_bayes.datasets") / "tables" / f"{domain.data}.npz"
-    if not resource.is_file():
+    path = Path(__file__).parent / "tables" / f"{domain.data}.npz"
+    if not path.is_file():
         raise SettingsError(
             f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
             "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
             "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
         )
-    with resource.open("rb") as file:
-        return _read(file, str(name), domain)
+    return _read(path, str(name), domain)
 
 
 def domain_of(name: str | Path) -> Domain:
@@ -270,10 +266,10 @@ def domain_of(name: str | Path) -> Domain:
     return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
 
 
-def _read(file: IO[bytes], where: str, domain: Domain | None) -> PerceptTable:
+def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:
     """Read a table, with attributes and behaviors in the order of the domain (the file's own)."""
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(path) as archive:
             arrays = {
                 name: read_array(archive, name, *spec, _BINS if name == "training_bins" else _REST)
                 for name, spec in _MEMBERS.items()

@@ -20,7 +20,6 @@ note
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ from meal_bayes.untrusted import (
     read_bytes,
 )
 
+_TABLES = Path(__file__).parent / "tables"  # that ship
 _TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
 _NUMBERS, _COUNT, _FLAG = "a list of numbers", "a whole number, 0 or more", "true or false"
 _CASTS: dict[str, Callable[[Any], Any]] = {
@@ -63,8 +63,7 @@ _EFFECT_KEYS = {
 
 def domain_names() -> tuple[str, ...]:
     """List the shipped domain tables."""
-    folder = resources.files(__package__) / "tables"
-    return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
+    return tuple(sorted(path.stem for path in _TABLES.glob("*.toml")))
 
 
 def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
@@ -121,10 +120,24 @@ def domain_from_table(table: object) -> Domain:
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
     if "extends" in table:
         raise DomainError("Only a TOML file can extend another; give all keys.")
-    try:
-        return _build(table)
-    except (OverflowError, ValueError) as error:  # inf and nan are numbers in TOML
-        raise DomainError(f"A number is out of range ({error}); give a finite one.") from error
+    required = ("name", "attributes", "behaviors", "diagram")
+    fields = _fields("the domain", table, _DOMAIN_KEYS, required)
+    diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
+    _check_sizes(table)
+    for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
+        entries = table.get(part, {})
+        fields[part] = _fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
+    behaviors, effects = list[Behavior](), list[Effect]()
+    for row in table["behaviors"]:
+        where = f"behavior {row.get('name', row)!r}"
+        behaviors.append(Behavior(**_fields(where, row, _BEHAVIOR_KEYS, ("name", "cost"))))
+    for row in diagram["effects"]:
+        arrow = _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
+        effects.append(Effect(**{_EFFECT_FIELDS[key]: value for key, value in arrow.items()}))
+    fields["behaviors"], diagram["effects"] = tuple(behaviors), tuple(effects)
+    diagram["states"] += (TERMINAL,)
+    fields.pop("note", None)
+    return Domain(**{**fields, "diagram": TransitionDiagram(**diagram)})
 
 
 def domain_table(domain: Domain) -> dict[str, Any]:
@@ -161,18 +174,14 @@ def domain_table(domain: Domain) -> dict[str, Any]:
 
 
 def _read(name: str | Path) -> dict[str, Any]:
+    path = Path(name)
     if not str(name).endswith(".toml"):
         if name not in domain_names():
             message = unknown("domain", str(name), domain_names())
             raise SettingsError(f"{message} A path that ends in .toml loads your own.")
-        with resources.as_file(resources.files(__package__) / "tables" / f"{name}.toml") as path:
-            return _parse(path)
-    if not Path(name).exists():
+        path = _TABLES / f"{name}.toml"
+    if not path.exists():
         raise SettingsError(f"No file {name}; give the path of a domain table (TOML).")
-    return _parse(Path(name))
-
-
-def _parse(path: Path) -> dict[str, Any]:
     try:
         text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig").replace("\r\n", "\n")
         longest = max(map(len, text.split("\n")))
@@ -187,31 +196,6 @@ def _parse(path: Path) -> dict[str, Any]:
     except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
         raise DomainError(f"{path} is not valid TOML: {error}.") from error
     return table
-
-
-def _build(table: dict[str, Any]) -> Domain:
-    required = ("name", "attributes", "behaviors", "diagram")
-    fields = _fields("the domain", table, _DOMAIN_KEYS, required)
-    diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
-    _check_sizes(table)
-    for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
-        entries = table.get(part, {})
-        fields[part] = _fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
-    behaviors = (
-        _fields(f"behavior {row.get('name', row)!r}", row, _BEHAVIOR_KEYS, ("name", "cost"))
-        for row in table["behaviors"]
-    )
-    effects = (
-        _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
-        for row in diagram["effects"]
-    )
-    fields["behaviors"] = tuple(Behavior(**row) for row in behaviors)
-    diagram["states"] += (TERMINAL,)
-    diagram["effects"] = tuple(
-        Effect(**{_EFFECT_FIELDS[key]: value for key, value in row.items()}) for row in effects
-    )
-    fields.pop("note", None)
-    return Domain(**{**fields, "diagram": TransitionDiagram(**diagram)})
 
 
 def _check_sizes(table: dict[str, Any]) -> None:
@@ -249,7 +233,10 @@ def _fields(
             raise DomainError(f"In {where}: {unknown('key', key, sorted(forms))}")
         if not _is(forms[key], value):
             raise DomainError(f"In {where}: {key} = {value!r}; expected {forms[key]}.")
-    return {key: _CASTS[forms[key]](value) for key, value in row.items()}
+    try:
+        return {key: _CASTS[forms[key]](value) for key, value in row.items()}
+    except OverflowError as error:  # of a whole number
+        raise DomainError(f"In {where}: a number is out of range ({error}).") from error
 
 
 def _is(kind: str, value: object) -> bool:

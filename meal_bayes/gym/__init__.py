@@ -8,11 +8,34 @@ extra ``gym``.
 >>> env = gymnasium.make("meal_bayes.gym:meal_bayes/ROC36-v0", attributes=2)  # doctest: +SKIP
 """
 
-import gymnasium
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
-from meal_bayes.gym.environment import MealEnv
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from meal_bayes.agents import as_agent
+from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.domain import Query, unknown
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments import offline_tasks
+from meal_bayes.experiments.percepts import percepts_for
+from meal_bayes.learner import Learner
+from meal_bayes.learner.sessions import commanded, fit_of, prepare, record_of, robot_of
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Policy, unvalued
+from meal_bayes.robots import RecordedRobot
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Session, Streams, Task, Trial
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
+
+Observation = dict[str, Any]
+
+_SEEDS = 2**31  # of failures and recordings
 
 ENVIRONMENTS = {
     "meal_bayes/ROC36-v0": {"dataset": "roc36"},
@@ -20,6 +43,223 @@ ENVIRONMENTS = {
     "meal_bayes/CY101-v0": {"dataset": "cy101"},
     "meal_bayes/Own-v0": {},
 }
-
 for _name, _settings in ENVIRONMENTS.items():
-    gymnasium.register(_name, entry_point="meal_bayes.gym.environment:MealEnv", kwargs=_settings)
+    gymnasium.register(_name, entry_point="meal_bayes.gym:MealEnv", kwargs=_settings)
+
+
+class MealEnv(gymnasium.Env[Observation, np.int64]):
+    """Choose behaviors, perceive, and report; an episode is a trial of ``run offline``.
+
+    Actions are the E behaviors, the 2^N reports, and, of agents that may abstain, "I do not know":
+    E + y reports the values whose bits are y, the first asked attribute the most significant. The
+    reward is the true one: minus a behavior's seconds, plus or minus r for a report, 0 for not
+    knowing. A behavior that is not legal (see ``info["action_mask"]``) is not executed: it costs
+    its seconds, and changes nothing. Percepts are outputs of held-out classifiers on real
+    recordings, none used twice.
+
+    Observations are a dictionary:
+
+    * ``state``: x, of X; the last is ``term``.
+    * ``asked``: (N,) positions of the asked attributes in the domain.
+    * ``percepts``: (N,E,K) how often each behavior has shown each level of each attribute.
+    * ``belief``: (N,) Pr(attribute is true), by the agent's filter, learned without the object.
+    * ``cost``: (1,) s so far.
+
+    Parameters
+    ----------
+    dataset : str | Path | PerceptTable
+        A shipped data set, or the path of a percept table (.npz).
+    agent : object
+        Whose belief is observed, and who decides in `decide`; see `as_agent`.
+    seed : int
+        Of the task list, and of the trials of tasks that are chosen by number.
+    attributes, trials : int
+        N, asked at a time, and tasks in the list, of all objects.
+    objects : str | Sequence[str]
+        Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
+        or names. Percepts of an object never come from classifiers that learned from it.
+    scale : float
+        Factor of all rewards.
+    percepts : str
+        "recorded", or "model": drawn from the learned confusion matrices.
+    reward : float | None
+        r, the domain's by default.
+    max_steps : int
+        Behaviors after which an episode is truncated.
+    logs : str | Path | None
+        Folder of the logs of episodes, if they are logged.
+    """
+
+    metadata = {"render_modes": ["ansi"], "render_fps": 1}  # noqa: RUF012  Gymnasium's
+
+    def __init__(
+        self,
+        dataset: str | Path | PerceptTable | None = None,
+        *,
+        attributes: int = 2,
+        agent: object = "bayes",
+        seed: int = 0,
+        trials: int = 400,
+        objects: str | Sequence[str] = "all",
+        scale: float = 1.0,
+        percepts: str = "recorded",
+        reward: float | None = None,
+        max_steps: int = 100,
+        logs: str | Path | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if dataset is None:
+            raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
+        table = dataset if isinstance(dataset, PerceptTable) else percepts_for(str(dataset))
+        chosen = as_agent(agent)
+        names = _chosen(table, objects)
+        every = offline_tasks(table, attributes, trials, seed)
+        self.tasks = [task for task in every if task.object_name in names]
+        if not self.tasks:
+            raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
+        self.render_mode, self._max_steps, self._scale = render_mode, max_steps, scale
+        self._problems: dict[tuple[int, Query], MOMDP] = {}
+        self._learner = Learner(
+            table.domain, agent=chosen, seed=seed, percepts=percepts, reward=reward, logs=logs
+        ).fit(table)
+        self._begun: tuple[Session, RecordedRobot] | None = None
+        self._policy: Policy | None = None
+        self._steps = 0
+        n, x = attributes, len(table.domain.diagram.states)
+        e, p = len(table.domain.behaviors), len(table.domain.attributes)
+        dearest = max(behavior.cost for behavior in table.domain.behaviors)
+        answers = 2**n + (chosen.abstain and table.domain.diagram.abstain)
+        self.action_space = spaces.Discrete(e + answers)
+        self.observation_space = spaces.Dict(
+            {
+                "state": spaces.Discrete(x),
+                "asked": spaces.MultiDiscrete(np.full(n, p)),
+                "percepts": spaces.Box(0, max_steps + 1, (n, e, chosen.levels), np.int64),
+                "belief": spaces.Box(0.0, 1.0, (n,), np.float64),
+                "cost": spaces.Box(0.0, dearest * (max_steps + 1), (1,), np.float64),
+            }
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode, and return observation and info.
+
+        ``options={"task": i}`` chooses task i of the list with the random draws of ``run offline``;
+        by default both are new, by the seed of this or of an earlier call.
+        """
+        super().reset(seed=seed)
+        index, seed_of_task = (options or {}).get("task"), self._learner.seed
+        if index is None:
+            index = int(self.np_random.integers(len(self.tasks)))
+            seed_of_task = int(self.np_random.integers(_SEEDS))
+        if not 0 <= index < len(self.tasks):
+            raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
+        self._begin(self.tasks[index], seed_of_task)
+        return self._observation(), self._info()
+
+    def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Execute a behavior or report; return observation, reward, terminated, truncated, info."""
+        running, robot = self._running
+        if running.over:
+            raise SettingsError("The episode is over; call reset() first.")
+        momdp, chosen = running.momdp, int(action)
+        self._steps += 1
+        if 0 <= chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
+            reward = -float(momdp.cost[chosen])
+        else:
+            running.command(unvalued(momdp, chosen))
+            if running.behavior is not None:
+                running.observe(robot.execute(running.behavior))
+            reward = float(running.steps[-1].reward)
+        truncated = not running.over and self._steps >= self._max_steps
+        return self._observation(), self._scale * reward, running.over, truncated, self._info()
+
+    def decide(self) -> int:
+        """Return the action that the agent itself would choose."""
+        (running, _), learner = self._running, self._learner
+        if self._policy is None:
+            fit = fit_of(learner, running.task, learn=False)
+            _, self._policy = prepare(learner, fit, running.task, running.task.key)
+        return int(self._policy.decide(running.history, running.streams.planner).action)
+
+    def render(self) -> str | None:
+        """Return the trial so far as text, in the mode "ansi"."""
+        return repr(self.trial) if self.render_mode == "ansi" else None
+
+    def close(self) -> None:
+        """End the episode; one that is not over is logged as far as it went."""
+        if self._begun is not None:
+            self._begun[0].cancel("left before the answer")
+
+    @property
+    def _running(self) -> tuple[Session, RecordedRobot]:
+        if self._begun is None:
+            raise SettingsError("No episode has begun; call reset() first.")
+        return self._begun
+
+    @property
+    def actions(self) -> list[str]:
+        """Names of the actions in the present task."""
+        momdp = self._running[0].momdp
+        return list(map(momdp.action_name, range(momdp.n_actions)))
+
+    @property
+    def trial(self) -> Trial:
+        """The trial so far."""
+        return self._running[0].trial
+
+    def _begin(self, task: Task, seed: int) -> None:
+        learner, key = self._learner, (task.object_index, task.query)
+        if key not in self._problems:
+            self._problems[key] = learner.problem(task)
+        self.close()
+        robot = robot_of(learner, task, seed)
+        session = commanded(
+            learner, fit_of(learner, task, learn=False), task,
+            Streams(seed, task.key, learner.agent.name), self._problems[key],
+            recorder=record_of(learner, task.name, task, task.key),
+        )  # fmt: skip
+        self._begun, self._policy = (session.start(robot.start()), robot), None
+        self._steps = 0
+
+    def _observation(self) -> Observation:
+        (running, _), domain = self._running, self._learner.domain
+        asked = domain.columns(running.task.query.attributes)
+        return {
+            "state": running.belief.x,
+            "asked": np.array(asked),
+            "percepts": np.array(running.belief.percept_counts, np.int64),
+            "belief": np.array(running.belief.positive, np.float64),
+            "cost": np.array([running.history.cost], np.float64),
+        }
+
+    def _info(self) -> dict[str, Any]:
+        running, _ = self._running
+        done = running.belief.x == running.momdp.terminal
+        return {
+            "action_mask": self.action_masks().astype(np.int8),
+            "object": running.task.object_name,
+            "query": running.task.query.attributes,
+            "success": bool(self.trial.success) if done else None,
+        }
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions are legal, (A,), as sb3-contrib asks for; answers always are."""
+        running, _ = self._running
+        reports = running.momdp.n_actions - running.momdp.n_behaviors
+        return np.append(running.momdp.legal[running.belief.x], np.ones(reports, bool))
+
+
+def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
+    """Return the names of the objects that tasks are about."""
+    if isinstance(objects, str):
+        order = stream(0, "held-out objects", table.domain.data).permutation(len(table.objects))
+        held = {table.objects[i] for i in order[: -(-len(order) // 4)]}
+        sets = {"all": set(table.objects), "train": set(table.objects) - held, "test": held}
+        if objects not in sets:
+            raise SettingsError(unknown("set of objects", objects, sets))
+        return sets[objects]
+    for name in objects:
+        object_index(table.objects, name)  # raises where it is unknown
+    return set(objects)

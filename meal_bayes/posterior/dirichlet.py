@@ -77,10 +77,8 @@ class ConfusionPosterior:
             )
         if not (self.counts >= 0).all():
             raise SettingsError("Confusion counts must be numbers >= 0.")
-        for name, expected in (
-            ("prior", shape), ("concentration", shape), ("dispersion", shape[:3])
-        ):  # fmt: skip
-            values = getattr(self, name)
+        for name in ("prior", "concentration", "dispersion"):
+            values, expected = getattr(self, name), shape[:3] if name == "dispersion" else shape
             if values.shape != expected or not (values > 0).all():
                 raise SettingsError(
                     f"{name} must be above 0 and of shape {expected}, as the counts have; found "

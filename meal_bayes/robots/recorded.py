@@ -67,8 +67,6 @@ class RecordedRobot:
         if counts.min() < 0 or not 1 <= counts.max() <= most:
             has = "1 or more" if dataset is None else f"1 to {dataset.recordings}"
             raise SettingsError(f"recordings = {counts.max()}; expected {has}.")
-        if object_index < 0 or (dataset is not None and object_index >= len(dataset.objects)):
-            raise SettingsError(f"Object {object_index} is not in the data set.")
         self._domain, self._dataset, self._object = domain, dataset, object_index
         self._recordings, self._repeats = counts, repeats
         self._order, self._failures, self._person = order, failures, person
