@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, label_values, set_frozen
 from meal_bayes.datasets.dataset import Dataset
@@ -21,8 +21,6 @@ PARTS = 3  # pre, train, test
 class TrainingSet:
     """A set of labeled instances, sorted by (object, behavior, recording).
 
-    Rows of the same instance become one, which has the labels of both.
-
     Attributes
     ----------
     object, behavior, recording : NDArray[np.int32]
@@ -33,8 +31,7 @@ class TrainingSet:
     Raises
     ------
     DataError
-        Lengths that do not agree, labels other than 1, 0 and -1, or two rows of one instance that
-        contradict each other.
+        Lengths that do not agree, labels other than 1, 0 and -1, or two rows of one instance.
     """
 
     object: NDArray[np.int32]
@@ -53,21 +50,12 @@ class TrainingSet:
                 f"Labels have shape {labels.shape}; expected ({len(keys)}, attributes), "
                 "a row for each instance."
             )
-        unique, place = np.unique(keys, axis=0, return_inverse=True)
-        merged = _merge(labels, place.reshape(-1), len(unique))
-        set_frozen(
-            self,
-            object=freeze(unique[:, 0], np.int32),
-            behavior=freeze(unique[:, 1], np.int32),
-            recording=freeze(unique[:, 2], np.int32),
-            labels=freeze(merged, np.int8),
-        )
-
-    @classmethod
-    def empty(cls, attributes: int) -> "TrainingSet":
-        """Return a D without instances, for `attributes` attributes."""
-        nothing = np.empty(0, dtype=np.int32)
-        return cls(nothing, nothing, nothing, np.empty((0, attributes), dtype=np.int8))
+        unique, rows = np.unique(keys, axis=0, return_index=True)
+        if len(unique) < len(keys):
+            raise DataError("A recording has two rows of labels; give each one.")
+        for name, column in zip(("object", "behavior", "recording"), unique.T, strict=True):
+            set_frozen(self, **{name: freeze(column, np.int32)})
+        set_frozen(self, labels=freeze(labels[rows], np.int8))
 
     @classmethod
     def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
@@ -82,41 +70,6 @@ class TrainingSet:
     def __len__(self) -> int:
         """Return the number of instances, n."""
         return len(self.object)
-
-    def without(self, *object_indices: int) -> "TrainingSet":
-        """Return the set without the instances of one object, or of several."""
-        keep = ~np.isin(self.object, object_indices)
-        return TrainingSet(
-            self.object[keep], self.behavior[keep], self.recording[keep], self.labels[keep]
-        )
-
-    def extend(
-        self, object: ArrayLike, behavior: ArrayLike, recording: ArrayLike, labels: ArrayLike
-    ) -> "TrainingSet":
-        """Return the set with more instances (n,) and labels (n,P), or one with labels (P,)."""
-        return TrainingSet(
-            np.append(self.object, object),
-            np.append(self.behavior, behavior),
-            np.append(self.recording, recording),
-            np.concatenate([self.labels, np.atleast_2d(label_values(labels))]),
-        )
-
-
-def _merge(labels: NDArray[np.int8], place: NDArray[np.intp], size: int) -> NDArray[np.int8]:
-    """Merge the labels of rows of the same instance, unknown in one row and known in another."""
-    highest = np.full((size, labels.shape[1]), -1, dtype=np.int8)
-    np.maximum.at(highest, place, labels)
-    lowest = np.full_like(highest, 2)
-    np.minimum.at(lowest, place, np.where(labels < 0, np.int8(2), labels))
-    clash = np.argwhere((highest == 1) & (lowest == 0))
-    if len(clash):
-        row, attribute = clash[0]
-        where = np.flatnonzero(place == row)
-        raise DataError(
-            f"Instance rows {where.tolist()} are the same recording, yet attribute {attribute} is "
-            "both true and false; an object's attribute has one value."
-        )
-    return highest
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,20 +65,6 @@ def test_object_index():
         object_index(("cup", "stone"), "stome")
 
 
-ROW = st.tuples(st.integers(0, 3), st.integers(0, 1), st.integers(0, 2), st.sampled_from([0, 1]))
-TRUTH = np.array([[1, 0], [0, 0], [1, 1], [0, 1]], dtype=np.int8)
-
-
-def make(rows):
-    """Build D from (object, behavior, recording, which attribute was asked)."""
-    training = TrainingSet.empty(2)
-    for o, e, r, asked in rows:
-        labels = np.full(2, -1, dtype=np.int8)
-        labels[asked] = TRUTH[o, asked]
-        training = training.extend(o, e, r, labels)
-    return training
-
-
 def same(a, b):
     return all(
         np.array_equal(getattr(a, name), getattr(b, name))
@@ -91,31 +77,13 @@ def dataset():
     return make_synthetic(load_domain("toy"), objects=4, recordings=3, rng=np.random.default_rng(0))
 
 
-@given(st.lists(ROW, max_size=12), st.randoms())
-def test_order_and_repetition_do_not_matter(rows, random):
-    shuffled = [*rows, *rows[:3]]
-    random.shuffle(shuffled)
-    training = make(rows)
-    assert same(training, make(shuffled))
-    assert len(training) == len({row[:3] for row in rows})
-    known = {(*row[:3], row[3]) for row in rows}
-    assert (training.labels >= 0).sum() == len(known)
-
-
-@given(st.lists(ROW, max_size=12), st.integers(0, 3))
-def test_without_leaves_the_others_as_they_are(rows, held_out):
-    left = make(rows).without(held_out)
-    assert same(left, make([row for row in rows if row[0] != held_out]))
-    assert held_out not in left.object
-
-
-def test_batch_equals_single_additions():
-    rows = [(0, 1, 2, 0), (3, 0, 1, 1), (0, 1, 2, 1)]
-    labels = [[1, -1], [-1, 1], [-1, 0]]
-    keys = np.array(rows).T
-    together = TrainingSet.empty(2).extend(keys[0], keys[1], keys[2], labels)
-    assert same(together, make(rows))
-    assert together.labels.tolist() == [[1, 0], [-1, 1]]
+@given(st.permutations(range(4)))
+def test_order_does_not_matter(order):
+    keys, labels = np.array([(0, 1, 2), (0, 1, 0), (3, 0, 1), (0, 0, 1)]), np.eye(4, dtype=np.int8)
+    training = TrainingSet(*keys.T, labels)
+    assert same(training, TrainingSet(*keys[order].T, labels[order]))
+    assert training.object.tolist() == [0, 0, 0, 3]
+    assert training.labels.argmax(axis=1).tolist() == [3, 1, 0, 2]
 
 
 def test_everything(dataset):
@@ -124,20 +92,18 @@ def test_everything(dataset):
     assert set(whole.behavior) == {0, 1}
     np.testing.assert_array_equal(whole.labels, dataset.labels[whole.object])
     some = TrainingSet.everything(dataset, objects=[3, 1, 1])
-    assert same(some, whole.without(0, 2))
+    assert some.object.tolist() == [o for o in whole.object if o in (1, 3)]
     assert len(TrainingSet.everything(dataset, objects=[])) == 0
-    assert same(whole.extend(some.object, some.behavior, some.recording, some.labels), whole)
-
-
-def test_contradiction_is_refused():
-    training = TrainingSet.empty(2).extend(0, 0, 0, [1, -1])
-    with pytest.raises(DataError, match="attribute 0 is both true and false"):
-        training.extend(0, 0, 0, [0, -1])
 
 
 @pytest.mark.parametrize(
-    ("labels", "message"), [([1, 3], "the label 3"), ([[1, 0], [0, 1]], "expected .1, attributes.")]
+    ("keys", "labels", "message"),
+    [
+        ([[0, 0, 0]], [[1, 3]], "the label 3"),
+        ([[0, 0, 0]], [[1, 0], [0, 1]], "expected .1, attributes."),
+        ([[0, 0, 0]] * 2, [[1, -1], [0, -1]], "has two rows"),
+    ],
 )
-def test_bad_labels_are_refused(labels, message):
+def test_bad_labels_are_refused(keys, labels, message):
     with pytest.raises(DataError, match=message):
-        TrainingSet.empty(2).extend(0, 0, 0, labels)
+        TrainingSet(*np.array(keys).T, labels)

@@ -73,7 +73,7 @@ def test_an_unseen_object_s_held_out_output_is_what_a_robot_without_it_says(make
     nested = held_out_log_odds(dataset, settings=settings)
     for o in (0, 17):
         perception = fit_and_validate(
-            dataset, TrainingSet.everything(dataset).without(o), settings=settings
+            dataset, TrainingSet.everything(dataset, {*range(40)} - {o}), settings=settings
         )[0]
         for e, behavior in enumerate(("look", "lift")):
             found = perception.log_odds(dataset.instance(o, behavior, 2), BOTH)
@@ -85,7 +85,7 @@ def test_one_class_and_empty_training_sets_say_nothing(make, relabel):
     one_class = relabel(dataset, np.ones_like(dataset.labels))
     for data, training_set in (
         (one_class, TrainingSet.everything(one_class)),
-        (dataset, TrainingSet.empty(2)),
+        (dataset, TrainingSet.everything(dataset, [])),
         (dataset, TrainingSet.everything(dataset, [0])),
     ):
         for settings in (DEFAULT, PAPER):
