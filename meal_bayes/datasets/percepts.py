@@ -170,11 +170,6 @@ class PerceptTable:
         }
 
     @property
-    def ragged(self) -> bool:
-        """Whether an object has fewer recordings of a behavior that senses than R."""
-        return bool((self.recording_counts[:, self.domain.recorded] < self.recordings).any())
-
-    @property
     def recordings(self) -> int:
         """R, the most recordings that an object has of a behavior."""
         return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
@@ -219,8 +214,9 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "edges": table.edges,
         "training_bins": table.training_bins[:, :, :, sensing].transpose(1, 2, 3, 0, 4),
     }
-    if table.ragged:
-        arrays["recording_counts"] = table.recording_counts[:, sensing]
+    counts = table.recording_counts[:, sensing]
+    if (counts < table.recordings).any():
+        arrays["recording_counts"] = counts
     if (table.groups != np.arange(len(table.objects))).any():
         arrays["groups"] = table.groups
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:

@@ -67,11 +67,6 @@ class ObjectParameters:
     content: str
     n_balls: int
 
-    @property
-    def mass(self) -> float:
-        """Mass of shell and content, kg."""
-        return self.shell_mass + self.content_mass
-
 
 def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     """Draw the object of a named stream, such as ``draw_object(7, "new", 3)``.
@@ -105,7 +100,7 @@ def attributes_of(parameters: ObjectParameters) -> dict[str, bool]:
     Only who labels recordings and who checks answers calls this; no behavior does.
     """
     return {
-        "heavy": parameters.mass > HEAVY,
+        "heavy": parameters.shell_mass + parameters.content_mass > HEAVY,
         "soft": parameters.stiffness < SOFT,
         "slippery": parameters.friction < SLIPPERY,
         "full": parameters.content != CONTENTS[0],
