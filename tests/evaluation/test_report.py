@@ -1,20 +1,25 @@
-"""The report: its figures are right, nothing leaves the page, damage is told."""
+"""The report: its figures are right, nothing leaves the page, damage and the unknown are told."""
 
+import dataclasses
 import html
 import os
 import re
 import shutil
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
+from meal_bayes.evaluation.plots import belief_trace
 from meal_bayes.evaluation.report import WORST, best_of, worst_of, write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Group, Logs, TrialWriter, write_trials
-from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials import TrialOutcomes, truth_text, verdict_text
+from meal_bayes.viewer.labels import log_line, narrate
+from meal_bayes.viewer.recorder import Clock
 
 OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
 AGENTS = ("predefined", "random", "greedy")
@@ -184,3 +189,60 @@ def test_it_reads_well_in_a_real_browser(page):
         shown.close()
     assert said == []
     assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}
+
+
+@pytest.fixture(scope="module")
+def unknown():
+    """Four trials: of two the truth is known, of one in part, one was broken off."""
+    names = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "heavy_green_rice")
+    made = [ask("heavy, blue", dataset="roc36", object=name, agent="greedy") for name in names]
+    nan = dataclasses.replace(made[2].steps[-1], reward=float("nan"))
+    partly = (*made[2].steps[:-1], nan)
+    made[2] = dataclasses.replace(made[2], truth=np.array([0, -1]), steps=partly)
+    made[3] = dataclasses.replace(
+        made[3], report=None, steps=made[3].steps[:2], ended="robot error: hot"
+    )
+    return made
+
+
+def test_words_for_what_is_unknown(unknown):
+    assert [verdict_text(trial) for trial in unknown[2:]] == ["truth unknown", "broken off"]
+    assert truth_text(unknown[2].task.query.attributes, unknown[2].truth) == "not heavy, unknown"
+    assert truth_text(unknown[0].task.query.attributes, unknown[0].truth) == "heavy, blue"
+    assert unknown[2].success is unknown[3].success is None
+
+
+def test_summaries_leave_the_unknown_out(unknown):
+    (row,), (known,) = summarize(unknown), summarize(unknown[:2])
+    assert (row.trials, row.judged) == (4, 2)
+    for name in ("accuracy", "accuracy_se", "reward", "answered_accuracy"):
+        assert getattr(row, name) == getattr(known, name)
+
+
+@pytest.mark.parametrize("chosen", [slice(None), slice(2, None)])
+def test_a_report_is_made_of_the_unknown(unknown, tmp_path, chosen):
+    log, page = tmp_path / "a.mcap", tmp_path / "a.html"
+    write_trials(log, unknown[chosen], header={})
+    write_report(Logs(log), page)
+    assert ">nan" not in page.read_text(encoding="utf-8")
+
+
+def test_circles_stand_where_the_truth_is_known(unknown):
+    for trial, known in ((unknown[0], 2), (unknown[2], 1)):
+        axes = belief_trace(trial)
+        ends = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "o"
+                and len(line.get_ydata()) == 1]  # fmt: skip
+        assert np.isfinite(ends).sum() == known
+        plt.close("all")
+
+
+def test_the_viewer_says_what_is_unknown(unknown):
+    for trial, words, line in (
+        (unknown[2], "truth: not heavy, unknown", "truth unknown"),
+        (unknown[3], "robot error: hot", None),
+    ):
+        last = list(Clock().frames(0, trial))[-1]
+        assert words in narrate(last)
+        assert "WRONG" not in narrate(last)
+        if line is not None:
+            assert line in log_line(last)

@@ -1,0 +1,100 @@
+"""Options mean the same everywhere; values that none takes are told in a line, before any work."""
+
+import itertools
+import json
+
+import pytest
+
+OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
+ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
+EXPORT = ("export", "a.pomdp", "--query", "heavy")
+WHOLE = [
+    *((OFFLINE, name) for name in ("--attributes", "--trials", "--seed", "--jobs")),
+    (ONLINE, "--repeats"),
+    (("posterior",), "--levels"),
+    (("view", "a.mcap"), "--trial"),
+]
+NO_WHOLE = ("", "x", "1.5", "-1", "9" * 20)
+FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--error"), (EXPORT, "--discount")]
+NO_FINITE = ("", "x", "nan", "inf", "-1", "0x10")
+NO_SPLIT = ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1.5/1/1")
+NO_CHANCE = ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0")
+CASES = [
+    *((*pair, value) for pair, value in itertools.product(WHOLE, NO_WHOLE)),
+    *((*pair, value) for pair, value in itertools.product(FINITE, NO_FINITE)),
+    *((ONLINE, "--split", value) for value in NO_SPLIT),
+    *((ONLINE, "--success", value) for value in NO_CHANCE),
+    (OFFLINE, "--percepts", "x"),
+    *((OFFLINE, "--agent", value) for value in ("", ",,")),
+    (ASK, "--agent", "bayes,"),
+    *((OFFLINE, "--dataset", value) for value in ("", "none.toml")),
+    *((ASK, "--dataset", value) for value in ("a\0b", "\udcff.npz", "n" * 5000, ".", "\x1b[2J")),
+]
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    CASES,
+    ids=[f"{' '.join(c[:2])} {option} {ascii(value)[:20]}" for c, option, value in CASES],
+)
+def test_a_bad_value_is_told_in_one_line(fails, command, option, value, tmp_path):
+    told = fails(*command, option, value)
+    assert told.removesuffix("\n").isprintable()
+    assert len(told) < 3000
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_range_is_told(fails):
+    assert "0<x<=1000000" in fails(*OFFLINE, "--reward", "1e100")
+    assert "1<=x<=1024" in fails(*OFFLINE, "--jobs", "0")
+
+
+OWN = ("--dataset", "kitchen.toml", "--root", ".")
+COMMANDS = [
+    ("ask", "Is it red?", "--object", "red_mug", "--agent", "greedy"),
+    ("run", "offline", "--trials", "4", "--attributes", "1", "--agent", "greedy"),
+    ("posterior", "--draws", "20", "--chains", "2"),
+    ("export", "out.pomdp", "--query", "red"),
+    ("memory", "show"),
+]
+IDS = [" ".join(command[:2]) for command in COMMANDS]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(words, id=name, marks=[pytest.mark.long] * (words[0] == "posterior"))
+        for words, name in zip(COMMANDS, IDS, strict=True)
+    ],
+)
+def test_a_domain_with_recordings_is_a_data_set(run, kitchen, command):
+    result = run(*command, *OWN, "--json")
+    assert result.exit_code == 0, result.stderr
+    if command[0] != "memory":
+        (kept,) = (kitchen / "cache" / "percepts").glob("kitchen-default-*.npz")
+        before = kept.stat().st_mtime_ns
+        again = run(*command, *OWN, "--json")
+        assert again.exit_code == 0
+        assert kept.stat().st_mtime_ns == before  # computed once
+
+
+def test_a_table_serves_as_its_recordings_do(run, kitchen):
+    assert run("data", "percepts", *OWN, "--out", "made.npz").exit_code == 0
+    first, second = (
+        json.loads(run(*COMMANDS[1], *own, "--json").stdout)["rows"][0]
+        for own in (OWN, ("--dataset", "made.npz"))
+    )
+    assert {**first, "seconds": 0} == {**second, "seconds": 0}
+
+
+@pytest.mark.parametrize("command", COMMANDS[:4], ids=IDS[:4])
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (("--dataset", "kitchen.toml"), "the folder of its CSV files"),
+        (("--dataset", "roc36", "--root", "."), "leave root out"),
+        (("--dataset", "kitchen.npz", "--root", "."), "is a percept table already"),
+    ],
+)
+def test_what_does_not_go_together_is_told(fails, table, command, own, message):
+    assert message in fails(*command, *own)
