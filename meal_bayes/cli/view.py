@@ -52,55 +52,39 @@ def view(
         raise click.UsageError("--step says which step a --screenshot shows.")
     if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
-    if save is not None:
-        _save(log, save, number)
-    elif screenshot is not None:
-        _picture(log, screenshot, number, step)
-    else:
-        _show(log, number, web=web, live=live)
-
-
-def _save(log: Path, path: Path, number: int | None) -> None:
+    from meal_bayes import viewer
     from meal_bayes.errors import OutputError
     from meal_bayes.viewer.window import check_recording_name
 
-    check_recording_name(path)
-    logs, total = _open(log, number)
-    try:
-        with draft_of(path, inputs=logs.files) as draft:
-            trials, _ = _record(log, logs, draft, number, total)
-    except RuntimeError as fault:  # the only kind that rerun knows
-        raise OutputError(f"{path} cannot be written: {fault}; give another place.") from fault
-    say(f"{path}: {trials} trials, {path.stat().st_size:,} bytes")
-
-
-def _picture(log: Path, path: Path, number: int | None, step: int | None) -> None:
-    from meal_bayes.viewer import take_picture
-
-    check_output(path)
-    with temporary_folder() as folder:
-        # rerun shows the file's name
-        recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
-        logs, total = _open(log, number)
-        _, last = _record(log, logs, recording, number, total)
-        take_picture(recording, path, row=last if step is None else step)
-    say(f"{path}: {path.stat().st_size:,} bytes")
-
-
-def _show(log: Path, number: int | None, *, web: bool, live: bool) -> None:
-    """Send trials to a window or a page, so that no file remains."""
-    from meal_bayes.viewer import Viewer
-
+    if save is not None:
+        check_recording_name(save)
+    if screenshot is not None:
+        check_output(screenshot)
     logs, total = (None, 0) if live else _open(log, number)
-    with Viewer(web=web) as viewer:
-        viewer.wait_until_ready()
-        if web:
-            say(f"open {viewer.address}\nthe page is rerun's own; Ctrl-C ends it")
-        if logs is None:
-            _follow(log, viewer)
-        else:
-            _record(log, logs, viewer.url, number, total)
-        viewer.wait()
+    if save is not None and logs is not None:
+        try:
+            with draft_of(save, inputs=logs.files) as draft:
+                trials, _ = _record(log, logs, draft, number, total)
+        except RuntimeError as fault:  # the only kind that rerun knows
+            raise OutputError(f"{save} cannot be written: {fault}; give another place.") from fault
+        say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
+    elif screenshot is not None and logs is not None:
+        with temporary_folder() as folder:
+            # rerun shows the file's name
+            recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
+            _, last = _record(log, logs, recording, number, total)
+            viewer.take_picture(recording, screenshot, row=last if step is None else step)
+        say(f"{screenshot}: {screenshot.stat().st_size:,} bytes")
+    else:  # a window or a page, to which trials are sent, so that no file remains
+        with viewer.Viewer(web=web) as window:
+            window.wait_until_ready()
+            if web:
+                say(f"open {window.address}\nthe page is rerun's own; Ctrl-C ends it")
+            if logs is None:
+                _follow(log, window)
+            else:
+                _record(log, logs, window.url, number, total)
+            window.wait()
 
 
 def _open(log: Path, number: int | None) -> "tuple[Logs, int]":
