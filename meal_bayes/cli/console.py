@@ -7,7 +7,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
@@ -80,8 +80,8 @@ def notes() -> Console:
 
 
 def print_table(
-    names: Sequence[str],
-    rows: Iterable[Sequence[str]],
+    columns: Mapping[str, str] | Sequence[str],
+    rows: Iterable[Any],
     *,
     left: Collection[str] = (),
     narrow: bool = False,
@@ -89,17 +89,18 @@ def print_table(
 ) -> None:
     """Print a table of results, right-justified but for the first column and `left`.
 
-    The first column holds names, which stay whole. In a `narrow` table columns stand close and all
-    lines stay whole, so that 80 characters hold them.
+    Rows hold the texts of columns, or are mappings, which each column's template formats. The first
+    column holds names, which stay whole. In a `narrow` table columns stand close and all lines stay
+    whole, so that 80 characters hold them.
     """
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     table.caption = caption or None
-    for name in names:
-        justify: JustifyMethod = "left" if name in (names[0], *left) else "right"
-        whole = narrow or name == names[0]
-        table.add_column(name, justify=justify, no_wrap=whole, overflow="fold")
+    for number, name in enumerate(columns):
+        justify: JustifyMethod = "left" if number == 0 or name in left else "right"
+        table.add_column(name, justify=justify, no_wrap=narrow or number == 0, overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        formats = columns.values() if isinstance(columns, Mapping) else None
+        table.add_row(*(row if formats is None else (text.format_map(row) for text in formats)))
     output().print(table)
 
 

@@ -51,11 +51,9 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     if as_json:
         terminal.print_json({"datasets": rows, "cache": str(cache_folder())})
         return
-    names = "data set", "objects", "behaviors", "attributes", "recordings", "files here"
-    terminal.print_table(names, (
-        (*map(str, list(row.values())[:5]), f"{row['files_cached']} of {row['files']}")
-        for row in rows
-    ))  # fmt: skip
+    shown = {name: f"{{{name}}}" for name in ("objects", "behaviors", "attributes", "recordings")}
+    columns = {"data set": "{name}"} | shown | {"files here": "{files_cached} of {files}"}
+    terminal.print_table(columns, rows)
     terminal.note(
         f"Percepts come with the package. The recordings behind them (files) are kept in "
         f"{cache_folder()}; get them with: meal-bayes data fetch NAME"

@@ -18,7 +18,6 @@ _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _SHOWN = 12  # pairs in the table
 _NAMED = 5  # surprising objects
-_RATE = "{:.2f} ({:.2f} to {:.2f})"
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
@@ -201,21 +200,20 @@ def _rows(draws: "xr.Dataset", yes: "NDArray[Any]") -> list[dict[str, Any]]:
 
 
 def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) -> None:
-    cells = (
-        (one["variable"], str(one["entries"]), f"{one['r_hat']:.3f}", f"{one['ess_bulk']:.0f}",
-         f"{one['ess_tail']:.0f}")
-        for one in facts["convergence"]
-    )  # fmt: skip
-    terminal.print_table(("variable", "entries", "R-hat", "ESS bulk", "ESS tail"), cells)
+    columns = {
+        "variable": "{variable}", "entries": "{entries}", "R-hat": "{r_hat:.3f}",
+        "ESS bulk": "{ess_bulk:.0f}", "ESS tail": "{ess_tail:.0f}",
+    }  # fmt: skip
+    terminal.print_table(columns, facts["convergence"])
     terminal.output().print()
-    pairs = (
-        (row["attribute"], row["behavior"], _RATE.format(row["tpr"], *row["tpr_interval"]),
-         _RATE.format(row["fpr"], *row["fpr_interval"]),
-         f"{row['s_true']:.1f}", f"{row['s_false']:.1f}")
-        for row in sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]
-    )  # fmt: skip
-    names = "attribute", "behavior", "yes of true", "yes of false", "s true", "s false"
-    terminal.print_table(names, pairs, left=("behavior",))
+    columns = {
+        "attribute": "{attribute}", "behavior": "{behavior}",
+        "yes of true": "{tpr:.2f} ({tpr_interval[0]:.2f} to {tpr_interval[1]:.2f})",
+        "yes of false": "{fpr:.2f} ({fpr_interval[0]:.2f} to {fpr_interval[1]:.2f})",
+        "s true": "{s_true:.1f}", "s false": "{s_false:.1f}",
+    }  # fmt: skip
+    pairs = sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]
+    terminal.print_table(columns, pairs, left=("behavior",))
     if len(rows) > _SHOWN:
         terminal.note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
     p = facts["predictive_p"]

@@ -1,5 +1,6 @@
 """`meal-bayes report`: one page of a run; `compare`: who is ahead, by a model of all outcomes."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -69,10 +70,9 @@ def compare(
         print_json({"effects": [row.as_dict() for row in rows]})
         return
     say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
-    names = "agent", "trials", "plain", "effect", "95 %", "ahead", "equivalent"
-    cells = (
-        (row.agent, str(row.trials), f"{row.plain:+.3f}", f"{row.effect:+.3f}",
-         f"{row.low:+.3f} to {row.high:+.3f}", f"{row.ahead:.3f}", f"{row.equivalent:.3f}")
-        for row in rows
-    )  # fmt: skip
-    print_table(names, cells)
+    columns = {
+        "agent": "{agent}", "trials": "{trials}", "plain": "{plain:+.3f}",
+        "effect": "{effect:+.3f}", "95 %": "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
+        "equivalent": "{equivalent:.3f}",
+    }  # fmt: skip
+    print_table(columns, map(asdict, rows))

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from dataclasses import asdict
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -99,26 +100,21 @@ def offline(
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
     console = terminal.output()
-    cells = (
-        (row.agent, f"{row.accuracy:.3f} ±{row.accuracy_se:.3f}", f"{row.cost_s:.1f}",
-         f"{row.reward:.1f} ±{row.reward_se:.1f}", f"{row.nll:.3f}", f"{row.ece:.3f}",
-         f"{row.abstained:.1%}")
-        for row in rows
-    )  # fmt: skip
-    names = ("agent", "accuracy", "cost, s", "reward", "NLL", "ECE", "abstained")
-    terminal.print_table(names, cells, narrow=True)
+    columns = {
+        "agent": "{agent}", "accuracy": "{accuracy:.3f} ±{accuracy_se:.3f}",
+        "cost, s": "{cost_s:.1f}", "reward": "{reward:.1f} ±{reward_se:.1f}", "NLL": "{nll:.3f}",
+        "ECE": "{ece:.3f}", "abstained": "{abstained:.1%}",
+    }  # fmt: skip
+    terminal.print_table(columns, map(asdict, rows), narrow=True)
     text = (
         f"{rows[0].trials} trials an agent; ± one standard error, objects drawn as "
         "wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
     console.print()
-    beliefs = (
-        (row.agent, f"{row.nll:.3f}", f"{row.brier:.3f}", f"{row.ece:.3f}",
-         f"{row.ece_calibrated:.3f}")
-        for row in rows
-    )  # fmt: skip
-    terminal.print_table(("final belief", "NLL", "Brier", "ECE", "ECE if calibrated"), beliefs)
+    columns = {"final belief": "{agent}", "NLL": "{nll:.3f}", "Brier": "{brier:.3f}"}
+    columns |= {"ECE": "{ece:.3f}", "ECE if calibrated": "{ece_calibrated:.3f}"}
+    terminal.print_table(columns, map(asdict, rows))
     if paired:
         console.print()
         differences = (
@@ -246,14 +242,17 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
     last, cells = max(row.batch for row in rows), []
     for each in summary:
         end = [row for row in rows if (row.agent, row.batch) == (each.agent, last)]
-        claimed = fmean(row.claimed_accuracy for row in end)
-        cells.append(
-            (each.agent, f"{fmean(row.hours for row in end):.1f}", f"{each.accuracy_after:.3f}",
-             f"{claimed:.3f}", f"{fmean(row.test_cost_s for row in end):.1f}",
-             f"{each.reward_after:.1f}", f"{each.ece_after:.3f}")
-        )  # fmt: skip
-    heads = ("agent", "explored, h", "accuracy", "claimed", "test cost, s", "reward", "ECE")
-    terminal.print_table(heads, cells, narrow=True)
+        means = {
+            name: fmean(getattr(row, name) for row in end)
+            for name in ("hours", "claimed_accuracy", "test_cost_s")
+        }
+        cells.append(asdict(each) | means)
+    columns = {
+        "agent": "{agent}", "explored, h": "{hours:.1f}", "accuracy": "{accuracy_after:.3f}",
+        "claimed": "{claimed_accuracy:.3f}", "test cost, s": "{test_cost_s:.1f}",
+        "reward": "{reward_after:.1f}", "ECE": "{ece_after:.3f}",
+    }  # fmt: skip
+    terminal.print_table(columns, cells, narrow=True)
     repeats = len({row.repeat for row in rows})
     text = f"repeats: {repeats}; after the last batch, ECE of the last three\n"
     terminal.output().print(Text(text, "dim"), end="")
