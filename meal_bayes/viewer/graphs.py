@@ -8,7 +8,6 @@ from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.display import best_options, level_names
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.viewer.labels import action_label, option_label
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, Color
 from meal_bayes.viewer.recorder import TrialFrame
@@ -117,11 +116,19 @@ def search_tree(frame: TrialFrame) -> Graph:
         labels[action] = f"{label}\n{decision.values[action]:.1f}{visits}"
     left = box_size(root)[0] + _COLUMN_GAP
     right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
-    leaves = _leaves(decision, actions)
+    # The most visited second-level edges below the drawn actions.
+    first = {at: edge.action for at, edge in enumerate(decision.tree) if edge.level == 1}
+    second = [e for e in decision.tree if e.level > 1 and first.get(e.parent) in actions]
+    leaves = dict[int, list[str]]()
+    for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
+        names = level_names(momdp.levels)
+        percept = ", ".join(names[z] for z in edge.observation if 0 <= z < len(names)) or "nothing"
+        text = f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
+        leaves.setdefault(first[edge.parent], []).append(text)
     row, y = box_size("")[1] + _ROW_GAP, 0.0
     nodes, edges = list[Node](), list[tuple[str, str]]()
     for action, label in labels.items():
-        below = [_leaf_label(momdp, edge) for edge in leaves.get(action, ())]
+        below = leaves.get(action, [])
         height = max(len(below) * row, box_size(label)[1] + _ROW_GAP)
         top = y + (height - len(below) * row) / 2
         for number, text in enumerate(below):
@@ -153,19 +160,3 @@ def _place_states(momdp: MOMDP, moves: dict[tuple[int, int], str]) -> list[Node]
         nodes.append(Node(f"x{x}", label, column * wide, used[column] * high, GRAY))
         used[column] += 1
     return nodes
-
-
-def _leaves(decision: Decision, actions: list[int]) -> dict[int, list[TreeEdge]]:
-    """Return the most visited second-level edges below the drawn actions."""
-    first = {at: edge.action for at, edge in enumerate(decision.tree) if edge.level == 1}
-    second = [e for e in decision.tree if e.level > 1 and first.get(e.parent) in actions]
-    leaves = dict[int, list[TreeEdge]]()
-    for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
-        leaves.setdefault(first[edge.parent], []).append(edge)
-    return leaves
-
-
-def _leaf_label(momdp: MOMDP, edge: TreeEdge) -> str:
-    names = dict(enumerate(level_names(momdp.levels)))
-    percept = ", ".join(names[z] for z in edge.observation if z in names) or "nothing"
-    return f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"

@@ -1,6 +1,5 @@
 """The texts of the viewer, as Markdown: question, decision, outcome, answer."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -43,14 +42,29 @@ def narrate(frame: TrialFrame) -> str:
     """Return the text of a frame: question, step, outcome, beliefs, answer."""
     trial, momdp, step = frame.trial, frame.trial.momdp, frame.step
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
-    lines = [f"### {question(trial)}", about, "", *_executed(frame), ""]
-    lines += ["|attribute|belief|percept|", "|---|---|---|"]
-    percepts = [""] * len(trial.task.query)
-    if step is not None and step.observation is not None:
-        percepts = percept_labels(momdp, step.decision.action, step.observation)
+    lines, percepts = [f"### {question(trial)}", about, ""], [""] * len(trial.task.query)
+    if step is None:
+        lines.append(f"**trial {frame.time.trial}, before any behavior**")
+    else:
+        action, spent = step.decision.action, f"cost in all {frame.spent:g} s"
+        name = f"step {frame.number}: {action_label(momdp, action)}"
+        if action < momdp.n_behaviors:
+            outcome = plain_text(outcome_text(momdp, step, "→"))
+            spent = f"{outcome}, {step.cost:g} s ({frame.spent:g} s so far)"
+        lines += [f"**trial {frame.time.trial}, {name}**", "", spent]
+        lines += [f"**{plain_text(step.warning)}**"] if step.warning else []
+        if step.observation is not None:
+            percepts = percept_labels(momdp, action, step.observation)
+    lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     rows = list(zip(trial.task.query.attributes, frame.positive.tolist(), percepts, strict=True))
     lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
-    return "\n".join([*lines, "", *_answer(frame)])
+    if not frame.last:
+        best, sure = _report_text(trial, frame.belief.best_report), percent(frame.belief.certainty)
+        return "\n".join([*lines, "", f"now it would answer **{best}** ({sure} sure)"])
+    facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
+    verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
+    end = [f"### answer: {facts['answer']}", f"{verdict}truth: {facts['truth']}", facts["cost"]]
+    return "\n".join([*lines, "", *end])
 
 
 def explain_decision(frame: TrialFrame) -> str:
@@ -91,7 +105,7 @@ def log_line(frame: TrialFrame) -> str:
         return f"abstains, {trial.cost:g} s"
     if action >= momdp.n_behaviors:
         verdict = verdict_text(trial).replace("wrong", "WRONG")
-        return f"answers {report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
+        return f"answers {_report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
     percept = "nothing"
     if step.observation is not None:
         percept = ", ".join(percept_labels(momdp, action, step.observation))
@@ -101,29 +115,6 @@ def log_line(frame: TrialFrame) -> str:
     )
 
 
-def report_text(trial: Trial, values: np.ndarray | None) -> str:
+def _report_text(trial: Trial, values: np.ndarray | None) -> str:
     """Return the values (N,) of a report by name, or "abstained"."""
     return "abstained" if values is None else plain_text(trial.task.query.report_name(values))
-
-
-def _executed(frame: TrialFrame) -> Sequence[str]:
-    step, momdp, number = frame.step, frame.trial.momdp, frame.time.trial
-    if step is None:
-        return [f"**trial {number}, before any behavior**"]
-    action = step.decision.action
-    title = f"**trial {number}, step {frame.number}: {action_label(momdp, action)}**"
-    warned = [f"**{plain_text(step.warning)}**"] if step.warning else []
-    if action >= momdp.n_behaviors:
-        return [title, "", f"cost in all {frame.spent:g} s", *warned]
-    outcome = plain_text(outcome_text(momdp, step, "→"))
-    return [title, "", f"{outcome}, {step.cost:g} s ({frame.spent:g} s so far)", *warned]
-
-
-def _answer(frame: TrialFrame) -> Sequence[str]:
-    trial = frame.trial
-    if not frame.last:
-        best = report_text(trial, frame.belief.best_report)
-        return [f"now it would answer **{best}** ({percent(frame.belief.certainty)} sure)"]
-    facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
-    verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
-    return [f"### answer: {facts['answer']}", f"{verdict}truth: {facts['truth']}", facts["cost"]]

@@ -59,7 +59,10 @@ class Viewer:
     def __init__(
         self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
     ) -> None:
-        data, page = free_ports()
+        with socket.socket() as one, socket.socket() as other:  # ports that nobody listens on
+            for free in (one, other):
+                free.bind((HERE, 0))
+            data, page = one.getsockname()[1], other.getsockname()[1]
         self._port = page if web else data  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
         self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]
@@ -176,14 +179,6 @@ def viewer_program() -> Path:
     raise ViewerError(
         "The viewer's program is missing; install it with: pip install --force-reinstall rerun-sdk"
     )
-
-
-def free_ports() -> tuple[int, int]:
-    """Return two ports that nobody listens on."""
-    with socket.socket() as one, socket.socket() as other:
-        for each in (one, other):
-            each.bind((HERE, 0))
-        return one.getsockname()[1], other.getsockname()[1]
 
 
 def check_recording_name(path: Path) -> Path:
