@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meal_bayes.cli.console import note, print_json, say
-from meal_bayes.cli.options import dataset_option, json_option, option, table_of
-from meal_bayes.untrusted import LARGEST
+from meal_bayes.cli.options import LARGEST, dataset_option, json_option, option, table_of
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable

@@ -12,8 +12,9 @@ import click
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+LARGEST, NAME_LIMIT = 1e6, 1000  # as `untrusted` has them, which loads NumPy
 MOST_TRIALS = 10_000_000
-COUNT = click.IntRange(1, MOST_TRIALS)
+COUNT, AMOUNT = click.IntRange(1, MOST_TRIALS), click.FloatRange(0, LARGEST)
 SEED = click.IntRange(0, 2**63 - 1)
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)

@@ -13,7 +13,6 @@ from rich.text import Text
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
-from meal_bayes.untrusted import LARGEST, NAME_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +33,7 @@ def run() -> None:
 
 @run.command(short_help="Agents answer the same queries about new objects.")
 @opt.dataset_option
-@opt.option("--attributes", click.IntRange(1, NAME_LIMIT), 2, "N", "Asked at a time.")
+@opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Asked at a time.")
 @opt.option("--trials", opt.COUNT, 400, "T", "For each agent.")
 @opt.option(
     "--agent agents", None, None, "NAME",
@@ -50,7 +49,7 @@ def run() -> None:
 )  # fmt: skip
 @opt.perception_option
 @opt.option(
-    "--reward", click.FloatRange(0, LARGEST, min_open=True), None, "R",
+    "--reward", click.FloatRange(0, opt.LARGEST, min_open=True), None, "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @opt.logs_option
@@ -152,7 +151,7 @@ def _chance(text: str) -> tuple[str, float]:
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
 @opt.dataset_option
-@opt.option("--attributes", click.IntRange(1, NAME_LIMIT), 1, "N", "Asked at a time.")
+@opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
 @opt.option(
     "--agent agents", None, None, "NAME",
     f"{opt.ONLINE_AGENTS}; any agent of `run offline`; or {opt.OWN}; may be repeated, or a comma "
@@ -171,8 +170,8 @@ def _chance(text: str) -> tuple[str, float]:
     "--split", _shares, "33/33/34", "A/B/C",
     "Shares of objects known before, met in training, and tested on.",
 )  # fmt: skip
-@opt.option("--alpha", click.FloatRange(0, LARGEST), None, "A", "Of Eq. 11, s a bit; 6 by default.")
-@opt.option("--beta", click.FloatRange(0, LARGEST), None, "B", "Of Eq. 11, s; 30 by default.")
+@opt.option("--alpha", opt.AMOUNT, None, "A", "Of Eq. 11, s a bit; 6 by default.")
+@opt.option("--beta", opt.AMOUNT, None, "B", "Of Eq. 11, s; 30 by default.")
 @opt.option(
     "--normalizer", click.Choice(["paper", "all"]), "paper", None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",

@@ -13,6 +13,7 @@ import click
 import pytest
 
 import meal_bayes
+from meal_bayes import untrusted
 from meal_bayes.agents import AGENTS
 from meal_bayes.cli import main, options
 from meal_bayes.cli.program import Program
@@ -29,6 +30,7 @@ def test_help_loads_no_numeric_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+    assert (options.LARGEST, options.NAME_LIMIT) == (untrusted.LARGEST, untrusted.NAME_LIMIT)
 
 
 def commands(group, path=()):
