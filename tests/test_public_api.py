@@ -56,6 +56,11 @@ def test_light_names_load_no_heavy_library(code):
     assert not loaded_after(f"import meal_bayes\n{code}") & HEAVY
 
 
+def test_what_is_slow_to_load_waits_until_it_is_needed():
+    assert "sklearn" not in loaded_after("import meal_bayes.perception")  # of the paper's method
+    assert "pymc" not in loaded_after("import meal_bayes.posterior as p; p.draw_grid")
+
+
 def test_every_name_is_found_and_documented():
     for name in meal_bayes.__all__:
         value = getattr(meal_bayes, name)

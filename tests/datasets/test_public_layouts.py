@@ -106,47 +106,36 @@ def loaded(recordings):
 
 
 @pytest.mark.real_data
-def test_roc36(loaded):
-    roc36 = loaded["roc36"]
-    assert roc36.labels.shape == (36, 10)
-    assert roc36.recordings == 10
-    assert len(roc36.features) == 22
-    assert roc36.features["look", "color"].shape == (36, 10, 76)
-    assert roc36.features["lift_slow", "audio"].shape == (36, 10, 50)
-    assert roc36.labels.sum(axis=0).tolist() == [12] * 6 + [9] * 4
-    for members in roc36.domain.groups.values():
-        columns = [roc36.domain.attribute_index(name) for name in members]
-        assert (roc36.labels[:, columns].sum(axis=1) == 1).all()
-    first = roc36.instance(0, "look", 2).features
-    assert first is not None
-    np.testing.assert_allclose(first["color"][:2], [0.16385252, -11.10606688])
+@pytest.mark.parametrize(
+    ("name", "shape", "features"),
+    [
+        ("roc36", (36, 10, 10, 22), {("look", "color"): 76, ("lift_slow", "audio"): 50}),
+        ("ispy32", (32, 81, 5, 27), {("look", "fc7"): 4096, ("grasp", "haptics"): 60}),
+        ("cy101", (100, 10, 5, 48), {}),
+    ],
+)
+def test_sizes_of_the_recordings(loaded, name, shape, features):
+    data = loaded[name]
+    assert (*data.labels.shape, data.recordings, len(data.features)) == shape
+    for context, size in features.items():
+        assert data.features[context].shape == (shape[0], shape[2], size)
 
 
 @pytest.mark.real_data
-def test_ispy32(loaded):
-    ispy32 = loaded["ispy32"]
-    assert ispy32.labels.shape == (32, 81)
-    assert ispy32.recordings == 5
-    assert len(ispy32.features) == 27
-    positive = ispy32.labels.sum(axis=0)
-    least = ispy32.domain.asked_minimum
+def test_labels_and_repairs_of_the_recordings(loaded):
+    roc36, ispy32, cy101 = loaded.values()
+    assert roc36.labels.sum(axis=0).tolist() == [12] * 6 + [9] * 4
+    assert roc36.domain.group_misfit(roc36.labels) is None
+    first = roc36.instance(0, "look", 2).features["color"]
+    np.testing.assert_allclose(first[:2], [0.16385252, -11.10606688])
+    positive, least = ispy32.labels.sum(axis=0), ispy32.domain.asked_minimum
     assert ((positive > least) & (32 - positive > least)).sum() == 37
-    assert ispy32.features["look", "fc7"].shape == (32, 5, 4096)
-    assert ispy32.features["grasp", "haptics"].shape == (32, 5, 60)
     assert np.isclose(ispy32.features["grasp", "haptics"][0, 0, 0], 0.163382)
-    both = ispy32.labels[:, [ispy32.domain.attribute_index(w) for w in ("heavy", "light")]].all(1)
+    both = ispy32.labels[:, ispy32.domain.columns(("heavy", "light"))].all(axis=1)
     assert (np.flatnonzero(both) + 1).tolist() == [22, 24]
     cup = ispy32.objects.index("pineapple_cup")
     assert ispy32.labels[cup, ispy32.domain.attribute_index("pineapple")] == 1
-
-
-@pytest.mark.real_data
-def test_cy101(loaded):
-    cy101 = loaded["cy101"]
-    assert cy101.labels.shape == (100, 10)
     assert "no_object" not in cy101.objects
-    assert cy101.recordings == 5
-    assert len(cy101.features) == 48
     assert cy101.labels.sum(axis=0).tolist() == [17, 25, 23, 36, 42, 35, 32, 16, 21, 20]
     color = cy101.features["look", "color"]
     assert color.min() == 0

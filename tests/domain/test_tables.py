@@ -50,11 +50,6 @@ def test_shipped_tables_load_and_come_back_equal_through_json(name):
     assert domain_from_table(json.loads(json.dumps(domain_table(domain)))) == domain
 
 
-def test_costs_of_all_roc36_behaviors_are_table_3s():
-    domain = load_domain("roc36")
-    assert sum(b.cost for b in domain.behaviors if b.modalities) == pytest.approx(37.1)
-
-
 def test_costs_of_the_illustrative_cy101_trials():
     domain = load_domain("cy101")
     cost = {behavior.name: behavior.cost for behavior in domain.behaviors}

@@ -6,53 +6,10 @@ from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp import (
     Transition,
     belief_of,
-    best_report,
     build_momdp,
     initial_belief,
     update_belief,
 )
-
-
-def momdp_of(name, rates_by_attribute, precision=np.inf, **options):
-    """Build a problem of {attribute: {behavior: (TPR, FPR)}}."""
-    domain, attributes = load_domain(name), tuple(rates_by_attribute)
-    confusion = np.full((len(attributes), len(domain.behaviors), 2, 2), 0.5)
-    for i, rates in enumerate(rates_by_attribute.values()):
-        for behavior, (tpr, fpr) in rates.items():
-            rows = [[1 - fpr, fpr], [1 - tpr, tpr]]
-            confusion[i, domain.behavior_index(behavior)] = rows
-    return build_momdp(domain, Query(attributes), confusion, precision, **options)
-
-
-def test_table_5_empty(follow):
-    rates = {
-        "look": (0.65, 0.45),
-        "grasp": (0.70, 0.50),
-        "lift_slow": (0.58, 0.30),
-        "shake": (0.956, 0.168),
-    }
-    steps = [("look", [1]), ("grasp", [1]), ("lift_slow", [1])]
-    steps += [("shake", [0]), ("shake", [1]), ("shake", [0])]
-    beliefs = follow(momdp_of("cy101", {"empty": rates}), steps)
-    found = [round(float(belief.positive[0]), 3) for belief in beliefs]
-    assert found == [0.591, 0.669, 0.796, 0.171, 0.541, 0.059]
-
-
-def test_figure_7_yellow_and_metallic(follow):
-    momdp = momdp_of(
-        "ispy32",
-        {
-            "yellow": {"look": (0.60, 0.132), "push": (0.50, 0.38)},
-            "metallic": {"look": (0.50, 0.265), "push": (0.70, 0.07)},
-        },
-    )
-    no = [0, 0]
-    steps = [("look", no), ("push", no), ("reinit", None), ("look", no), ("push", None)]
-    beliefs = follow(momdp, [*steps, ("push", no)])
-    np.testing.assert_allclose(beliefs[0].joint, [0.407, 0.277, 0.188, 0.128], atol=5e-4)
-    np.testing.assert_allclose(beliefs[1].joint, [0.598, 0.131, 0.222, 0.049], atol=5e-4)
-    np.testing.assert_allclose(beliefs[5].joint, [0.838, 0.040, 0.116, 0.006], atol=5e-4)
-    assert momdp.action_name(best_report(momdp, beliefs[5])) == "report not yellow, not metallic"
 
 
 def test_table_4_late_press(follow):
@@ -62,17 +19,6 @@ def test_table_4_late_press(follow):
     momdp = build_momdp(domain, Query(("soft",)), confusion, prior=0.43)
     (belief,) = follow(momdp, [("crush", [0])])
     assert belief.positive[0] == pytest.approx(0.16, abs=0.01)
-
-
-@pytest.mark.parametrize(("scale", "expected"), [(1.0, 8 / 13), (np.inf, 0.7491)])
-def test_six_equal_percepts(follow, scale, expected):
-    # Rows Dir(3,2) given true and Dir(2,2) given false, the first number for "positive".
-    domain = load_domain("toy")
-    confusion = np.tile([[0.5, 0.5], [0.4, 0.6]], (1, len(domain.behaviors), 1, 1))
-    precision = np.tile([4.0 * scale, 5.0 * scale], (1, len(domain.behaviors), 1))
-    momdp = build_momdp(domain, Query(("heavy",)), confusion, precision)
-    beliefs = follow(momdp, [("lift", [1])] * 6)
-    assert beliefs[-1].positive[0] == pytest.approx(expected, abs=5e-5)
 
 
 def test_no_belief_is_cut_off_at_the_ends(follow):
@@ -96,15 +42,6 @@ def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     latent_classes = [[[1 - error, error, 0, 0], [0, 0, 1 - error, error]]]
     attribute = "red" if name == "toy" else "heavy"
     return build_momdp(domain, Query((attribute,)), rows, latent_classes=latent_classes, **options)
-
-
-def test_percepts_of_an_object_that_may_deceive_are_worth_no_more_than_its_latent_class(follow):
-    momdp = mistaken("toy", 0.05)
-    once, *_, often = follow(momdp, [("look", [1])] * 60)
-    assert once.positive[0] == pytest.approx((0.95 * 0.9 + 0.05 * 0.2) / 1.1)
-    assert often.positive[0] == pytest.approx(0.95)
-    against = follow(momdp, [("look", [1])] * 60 + [("look", [0])] * 200)[-1]
-    assert against.positive[0] == pytest.approx(0.05)
 
 
 def test_an_answer_tells_of_the_truth_whatever_the_object_seems(follow):
@@ -138,10 +75,10 @@ def test_a_truth_may_lack_a_kind(follow):
     assert momdp.log_truth[0, 0, 1] == -np.inf
 
 
-def test_sure_weights_are_sure_beliefs():
+def test_sure_weights_are_sure_beliefs(momdp_of):
     seen = np.zeros((2, 3, 2), dtype=int)
     sure = np.array([[0.0, -np.inf], [-np.inf, 0.0]])
-    belief = belief_of(momdp_of("toy", {"red": {}, "heavy": {}}), 0, sure, seen)
+    belief = belief_of(momdp_of("toy", 2), 0, sure, seen)
     np.testing.assert_array_equal(belief.log_odds, [-np.inf, np.inf])
     np.testing.assert_array_equal(belief.positive, [0.0, 1.0])
     assert belief.certainty == 1.0
@@ -153,8 +90,8 @@ def test_sure_weights_are_sure_beliefs():
     [(-1, 1, None), (99, 1, None), (0, -1, None), (0, 99, None), (0, 1, [-1]), (0, 1, [2]),
      (0, 1, [0, 1]), (0, 1, [0.5])],
 )  # fmt: skip
-def test_what_is_no_index_of_the_momdp_is_refused(action, x, percept):
-    momdp = momdp_of("toy", {"red": {"look": (0.8, 0.3)}})
+def test_what_is_no_index_of_the_momdp_is_refused(momdp_of, action, x, percept):
+    momdp = momdp_of("toy", 1)
     observation = None if percept is None else np.array(percept)
     with pytest.raises(SettingsError):
         update_belief(initial_belief(momdp), momdp, Transition(action, x, observation))

@@ -26,16 +26,6 @@ tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
 )
 
 
-@given(tables)
-def test_entropies_add_up_to_equation_9(confusion):
-    momdp = build_momdp(ISPY32, QUERY, confusion)
-    each = observation_entropy(momdp)
-    for e, behavior in enumerate(ISPY32.behaviors):
-        for y, values in enumerate(QUERY.values.astype(int)):
-            direct = entropy(percept_probabilities(momdp, e)[y], base=2) if behavior.senses else 0.0
-            assert each[[0, 1], e, values].sum() == pytest.approx(direct)
-
-
 @given(tables, hnp.arrays(float, (2, E), elements=st.floats(0.0, 1.0)))
 def test_shaped_reward_is_equation_11(confusion, experience):
     momdp = build_momdp(ISPY32, QUERY, confusion)

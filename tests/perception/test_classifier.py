@@ -1,7 +1,5 @@
 """Classifiers of one's own: they learn, they repeat, and they cannot leak."""
 
-import subprocess
-import sys
 import warnings
 from dataclasses import replace
 
@@ -204,8 +202,3 @@ def test_hardly_any_objects_are_no_error(make, perception, objects):
     assert np.isfinite(table.log_odds[:, :, :2]).all()
     if objects < 3:
         assert (table.log_odds[:, :, :2] == 0).all()
-
-
-def test_scikit_learn_loads_only_for_the_paper():
-    code = "import sys, meal_bayes.perception; sys.exit('sklearn' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

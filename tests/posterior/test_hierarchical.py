@@ -153,11 +153,6 @@ def test_one_attribute_or_behavior_has_nothing_to_cross():
     assert {v.name for v in model.free_RVs} == {"log_odds_center", "log_s_center", "half_standard"}
 
 
-def test_the_package_does_not_load_pymc():
-    code = "import sys, meal_bayes.posterior as p; p.draw_grid; sys.exit('pymc' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("home", ["cache", "/dev/null/none"])
 def test_the_compile_folder_is_the_users_own(tmp_path, home):
