@@ -22,12 +22,10 @@ class Effect:
 
     Attributes
     ----------
-    source : str
-        A state, or "*" for every state but `term`.
+    source, target : str
+        A state, or "*": for every state but `term`, and for the source itself.
     behavior : str
         Name of the behavior.
-    target : str
-        A state, or "*" for the source itself.
     probability : float
         Pr(target | source, behavior).
     senses : bool

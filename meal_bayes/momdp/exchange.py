@@ -88,12 +88,8 @@ class FlatPOMDP:
 
     Attributes
     ----------
-    state_names : tuple[str, ...]
-        (S,).
-    action_names : tuple[str, ...]
-        (A,).
-    observation_names : tuple[str, ...]
-        (Z,) percept levels by attribute, such as "1-0".
+    state_names, action_names, observation_names : tuple[str, ...]
+        (S,), (A,) and (Z,), percept levels by attribute, such as "1-0".
     transition : NDArray[np.float64]
         (A,S,S) Pr(s' | s, a).
     observation : NDArray[np.float64]

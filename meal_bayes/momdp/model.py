@@ -29,16 +29,12 @@ class MOMDP:
     ----------
     query : Query
         The N attributes asked.
-    x_names : tuple[str, ...]
-        (X,) the last is "term".
-    behavior_names : tuple[str, ...]
-        (E,).
+    x_names, behavior_names : tuple[str, ...]
+        (X,), of which the last is "term", and (E,).
     start : int
         Index of the first x.
-    transition : NDArray[np.float64]
-        (E,X,X) Pr(x' | x, behavior).
-    observation_probability : NDArray[np.float64]
-        (E,X,X) Pr(a percept comes | behavior, x, x').
+    transition, observation_probability : NDArray[np.float64]
+        (E,X,X) Pr(x' | x, behavior), and Pr(a percept comes | behavior, x, x').
     legal : NDArray[np.bool_]
         (X,E) whether a behavior can be executed.
     confusion : NDArray[np.float64]

@@ -17,7 +17,6 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import count
 from typing import Any
 
@@ -90,8 +89,6 @@ def fit_hierarchical(
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Draw from the posterior of a hierarchical model.
 
-    nutpie samples where it is installed, PyMC's own NUTS elsewhere; each repeats under its seed.
-
     Parameters
     ----------
     counts : ArrayLike
@@ -106,7 +103,7 @@ def fit_hierarchical(
     sampling : Sampling, optional
         How NUTS samples.
     progress : Callable[[int, int], None], optional
-        Called with (steps done, steps in all); nutpie shows its own bar instead.
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -272,16 +269,12 @@ def _shared_class(
 
 def _sample(built: "pm.Model", sampling: Sampling, progress: Progress | None) -> Any:
     """Run NUTS; raise `KeyboardInterrupt` where it was interrupted."""
-    settings: dict[str, Any] = {"nuts_sampler": "pymc", "progressbar": False, "quiet": True}
-    if find_spec("nutpie"):
-        shown = progress is not None
-        settings = {"nuts_sampler": "nutpie", "progressbar": shown, "quiet": not shown}
-    else:
+    settings: dict[str, Any] = {}
+    if progress is not None:
         total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
-        if progress is not None:
-            settings["callback"] = lambda **_: progress(next(steps), total)
-        if not config.cxx:  # no C compiler: Numba comes with the package
-            settings["compile_kwargs"] = {"mode": "NUMBA"}
+        settings["callback"] = lambda **_: progress(next(steps), total)
+    if not config.cxx:  # no C compiler: Numba comes with the package
+        settings["compile_kwargs"] = {"mode": "NUMBA"}
     with warnings.catch_warnings():
         # Chains in processes: forked ones inherit idle threads only.
         warnings.filterwarnings("ignore", ".*multi-threaded, use of fork", DeprecationWarning)
@@ -297,6 +290,9 @@ def _sample(built: "pm.Model", sampling: Sampling, progress: Progress | None) ->
                 target_accept=ACCEPT,
                 model=built,
                 compute_convergence_checks=False,
+                nuts_sampler="pymc",
+                progressbar=False,
+                quiet=True,
                 **settings,
             )
         except ValueError as fault:

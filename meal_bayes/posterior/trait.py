@@ -60,10 +60,8 @@ class SharedTrait:
     ----------
     sd : float
         Sigma, of traits about the truth's +-1.
-    points : NDArray[np.float64]
-        (M,) t, rising.
-    latent_classes : NDArray[np.float64]
-        (2,M) Pr(t | truth).
+    points, latent_classes : NDArray[np.float64]
+        (M,) t, rising, and (2,M) Pr(t | truth).
 
     Examples
     --------
