@@ -49,10 +49,8 @@ def dataset_parts(
     for context in features:
         if context not in contexts:
             raise DataError(unknown("context", str(context), map(str, contexts)))
-    for context in contexts:
-        if context not in features:
-            raise DataError(f"No features of {context}; expected one entry a context: {contexts}.")
-    rows = [(context, _rows(features[context], names, context)) for context in contexts]
+    present = (context for context in contexts if context in features)
+    rows = [(context, _rows(features[context], names, context)) for context in present]
     if not any(len(table.keys) for _, table in rows):
         raise DataError("No object has a recording; give features of at least one.")
     return names, join_features(names, rows), values
