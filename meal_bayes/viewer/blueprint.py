@@ -3,7 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from meal_bayes.viewer import robot_view, run_view, scene
+from meal_bayes.viewer import run_view, scene
 
 _AROUND = 8  # rows shown before and behind the cursor
 _NO_LEGEND = rrb.PlotLegend(visible=False)
@@ -14,18 +14,9 @@ def blueprint(
 ) -> rrb.Blueprint:
     """Return the layout of a recording.
 
-    Parameters
-    ----------
-    single : bool
-        Whether there is one trial, of which plots show all; else they move with the cursor.
-    steps : bool
-        Whether trials are shown step by step, in a tab of their own.
-    crowded : bool
-        Whether there are too many attributes for a legend.
-    run_first, live : bool
-        Whether the run's tab is shown at the beginning, and the newest row followed.
-    robot : bool
-        Whether the robot is shown too, in its own time.
+    Plots show all of a `single` trial, else the rows around the cursor. The trials have a tab of
+    their own if their `steps` are shown, with the `robot` in its own time, and a legend unless
+    attributes are `crowded`. The run's tab may be `run_first`; `live`, the newest row is followed.
     """
     trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
     return rrb.Blueprint(
@@ -94,13 +85,13 @@ def _robot() -> rrb.Vertical:
     eye = rrb.EyeControls3D(position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10))
     return rrb.Vertical(
         rrb.Spatial3DView(
-            origin=robot_view.ROBOT, name="the robot (red: contact forces)",
+            origin=scene.ROBOT, name="the robot (red: contact forces)",
             line_grid=rrb.LineGrid3D(visible=False), eye_controls=eye,
         ),
         rrb.Horizontal(
-            rrb.Spatial2DView(origin=robot_view.CAMERA, name="the robot's camera"),
+            rrb.Spatial2DView(origin=scene.CAMERA, name="the robot's camera"),
             rrb.TimeSeriesView(
-                origin=robot_view.FORCE, name="contact force, N", plot_legend=_NO_LEGEND
+                origin=scene.FORCE, name="contact force, N", plot_legend=_NO_LEGEND
             ),
         ),
         row_shares=[3, 1],

@@ -16,9 +16,8 @@ from meal_bayes.trial_log import Follower
 from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.viewer.blueprint import blueprint
 from meal_bayes.viewer.recorder import Clock, Recorder, Time
-from meal_bayes.viewer.robot_view import add_robot
 from meal_bayes.viewer.run_view import RunView
-from meal_bayes.viewer.scene import Scene
+from meal_bayes.viewer.scene import Scene, add_robot
 
 APPLICATION = "meal_bayes"
 _BATCH = 100  # trials sent together
