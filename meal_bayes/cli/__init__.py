@@ -19,18 +19,16 @@ from meal_bayes.cli.run import run
 from meal_bayes.cli.sim import sim
 from meal_bayes.cli.view import view
 
-_COMMANDS = [
-    demo, ask, memory, run, reproduce, view, report, compare, posterior, data, log, export, sim,
-    doctor,
-]  # fmt: skip
-
 
 @click.group(
     cls=Program,
-    commands=_COMMANDS,
+    commands=[
+        demo, ask, memory, run, reproduce, view, report, compare, posterior, data, log, export,
+        sim, doctor,
+    ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
-)
+)  # fmt: skip
 @click.version_option(package_name="meal-bayes", message="meal-bayes %(version)s")
 def main() -> None:
     """Choose which behaviors a robot tries before it answers a question about an object."""

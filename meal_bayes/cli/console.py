@@ -67,16 +67,11 @@ class _Console(Console):
 
 
 def output(*, stderr: bool = False) -> Console:
-    """Return the console of results."""
+    """Return the console of results, or of progress and notes."""
     console = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     if console.width < _NARROWEST:  # COLUMNS=0, or a terminal of unknown width
         console.width = _USUAL
     return console
-
-
-def notes() -> Console:
-    """Return the console of progress and notes, on standard error."""
-    return output(stderr=True)
 
 
 def print_table(
@@ -127,7 +122,7 @@ def label_text(label: str) -> Text:
 
 def note(text: str) -> None:
     """Print one line on standard error."""
-    notes().print(text, style="dim", soft_wrap=True)
+    output(stderr=True).print(text, style="dim", soft_wrap=True)
 
 
 @contextlib.contextmanager
@@ -146,7 +141,7 @@ def patience(text: str) -> Iterator[None]:
 @contextlib.contextmanager
 def progress(what: str, unit: str) -> Iterator[Advance]:
     """Show fraction done, time passed and time left: a bar on a terminal, else lines."""
-    console, start = notes(), time.monotonic()
+    console, start = output(stderr=True), time.monotonic()
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
     bars = Progress(
         SpinnerColumn("line"),  # moves while a long unit does not
@@ -202,7 +197,7 @@ def showing_compilation() -> Iterator[None]:
     """Show that kernels are compiled, once after an install."""
     from meal_bayes.planners import watch_compilation
 
-    text, console = "compiling the planner, once after an install ...", notes()
+    text, console = "compiling the planner, once after an install ...", output(stderr=True)
     status = console.status(text, spinner="line")
     start = status.start if console.is_terminal else functools.cache(lambda: note(text))
     try:

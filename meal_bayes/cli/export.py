@@ -40,11 +40,10 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
-    from meal_bayes.datasets import load_percepts, object_index
+    from meal_bayes.datasets import load_percepts
     from meal_bayes.domain import read_query
     from meal_bayes.files import check_output
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
-    from meal_bayes.perception import table_counts
     from meal_bayes.posterior import ConfusionPosterior
 
     kind = options["format"] or file.suffix.removeprefix(".")
@@ -52,13 +51,10 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
         raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
     check_output(file, inputs=[options["dataset"]])
     table = load_percepts(table_of(options["dataset"], options["root"]))
-    query, name = read_query(options["query"], table.domain), options["object"]
-    if name is None:
-        counts = held_out_counts(table, 2)
-    else:
-        counts = table_counts(table, object_index(table.objects, name))
+    query = read_query(options["query"], table.domain)
     columns = table.domain.columns(query.attributes)
-    rows, precision = ConfusionPosterior.from_counts(counts).select(columns, exact=True)
+    theta = ConfusionPosterior.from_counts(percept_counts(table, options["object"], 2))
+    rows, precision = theta.select(columns, exact=True)
     momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
     if options["discount"] is not None:
         momdp = replace(momdp, discount=options["discount"])
@@ -85,12 +81,16 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
 
 
-def held_out_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":
-    """Return the counts of each object's percepts by classifiers that never saw it."""
+def percept_counts(table: "PerceptTable", without: str | None, levels: int) -> "ConfusionCounts":
+    """Count each object's percepts by classifiers that never saw it, nor the object `without`."""
     import numpy as np
 
+    from meal_bayes.datasets import object_index
+    from meal_bayes.perception import table_counts
     from meal_bayes.perception.confusion import by_truth
 
+    if without is not None:
+        return table_counts(table, object_index(table.objects, without), levels=levels)
     level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
     shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
     return by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels)

@@ -8,7 +8,7 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.export import held_out_counts
+from meal_bayes.cli.export import percept_counts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,10 +52,9 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
     the beliefs after one behavior and after all.
     """
-    from meal_bayes.datasets import load_percepts, object_index
+    from meal_bayes.datasets import load_percepts
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
-    from meal_bayes.perception import table_counts
     from meal_bayes.posterior.draws import rows_of, sensing
     from meal_bayes.posterior.grid import prior_of
 
@@ -66,12 +65,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     table, levels = load_percepts(dataset), config["levels"]
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
-    if config["held_out"] is None:
-        counted = held_out_counts(table, levels)
-    else:
-        index = object_index(table.objects, config["held_out"])
-        counted = table_counts(table, index, levels=levels)
-    counts = counted.counts[:, columns]  # (O,P,E,2,K)
+    counts = percept_counts(table, config["held_out"], levels).counts[:, columns]  # (O,P,E,2,K)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])

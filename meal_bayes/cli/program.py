@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 import click
 
+from meal_bayes.cli.console import note, printable
 from meal_bayes.errors import DownloadError, MealBayesError, OutputError
 
 FAILED = 2  # exit code of errors that the user can fix: a value, a file of wrong content
@@ -53,7 +54,11 @@ class Program(Section):
         except (MealBayesError, click.ClickException) as fault:
             _fail(str(fault))
         except OSError as fault:
-            _fail(_system_message(fault), SYSTEM)
+            why = fault.strerror or str(fault) or type(fault).__name__
+            text = f"The output cannot be written, or a file read: {why}; give it another place."
+            if fault.filename is not None:
+                text = f"{fault.filename}: {why}; give another place, or repair this one."
+            _fail(text, SYSTEM)
         except UnicodeEncodeError as fault:  # logs and pages are UTF-8
             shown = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
             _fail(f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
@@ -87,9 +92,6 @@ class _Warnings(logging.Handler):
     """Log handler that prints a warning in one line."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print one record."""
-        from meal_bayes.cli.console import note
-
         note(f"{record.levelname.lower()}: {' '.join(record.getMessage().split())}")
 
 
@@ -101,16 +103,7 @@ def _show_warnings() -> None:
         log.addHandler(_Warnings(logging.WARNING))
 
 
-def _system_message(fault: OSError) -> str:
-    why = fault.strerror or str(fault) or type(fault).__name__
-    if fault.filename is not None:
-        return f"{fault.filename}: {why}; give another place, or repair this one."
-    return f"The output cannot be written, or a file read: {why}; give it another place."
-
-
 def _fail(message: str, code: int = FAILED) -> NoReturn:
-    from meal_bayes.cli.console import printable
-
     line = printable(" ".join(message.split()))
     if len(line) > _LONGEST:
         line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"

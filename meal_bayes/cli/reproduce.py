@@ -32,11 +32,7 @@ _PACKAGE = "paper_repro"
 )  # fmt: skip
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
-    "--repeats",
-    click.IntRange(0, opt.MOST_TRIALS),
-    None,
-    "R",
-    "Of online runs, at most; 0 runs none.",
+    "--repeats", click.IntRange(0, opt.MOST_TRIALS), None, "R", "Of online runs, at most; 0: none."
 )
 @opt.option(
     "--only", None, "", "TEXT",

@@ -35,32 +35,18 @@ Index = NDArray[np.intp]
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class AgentEffect(Measures):
-    """What the model says of an agent beside the reference.
-
-    Attributes
-    ----------
-    plain : float
-        Mean less the reference's, of all trials.
-    effect : float
-        The same by the model, shrunk: over new objects and repeats, at the attributes asked.
-    low, high : float
-        Its 95 % credible interval.
-    ahead : float
-        Pr(better than the reference); better is less for costs.
-    equivalent : float
-        Pr(the effect is smaller than the margin, on both sides of 0).
-    """
+    """What the model says of an agent beside the reference."""
 
     agent: str
     reference: str
     measure: str
     trials: int
-    plain: float
-    effect: float
-    low: float
+    plain: float  # mean less the reference's, of all trials
+    effect: float  # the same by the model, shrunk, over new objects and repeats
+    low: float  # of its 95 % credible interval
     high: float
-    ahead: float
-    equivalent: float
+    ahead: float  # Pr(better than the reference); better is less for costs
+    equivalent: float  # Pr(the effect is smaller than the margin, on both sides of 0)
     margin: float
 
 

@@ -1,6 +1,7 @@
 """Figures of trials and of posteriors; each is drawn into `ax` or a new figure, and returned."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import cycle
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -327,9 +328,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
 
 
 def _styled(entries: Iterable[Entry]) -> Iterator[tuple[str, str, Entry]]:
-    """Yield color, marker and entry."""
-    for number, entry in enumerate(entries):
-        yield COLORS[number % len(COLORS)], MARKERS[number % len(MARKERS)], entry
+    return zip(cycle(COLORS), cycle(MARKERS), entries, strict=False)
 
 
 def _scale_costs(ax: Axes, means: Sequence[float]) -> None:

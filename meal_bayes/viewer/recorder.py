@@ -29,30 +29,16 @@ class Time(NamedTuple):
 
 
 class TrialFrame(NamedTuple):
-    """One row: the belief after a step, and the decision behind it.
+    """One row: the belief after a step, and the decision behind it."""
 
-    Attributes
-    ----------
-    time : Time
-        When the step began.
-    number : int
-        0 before any behavior, whose `step` is None; i after the i-th step.
-    before, positive : NDArray[np.float64]
-        (N,) Pr(attribute is true) before and after the step.
-    x : int
-        Index of the robot's state after the step.
-    spent : float
-        s, cost of the trial so far.
-    """
-
-    time: Time
+    time: Time  # when the step began
     trial: Trial
-    number: int
+    number: int  # 0 before any behavior, whose `step` is None; i after the i-th step
     step: Step | None
-    before: NDArray[np.float64]
-    positive: NDArray[np.float64]
-    x: int
-    spent: float
+    before: NDArray[np.float64]  # (N,) Pr(attribute is true) before the step
+    positive: NDArray[np.float64]  # (N,) after it
+    x: int  # index of the robot's state after the step
+    spent: float  # s, cost of the trial so far
 
     @property
     def last(self) -> bool:
