@@ -19,7 +19,7 @@ from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.trials import Task, Trial
+    from meal_bayes.trials import Trial
 
 _QUESTION = "Is it heavy, and does it hold beans?"
 _SEED = 7  # a trial in which a behavior fails
@@ -35,7 +35,6 @@ def demo(seed: int, logs: Path) -> None:
     """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.datasets import load_percepts
-    from meal_bayes.learner.api import question_task
     from meal_bayes.seeds import stream
 
     table = load_percepts("roc36")
@@ -63,7 +62,7 @@ def demo(seed: int, logs: Path) -> None:
     }
     print_facts(console, facts)
     console.print()
-    trial, path = _answer(table, question_task(_QUESTION, table, name), config, logs)
+    trial, path = _answer(table, config, logs)
     print_trial(console, trial)
     other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
     console.print()
@@ -99,50 +98,49 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     """
     from meal_bayes.cli.narration import print_trial_table, trial_facts
     from meal_bayes.datasets import load_percepts
-    from meal_bayes.learner.api import question_task
 
     config = {"command": "ask", **options, "dataset": opt.table_of(options["dataset"], root)}
     table = load_percepts(config["dataset"])
-    task = question_task(config["question"], table, config["object"])
     memory = _read(_memory(logs, table.domain.data)) if learn else []
     if learn:
         config["labels_before"] = len(memory)
-    trial, path = _answer(table, task, config, logs, memory if learn else None)
+    trial, path = _answer(table, config, logs, memory if learn else None)
     if as_json:
         print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
     else:
         print_trial_table(output(), trial)
     if learn:
-        told = (entry["labels"] for entry in memory if entry["object"] == task.object_name)
+        told = (entry["labels"] for entry in memory if entry["object"] == config["object"])
         labels = _ask_labels(trial, set().union(*told))
         if not labels:
             note("no labels were given, none are kept")
             return
-        entry = {"object": task.object_name, "labels": labels, "log": str(path)}
+        entry = {"object": config["object"], "labels": labels, "log": str(path)}
         with _memory(logs, table.domain.data).open("a", encoding="utf-8") as file:
             file.write(f"{json.dumps(entry)}\n")
-        note(f"kept in {file.name}: {task.object_name} is {_text(labels)}")
+        note(f"kept in {file.name}: {config['object']} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
 def _answer(
-    table: "PerceptTable", task: "Task", config: Mapping[str, Any], logs: Path,
+    table: "PerceptTable", config: Mapping[str, Any], logs: Path,
     labels: Sequence[Mapping[str, Any]] | None = None,
 ) -> "tuple[Trial, Path]":  # fmt: skip
-    """Run the trial of a task, and return it with the path of its log.
+    """Ask what a command's settings say, and return the trial with the path of its log.
 
     Labels are those that people gave before, None where objects are not recognized.
     """
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
+    from meal_bayes.learner.sessions import task_of
     from meal_bayes.trial_log import TrialWriter
 
     agent, seed = opt.agent_value(config["agent"]), config["seed"]
-    learner = Learner(table.domain, agent=agent, seed=seed, logs=None)
-    check_folder(logs)  # once the agent is known to be one
+    learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
+    task, _ = task_of(learner, config["question"], config["object"])
+    check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
-    learner.fit(table)
     if labels is not None:
         learner.agent = replace(learner.agent, memory=True)
     for entry in labels or ():

@@ -4,10 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.domain import read_query
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.tasks import replay_task
-from meal_bayes.trials import Step, Task, Trial
+from meal_bayes.trials import Step, Trial
 
 
 def ask(
@@ -60,8 +58,3 @@ def ask(
         table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=None
     ).fit(table)
     return learner.ask(question, object, on_step=on_step, log=log)
-
-
-def question_task(question: str | Sequence[str], table: PerceptTable, name: str) -> Task:
-    """Build the task of a question about the object called `name`; raises as `ask` does."""
-    return replay_task(read_query(question, table.domain), table, name)

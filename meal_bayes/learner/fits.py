@@ -1,39 +1,107 @@
-"""What agents make of one record, and when it is made anew."""
+"""What agents make of one record, or of a percept table without an object (Alg. 1)."""
 
+from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent
+from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.held_out import HeldOut, Recent
+from meal_bayes.learner.fitted import Fitted, progress_of, some_labels
 from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
+from meal_bayes.robots import replayable
+from meal_bayes.trials import Task
+
+_KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
+
+
+class Recent(OrderedDict[Any, Any]):
+    """A dictionary of the entries that were used lately."""
+
+    def __getitem__(self, key: Any) -> Any:
+        self.move_to_end(key)
+        return super().__getitem__(key)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        super().__setitem__(key, value)
+        if len(self) > _KEPT:
+            self.popitem(last=False)
+
+
+@dataclass(eq=False)
+class HeldOut:
+    """Knowledge of one agent about one object, of which neither recordings nor labels enter it."""
+
+    table: PerceptTable  # with labels that were told of objects that had none
+    agent: Agent
+    settings: LearnerSettings
+    object_index: int  # of the object that is left out
+    told: NDArray[np.int8]  # (P,) labels that people gave to it; -1 unknown
+    answering: Recent  # models and policies of queries about any object, without a bonus
+    exploring: Recent  # and with one
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What is learned from all objects but this one."""
+        known = knowledge_without(
+            self.table, self.object_index, levels=self.agent.levels,
+            object_level=self.agent.object_level,
+        )  # fmt: skip
+        own = self.settings.posterior
+        return known if own is None else replace(known, posterior=own)
+
+    @property
+    def limit(self) -> NDArray[np.float64]:
+        """Percepts of each behavior that a trial can have, (E,)."""
+        counts = replayable(self.table)[self.object_index]
+        return np.where(self.settings.percepts == "recorded", counts, np.inf)
+
+    @cached_property
+    def perceiver(self) -> Perceiver:
+        """What shows percepts: classifiers that never saw the object, or the model itself."""
+        table = self.table
+        if self.settings.percepts == "recorded":
+            return RecordedPercepts(table, self.agent.levels)
+        every = range(len(table.domain.attributes))
+        confusion, _ = self.knowledge.posterior.select(every, exact=True)
+        return SampledPercepts(table.domain, table.labels, confusion)
+
+    @cached_property
+    def information(self) -> NDArray[np.float64]:
+        """Value of information (P,E), s a query."""
+        return information_value(
+            self.knowledge, reward=self.settings.reward, discount=self.agent.discount
+        )
+
+    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
+        """Return the labels (N,) that were told of the object, if it is recognized by any."""
+        if not self.agent.memory:
+            return None
+        return some_labels(self.told[self.table.domain.columns(task.query.attributes)])
+
+    def progress(self, object_name: str | None, queries: float) -> Progress:
+        """Return what the other objects have shown so far, for a bonus."""
+        shown = replayable(self.table).copy()
+        shown[self.object_index] = 0
+        labelled = shown[..., None] * (self.table.labels >= 0)[:, None]
+        memory = self.agent.memory and object_name is not None
+        return progress_of(
+            self, labelled, labelled * self.settings.count_given, queries,
+            fresh=np.ones(labelled.shape[:0:-1], np.bool_), labeled=(self.told >= 0) & memory,
+        )  # fmt: skip
 
 
 class Fits:
     """A `Fitted` of each agent that asked, or a `HeldOut` of each object, until all is made anew.
 
-    Parameters
-    ----------
-    experience : Experience
-        The record.
-    settings : LearnerSettings
-        Of the learner.
-    refit_every : int or float, optional
-        Labels, or (below 1) a fraction by which labeled instances grow; None: never.
-
-    Attributes
-    ----------
-    table : PerceptTable or None
-        In place of the record's instances, where one is replayed.
-    growth : list[int]
-        Labeled instances at the last refit; since; and labels since.
+    That is after `refit_every` labels, or (below 1) when labeled instances grew by such a fraction.
     """
 
     def __init__(
@@ -42,8 +110,8 @@ class Fits:
         if refit_every is not None and not refit_every > 0:
             raise SettingsError(f"refit_every is {refit_every}; give a number above 0, or None.")
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
-        self.table: PerceptTable | None = None
-        self.growth = [0, 0, 0]
+        self.table: PerceptTable | None = None  # that is replayed, in place of the record
+        self.growth = [0, 0, 0]  # labeled instances at the last refit; since; and labels since
         self._made: list[tuple[Agent, Fitted]] = []
         self._held: dict[int, list[HeldOut]] = {}
         self._labeled: tuple[PerceptTable, NDArray[np.int8]] | None = None  # by the record
@@ -63,11 +131,13 @@ class Fits:
         self._made.append((agent, fit))
         return fit
 
-    def held_out(self, table: PerceptTable, agent: Agent, o: int) -> HeldOut:
-        """Return what an agent makes of the objects of a table but one.
+    def held_out(self, agent: Agent, o: int) -> HeldOut:
+        """Return what an agent makes of the objects of the table but one.
 
         A label that was told of an object without one is training data of the others.
         """
+        table = self.table
+        assert table is not None
         for fit in self._held.setdefault(o, []):
             if fit.agent == agent:
                 return fit

@@ -36,50 +36,30 @@ from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
 
 if TYPE_CHECKING:
-    from meal_bayes.learner.held_out import HeldOut
+    from meal_bayes.learner.fits import HeldOut
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
-Asked = tuple[Query, bytes]  # and percepts that a trial can have
+Asked = tuple[Query, bytes, int]  # percepts that a trial can have, and the id of its `Fitted`
 
 
 @dataclass(eq=False)
 class Fitted:
-    """Knowledge of one agent from the record; made anew by `refit`, updated by `update`.
-
-    Attributes
-    ----------
-    experience : Experience
-        The record.
-    agent : Agent
-        Its levels, its view of objects, and whether it recognizes them decide what is learned.
-    settings : LearnerSettings
-        Of the learner.
-    perception, knowledge : Perception, Knowledge
-        What was fitted; the knowledge is updated since.
-    seen : NDArray[np.bool_]
-        (O,E,P) bool array Whether the classifiers have seen the object.
-    refitted : Knowledge
-        At the refit.
-    levels : Rows (n,P)
-        Percepts of all instances, by these classifiers; -1 unknown.
-    counted : Rows (n,P)
-        Labels with which instances were counted since the refit; -1 not counted.
-    answering, exploring : dict
-        Models and policies of queries, without and with a bonus, as long as they hold.
-    """
+    """Knowledge of one agent from the record; made anew by `refit`, updated by `update`."""
 
     experience: Experience
     agent: Agent
     settings: LearnerSettings
     perception: Perception = field(init=False)
-    knowledge: Knowledge = field(init=False)
-    seen: NDArray[np.bool_] = field(init=False)
-    refitted: Knowledge = field(init=False)
-    levels: Rows = field(init=False)
-    counted: Rows = field(init=False)
+    knowledge: Knowledge = field(init=False)  # now
+    refitted: Knowledge = field(init=False)  # at the refit
+    seen: NDArray[np.bool_] = field(init=False)  # (O,E,P) whether classifiers have seen an object
+    levels: Rows = field(init=False)  # (n,P) percepts of all instances; -1 unknown
+    counted: Rows = field(init=False)  # (n,P) labels that were counted since the refit; -1 none
     _rows: dict[int, NDArray[np.int64]] = field(init=False)  # of each object, what was counted
+    # Models and policies of queries, without and with a bonus, as long as they hold.
     answering: dict[Asked, tuple[MOMDP, Policy]] = field(init=False)
     exploring: dict[Asked, POMCPPolicy] = field(init=False)
+    limit = np.inf  # percepts that a trial can have; a robot may know better
 
     def refit(self) -> None:
         """Learn everything anew from the record."""
@@ -209,10 +189,6 @@ class Fitted:
         confusion, _ = self.refitted.posterior.select(every, exact=True)
         return SampledPercepts(domain, labels, confusion)
 
-    def place(self, query: Query, limit: NDArray[np.float64]) -> Asked:
-        """Return what a model depends on."""
-        return query, limit.tobytes()
-
     @cached_property
     def information(self) -> NDArray[np.float64]:
         """Value of information (P,E) at the refit, s a query."""
@@ -227,21 +203,15 @@ class Fitted:
         return bool(self.seen[o[met], e[met]].any())
 
     def labels_of(self, task: Task) -> NDArray[np.int8] | None:
-        """Return the labels (N,) of the task's object, -1 unknown; None where none is known."""
+        """Return the labels (N,) of the task's object, -1 unknown, if it is recognized by any."""
         o = self.experience.objects.get(task.object_name)
+        if o is None or not self.agent.memory:
+            return None
         columns = self.experience.domain.columns(task.query.attributes)
-        return None if o is None else some_labels(self.experience.known.values[o, columns])
+        return some_labels(self.experience.known.values[o, columns])
 
     def progress(self, object_name: str | None, queries: float) -> Progress:
-        """Return what has been learned so far, for a bonus.
-
-        Parameters
-        ----------
-        object_name : str or None
-            The object at hand; None: one of which nothing is recorded.
-        queries : float
-            About each attribute, to come.
-        """
+        """Return what has been learned so far, for a bonus; without a name, of a new object."""
         experience, memory = self.experience, self.agent.memory
         labelled = experience.labelled(memory=memory)
         counted = labelled
@@ -270,13 +240,7 @@ class Fitted:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a state that was saved.
-
-        Raises
-        ------
-        ValueError
-            Arrays that do not fit the record.
-        """
+        """Restore a state that was saved; raise ValueError where it does not fit the record."""
         self._check(state)
         self._begin(state["refitted"])
         self.perception, self.knowledge = state["perception"], state["knowledge"]
@@ -311,15 +275,7 @@ def progress_of(
     fit: "Fitted | HeldOut", labelled: NDArray[np.int64], counted: NDArray[np.int64],
     queries: float, *, fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
 ) -> Progress:  # fmt: skip
-    """Return what has been learned so far, for a bonus; see `Progress`.
-
-    Parameters
-    ----------
-    fit : Fitted or HeldOut
-        Whose knowledge it is.
-    labelled, counted : NDArray[np.int64]
-        (O,E,P) int arrays Labelled instances, and those that are experience.
-    """
+    """Return what has been learned so far, by labelled instances (O,E,P), and those counted."""
     return Progress(
         knowledge=fit.knowledge,
         valued=lambda: fit.information,

@@ -20,8 +20,8 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import tell
+from meal_bayes.learner.sessions import Question
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
-from meal_bayes.learner.tasks import Question
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 from meal_bayes.trials import Session, Trial, run_trial
@@ -168,11 +168,14 @@ class Learner:
         if object_name is None:
             raise SettingsError("A percept table holds only what is known without an object of it.")
         o = object_index(self.table.objects, object_name)
-        return self.fits.held_out(self.table, self.agent, o).knowledge
+        return self.fits.held_out(self.agent, o).knowledge
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
         """Return the decision problem of a question, as a test of it would have it."""
-        return sessions.tested_problem(self, question, object_name)
+        task, _ = sessions.task_of(self, question, object_name)
+        with self.lock:
+            fit = sessions.fit_of(self, task, learn=False)
+            return sessions.problem_of(self, fit, task.query, labels=fit.labels_of(task))
 
     def ask(
         self,

@@ -1,6 +1,10 @@
-"""Sessions of a learner: their models and policies, with a bonus for exploring, and without."""
+"""Sessions of a learner: their tasks, models and policies, with a bonus for exploring, and without.
 
-from collections.abc import Mapping
+Here Algorithm 1, l. 1-5, and Algorithm 2, l. 7-10, become code.
+"""
+
+import secrets
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,15 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import FittedITRSBonus, ITRSBonus, NoBonus
-from meal_bayes.domain import Domain, Query, read_query
+from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.domain import Query, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
+from meal_bayes.learner.fits import HeldOut
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.live_log import LiveLog, interrupted
 from meal_bayes.learner.percepts import Witness
-from meal_bayes.learner.tasks import Question, live_task, replay_task
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import POMCP, Policy, Remembering, Solver
@@ -30,19 +34,13 @@ from meal_bayes.trials import FaultTolerant, Session, Streams, Task
 if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
 
+Question = str | Sequence[str] | Query | Task
 ITRS = ITRSBonus | FittedITRSBonus
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
 )
-
-
-def query_of(question: Question, domain: Domain) -> Query:
-    """Return the query of a sentence, a comma list, attribute names, a query or a task."""
-    if isinstance(question, Task):
-        return question.query
-    return question if isinstance(question, Query) else read_query(question, domain)
 
 
 def open_session(
@@ -80,21 +78,43 @@ def record_of(
 def task_of(
     learner: "Learner", question: Question, object_name: str | None, key: str | int | None = None
 ) -> tuple[Task, Key]:
-    """Return the task of a question, and the key of its random streams."""
+    """Return the task of a question, and the key of its random streams.
+
+    With a robot the task's own key has an identity that no other trial has, of whatever session,
+    nor has an object without a name. What is drawn does not depend on it, but on `key`.
+    """
     if isinstance(question, Task):
         return question, question.key
-    query, table = query_of(question, learner.domain), learner.table
     for part, value in (("key", key), ("object_name", object_name)):
         if not isinstance(value, str | int | None if part == "key" else str | None):
             raise SettingsError(f"{part} is {value!r:.60}; give a text.")
-    if table is not None:
+    query = question if isinstance(question, Query) else read_query(question, learner.domain)
+    if learner.table is not None:
         if object_name is None:
             raise SettingsError(NO_CLASSIFIERS)
-        task = replay_task(query, table, object_name, key)
+        task = replay_task(query, learner.table, object_name, key)
         return task, task.key
     with learner.lock:
         number, learner.asked = learner.asked, learner.asked + 1
-    return live_task(query, learner.domain, number if key is None else key, object_name)
+    identity, data = secrets.token_hex(8), learner.domain.data
+    name = f"object {identity}" if object_name is None else object_name
+    number_or_key = number if key is None else key
+    streams = f"object {number_or_key}" if object_name is None else object_name
+    task = Task(_text(query), query, -1, name, (data, "live", identity, *query.attributes))
+    return task, (data, "live", number_or_key, streams, *query.attributes)
+
+
+def replay_task(query: Query, table: PerceptTable, name: str, key: str | int | None = None) -> Task:
+    """Build the task of a query about an object of a percept table; `key` names other streams."""
+    index = object_index(table.objects, name)
+    streams: Key = (table.domain.data, "ask", name, *query.attributes)
+    if key is not None:
+        streams = (*streams, "key", key)
+    return Task(_text(query), query, index, name, streams)
+
+
+def _text(query: Query) -> str:
+    return f"{query.report_name([True] * len(query))}?"
 
 
 def check_robot(learner: "Learner", robot: object) -> None:
@@ -108,13 +128,7 @@ def check_robot(learner: "Learner", robot: object) -> None:
 
 
 def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> RecordedRobot:
-    """Return the robot that replays the object of a task, with random streams of the trial's own.
-
-    Parameters
-    ----------
-    seed : int, optional
-        Of these streams, where it is not the learner's.
-    """
+    """Return the robot that replays the object of a task, by the learner's seed or another."""
     table, seed = learner.table, learner.seed if seed is None else seed
     if table is None:
         raise SettingsError(NO_TABLE)
@@ -140,19 +154,9 @@ def session_of(
     learner: "Learner", task: Task, key: Key, *, learn: bool | None = None,
     limit: ArrayLike = np.inf, **options: Any,
 ) -> Session:  # fmt: skip
-    """Return the session of a task, with a robot or on the percept table.
+    """Return the session of a task whose random streams `key` names.
 
-    Parameters
-    ----------
-    key : tuple
-        Names its random streams.
-    learn : bool, optional
-        Whether the trial explores and, with a robot, becomes experience (what a table shows is in
-        it already); by default with a robot alone.
-    limit : ArrayLike
-        (E,) or a number: percepts of each behavior that a trial with a robot can have.
-    options :
-        Of `commanded`.
+    What a percept table shows is experience already: there `learn` means to explore alone.
     """
     learn = learner.table is None if learn is None else learn
     with learner.lock:
@@ -173,10 +177,7 @@ def commanded(
 ) -> Session:  # fmt: skip
     """Return the session of a problem that a policy, or somebody else, decides.
 
-    Parameters
-    ----------
-    options :
-        Of `Session`; the truth of a table's object is its labels by default.
+    Options are those of `Session`; the truth of a table's object is its labels by default.
     """
     domain, o = fit.knowledge.domain, task.object_index
     columns = domain.columns(task.query.attributes)
@@ -199,12 +200,12 @@ def commanded(
 
 def fit_of(learner: "Learner", task: Task, *, learn: bool) -> Fitted | HeldOut:
     """Return what is known for a trial, by who runs it: training trials may be another agent's."""
-    agent, table = learner.agent, learner.table
+    agent = learner.agent
     if learn and agent.trained_by is not None:
         agent = replace(agent.trained_by, name=agent.name)
-    if table is None:
+    if learner.table is None:
         return learner.fitted(agent)
-    return learner.fits.held_out(table, agent, task.object_index)
+    return learner.fits.held_out(agent, task.object_index)
 
 
 def prepare(
@@ -215,22 +216,18 @@ def prepare(
 
     Parameters
     ----------
-    learner, fit : Learner, Fitted or HeldOut
-        Who asks, and what is known.
-    task : Task
-        What is asked, of which object.
     streams : tuple
         Names the planner's random stream.
     limit : ArrayLike
-        (E,) percepts of each behavior that the trial can have; of a table it is known.
+        (E,) or a number: percepts of each behavior that a trial with a robot can have.
     explore : bool
-        Plan for queries to come as well, and with the labels of an object that is recognized.
+        Plan for queries to come as well.
     """
-    query, labels = task.query, fit.labels_of(task) if fit.agent.memory else None
+    query, labels = task.query, fit.labels_of(task)
     if isinstance(fit, HeldOut):
-        limit, streams = fit.limit, (task.object_name, *query.attributes)
-    limit = np.broadcast_to(np.asarray(limit, float), (len(learner.domain.behaviors),))
-    model = partial(problem_of, learner, fit, query, limit)
+        streams = task.object_name, *query.attributes
+    limits = np.broadcast_to(np.minimum(limit, fit.limit), len(learner.domain.behaviors))
+    model = partial(problem_of, learner, fit, query, limits)
 
     def shaped(momdp: MOMDP, object_name: str | None = None) -> MOMDP:
         queries = learner.horizon * len(query) / len(learner.domain.attributes)
@@ -239,7 +236,7 @@ def prepare(
     def solve(momdp: MOMDP) -> Policy:
         return _solve(learner, fit, task, streams, momdp)
 
-    key = fit.place(query, limit)
+    key = query, limits.tobytes(), id(fit)
     if not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None):
         if key in fit.answering and labels is None:
             return fit.answering[key]
@@ -260,23 +257,14 @@ def prepare(
     return momdp, fit.exploring[key].sharing_plans(momdp)
 
 
-def tested_problem(learner: "Learner", question: Question, object_name: str | None) -> MOMDP:
-    """Build the MOMDP of a question, as a test of it would have it."""
-    task, _ = task_of(learner, question, object_name)
-    with learner.lock:
-        fit = fit_of(learner, task, learn=False)
-        labels = fit.labels_of(task) if fit.agent.memory else None
-        return problem_of(learner, fit, task.query, labels=labels)
-
-
 def problem_of(
     learner: "Learner", fit: Fitted | HeldOut, query: Query, limit: ArrayLike = np.inf,
     labels: NDArray[np.int8] | None = None,
 ) -> MOMDP:  # fmt: skip
     """Build a query's MOMDP, about an object of which people gave labels (N,), if any."""
     return fit.agent.model(
-        query, fit.knowledge, limit=fit.limit if isinstance(fit, HeldOut) else limit,
-        reward=learner.reward, trust=learner.trust, labels=labels,
+        query, fit.knowledge, limit=np.minimum(limit, fit.limit), reward=learner.reward,
+        trust=learner.trust, labels=labels,
     )  # fmt: skip
 
 
