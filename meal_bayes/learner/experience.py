@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.domain import Domain
-from meal_bayes.learner.rows import Rows
 
 Key = tuple[str | int, ...]
 Labels = NDArray[np.int8]
@@ -20,6 +19,38 @@ Context = tuple[str, str]  # (behavior, modality)
 
 GIVEN = 0  # in place of the levels of its percepts: the instance was not gathered in a trial
 UNNUMBERED = 1 << 20  # recordings of a robot's own, after those that a data set numbers
+
+
+class Rows:
+    """An array that grows at its end, at constant cost; `width` is that of its further axes."""
+
+    def __init__(self, dtype: type, *width: int) -> None:
+        self._held: NDArray[Any] = np.empty((8, *width), dtype)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """The rows so far, (n, ...)."""
+        return self._held[: self._count]
+
+    def extend(self, rows: Any) -> None:
+        """Append rows (m, ...)."""
+        needed = self._count + len(rows)
+        if needed > len(self._held):
+            size = max(needed, 2 * len(self._held)), *self._held.shape[1:]
+            larger = np.empty(size, self._held.dtype)
+            larger[: self._count] = self.values
+            self._held = larger
+        self._held[self._count : needed] = rows
+        self._count = needed
+
+    def append(self, row: Any) -> int:
+        """Append a row, and return its number."""
+        self.extend(np.asarray(row, self._held.dtype)[None])
+        return self._count - 1
 
 
 class Experience:
@@ -96,24 +127,13 @@ class Experience:
             self._know(number, columns, dataset.labels[o, columns])
 
     def execute(
-        self,
-        trial: Key,
-        object_name: str,
-        behavior: int,
-        *,
-        success: int,
-        instance: Instance | None = None,
-        levels: Labels | None = None,
-        k: int = 2,
-    ) -> None:
+        self, trial: Key, object_name: str, behavior: int, *, success: int,
+        instance: Instance | None = None, levels: Labels | None = None, k: int = 2,
+    ) -> None:  # fmt: skip
         """Add an execution, and its instance if it is a new one.
 
         Parameters
         ----------
-        trial : tuple
-            Key of the trial.
-        object_name : str
-            Name of the object.
         behavior : int
             Its position.
         success : int
@@ -122,19 +142,17 @@ class Experience:
             What was perceived; of a replayed recording its number tells whether it is new.
         levels : Labels | None
             (P,) its percept levels, of 0 to K - 1; -1 unknown.
-        k : int
-            K.
         """
         number, place = self.trial(trial), -1
         if levels is not None:
             o = self.object(object_name)
-            features = None if instance is None else instance.features
-            replayed = instance is not None and instance.object_index >= 0
-            r = instance.recording if replayed and instance is not None else UNNUMBERED
-            if not replayed:
-                r += len(self._gathered.get(o, ()))
-            found = self._places.get((o, behavior, r))
-            place = self._instance(o, behavior, r, features, k) if found is None else found
+            r = UNNUMBERED + len(self._gathered.get(o, ()))
+            if instance is not None and instance.object_index >= 0:
+                r = instance.recording
+            place = self._places.get((o, behavior, r), -1)
+            if place < 0:
+                features = None if instance is None else instance.features
+                place = self._instance(o, behavior, r, features, k)
             self.levels.values[place] = levels
             self._shown.setdefault(number, []).append(place)
         self.executions.append((number, behavior, place, success))
@@ -142,13 +160,7 @@ class Experience:
             self.attempts[behavior, success] += 1
 
     def label(self, trial: Key, object_name: str, labels: Labels) -> NDArray[np.intp]:
-        """Add labels (P,) of a trial's object; -1 says nothing.
-
-        Returns
-        -------
-        rows : NDArray[np.intp]
-            (k,) instances that labels may now be other of.
-        """
+        """Add labels (P,) of a trial's object, -1 unknown; return instances (k,) that it moves."""
         number, o = self.trial(trial), self.object(object_name)
         columns = np.flatnonzero(labels >= 0)
         changed = (self.known.values[o, columns] != labels[columns]).any()
@@ -213,12 +225,7 @@ class Experience:
     def labelled(self, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
         """Count the labelled instances of object, behavior, attribute, (O,E,P).
 
-        Parameters
-        ----------
-        memory : bool
-            As in `labels_of`.
-        given : bool
-            Count those that were not gathered in trials, too.
+        Labels are as in `labels_of`; those not gathered in trials count if `given`.
         """
         instances = self.instances.values
         rows = np.arange(len(instances)) if given else np.flatnonzero(instances[:, 4] != GIVEN)
@@ -234,7 +241,7 @@ class Experience:
         -------
         dataset : Dataset
             Ragged; of all objects that were met.
-        rows : tuple[Dataset, NDArray[np.intp], TrainingSet]
+        rows : NDArray[np.intp]
             (k,) instances, in the order of the training set.
         gathered : TrainingSet
             All of them, labelled or not.
@@ -261,13 +268,9 @@ class Experience:
         return dataset, rows, TrainingSet(o, e, r, self.labels_of(rows, memory=memory))
 
     def _instance(
-        self,
-        o: int,
-        behavior: int,
-        recording: int,
-        features: Mapping[str, NDArray[np.float32]] | None,
-        k: int,
-    ) -> int:
+        self, o: int, behavior: int, recording: int,
+        features: Mapping[str, NDArray[np.float32]] | None, k: int,
+    ) -> int:  # fmt: skip
         """Add an instance without percepts and labels; return its number.
 
         Features are kept where they are of all the behavior's modalities.
@@ -275,10 +278,9 @@ class Experience:
         spec, row = self.domain.behaviors[behavior], -1
         if features and all(modality in features for modality in spec.modalities):
             for modality in spec.modalities:
-                values, context = features[modality], (spec.name, modality)
-                row = self.features.setdefault(context, Rows(np.float32, len(values))).append(
-                    values
-                )
+                values = features[modality]
+                empty = Rows(np.float32, len(values))
+                row = self.features.setdefault((spec.name, modality), empty).append(values)
         nothing = np.full(len(self.domain.attributes), -1)
         self.levels.append(nothing)
         self.labels.append(nothing)
@@ -328,8 +330,7 @@ class Experience:
 
 def _grouped(keys: NDArray[np.int64], values: NDArray[np.int64]) -> dict[int, list[int]]:
     """Return the values of each key, in order."""
-    order = np.argsort(keys, kind="stable")
-    each, starts = np.unique(keys[order], return_index=True)
-    listed, ends = values[order].tolist(), [*starts[1:].tolist(), len(keys)]
-    triples = zip(each.tolist(), starts.tolist(), ends, strict=False)  # no keys, no starts
-    return {key: listed[start:end] for key, start, end in triples}
+    groups: dict[int, list[int]] = {}
+    for key, value in zip(keys.tolist(), values.tolist(), strict=True):
+        groups.setdefault(key, []).append(value)
+    return groups

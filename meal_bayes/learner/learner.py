@@ -25,7 +25,6 @@ from meal_bayes.learner.settings import LearnerSettings, check_data, own_posteri
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
 from meal_bayes.trials import Session, Trial, run_trial
-from meal_bayes.trials.session import MAX_STEPS
 
 
 class Learner:
@@ -227,22 +226,15 @@ class Learner:
             object_name, robot = robot, None
         sessions.check_robot(self, robot)
         session = sessions.open_session(
-            self, question, object_name, key, log, truth=truth, learn=learn,
+            self, question, object_name, key=key, log=log, truth=truth, learn=learn,
             limit=getattr(robot, "limit", np.inf), **options,
         )  # fmt: skip
         return run_trial(session, sessions.robot_of(self, session.task) if robot is None else robot)
 
     def begin(
-        self,
-        question: Question,
-        object_name: str | None = None,
-        truth: Mapping[str, bool] | ArrayLike | None = None,
-        max_steps: int = MAX_STEPS,
-        max_cost: float | None = None,
-        *,
-        state: str | None = None,
+        self, question: Question, object_name: str | None = None, *, state: str | None = None,
         **options: Any,
-    ) -> Session:
+    ) -> Session:  # fmt: skip
         """Begin a trial that somebody else drives; see `Session` for what to do with it.
 
         Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until there is no
@@ -250,19 +242,12 @@ class Learner:
 
         Parameters
         ----------
-        question, object_name, truth : str, str, mapping
-            As for `ask`.
-        max_steps, max_cost : int, float
-            See `Session`.
         state : str, optional
             Where the robot is; the domain's start by default.
         **options
-            `learn`, `on_step`, `log` and `key`, as for `ask`.
+            All others are as for `ask`.
         """
-        session = sessions.open_session(
-            self, question, object_name, options.pop("key", None), options.pop("log", None),
-            truth=truth, max_steps=max_steps, max_cost=max_cost, **options,
-        )  # fmt: skip
+        session = sessions.open_session(self, question, object_name, **options)
         return session.start(self.domain.diagram.start if state is None else state)
 
     def resume(self, log: str | Path) -> Session:
@@ -317,7 +302,7 @@ class Learner:
                 self.fits.clear()
 
     def save(self, path: str | Path) -> None:
-        """Write everything into one file, for `load`."""
+        """Write everything into one file, for `load`; the file is there whole or not at all."""
         from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
 
         with self.lock:

@@ -19,17 +19,9 @@ _RESERVED = re.compile(r"\.(\d{5,})\.reserved")
 class LiveLog:
     """Records one trial into a log of its own: opened when the trial begins, closed when it ends.
 
-    In a folder it is called such as logs/kitchen/00012-blue_cup.mcap; no other process or thread
-    gets the number, and a reservation that a killed process left is passed over.
-
-    Parameters
-    ----------
-    place : Path
-        Of the log (.mcap), or a folder.
-    header : mapping
-        What the run is.
-    name : str
-        Of the object, for the name of a log in a folder.
+    In a folder it is called such as logs/kitchen/00012-blue_cup.mcap, by the object's `name`; no
+    other process or thread gets the number, and a reservation that a killed process left is passed
+    over.
     """
 
     def __init__(self, place: Path, header: Mapping[str, object], name: str = "") -> None:

@@ -22,19 +22,7 @@ if TYPE_CHECKING:
 
 
 class Witness:
-    """A perceiver that records the executions of a trial, with all that was perceived.
-
-    Parameters
-    ----------
-    learner : Learner
-        Whose record it is.
-    task, momdp : Task, MOMDP
-        Of the trial.
-    fit : Fitted
-        What perceives.
-    on_step : callable, optional
-        Called after a step was recorded.
-    """
+    """A perceiver that records the executions of a trial, with all that was perceived."""
 
     def __init__(
         self, learner: "Learner", task: Task, momdp: MOMDP, fit: Fitted,
@@ -89,20 +77,17 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
     Returns
     -------
     trials : list[Trial]
-        List of Trial That are experience now, in their order.
+        That are experience now, in their order.
     """
     experience, recalled = learner.experience, list[Trial]()
     with learner.lock:
         for group in Logs(*logs).groups():
             for trial in group.trials:
-                if (
-                    trial.task.key in experience.trials
-                    or trial.momdp.levels != learner.agent.levels
-                ):
-                    continue
-                experience.trial(trial.task.key)
-                record_trial(experience, trial)
-                recalled.append(trial)
+                known = trial.task.key in experience.trials
+                if not known and trial.momdp.levels == learner.agent.levels:
+                    experience.trial(trial.task.key)
+                    record_trial(experience, trial)
+                    recalled.append(trial)
         learner.refit()
     return recalled
 
@@ -138,23 +123,12 @@ def record_trial(experience: Experience, trial: Trial) -> None:
 
 
 def record_step(
-    experience: Experience,
-    task: Task,
-    momdp: MOMDP,
-    step: Step,
+    experience: Experience, task: Task, momdp: MOMDP, step: Step,
     perceived: tuple[Instance, NDArray[np.int8]] | None = None,
-) -> None:
-    """Record an executed step, of which only the queried attributes' percepts may be known.
+) -> None:  # fmt: skip
+    """Record an executed step, with what was sensed and the levels (P,) where these are known.
 
-    Parameters
-    ----------
-    experience : Experience
-        The record.
-    task, momdp, step : Task, MOMDP, Step
-        The step, and what its trial is about.
-    perceived : tuple[Instance, NDArray[np.int8]] | None
-        What was sensed, and the percept levels of all
-        attributes.
+    A step that only shows the queried attributes' percepts is recorded with these.
     """
     domain, e = experience.domain, step.decision.action
     instance, levels = perceived or (None, None)

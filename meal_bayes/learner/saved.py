@@ -1,13 +1,16 @@
 """A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
 
-`learner.json` holds settings; the experience is an array a table of it; a percept table is the .npz
-of `save_percepts`. What was fitted is stored (`fitted_state.py`), but classifiers of one's own
-could only be pickled: `load` fits them again, with equal results where they are deterministic.
+`learner.json` holds settings; the experience is an array a table of it. What was fitted, or the
+percept table that is replayed, is a tree of dataclasses and named tuples over arrays: each is
+written as its name and its fields, and only the classes that are listed here are read back.
+Classifiers of one's own could only be pickled: `load` fits them again, with equal results where
+they are deterministic.
 """
 
+import dataclasses
 import json
 import zipfile
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -16,51 +19,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.agents import Knowledge
 from meal_bayes.agents.named import AGENTS
-from meal_bayes.cache import temporary_folder
-from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.percepts import save_percepts
-from meal_bayes.domain import domain_from_table, domain_table
+from meal_bayes.datasets import PerceptTable
+from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted_state import pack, unpack
+from meal_bayes.learner.experience import Experience, Rows
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.rows import Rows
 from meal_bayes.learner.settings import own_posterior
+from meal_bayes.perception import Perception
+from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
+from meal_bayes.perception.recordings import FeatureSpace
+from meal_bayes.perception.stacked import Stacker
+from meal_bayes.posterior import ConfusionPosterior, SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 5
+_FORMAT = 6
 _TEXT = "learner.json"
-_TABLE = "table.npz"
 _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
 }  # fmt: skip
-_SETTINGS = ("seed", "reward", "horizon", "trust", "asked")
+_CLASSES: dict[str, Callable[..., Any]] = {
+    known.__name__: known
+    for known in (
+        Perception, BehaviorClassifier, KernelFit, FeatureSpace, Stacker, Knowledge,
+        ConfusionPosterior, SharedTrait, PerceptTable,
+    )
+}  # fmt: skip
+_DTYPES = ("<f8", "<f4", "<f2", "<i8", "|i1", "|u1", "|b1")
+
+Json = Any
 
 
 def save_learner(learner: Learner, path: Path) -> None:
-    """Write a learner; the file is there whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; one that was there stays.
-    """
-    settings, own = learner.fits.settings, learner.experience
+    """Write a learner; the file is there whole or not at all, and one that was there stays."""
+    fits, experience, table = learner.fits, learner.experience, learner.table
+    settings = fits.settings
     classifier = settings.classifier
-    meta: dict[str, Any] = {
-        "format": _FORMAT,
-        "domain": domain_table(learner.domain),
-        "agent": learner.agent.name,
-        "classifier": None if classifier is None else type(classifier).__name__,
-        "learn_success": settings.learn_success,
-        "percepts": settings.percepts,
-        "growth": learner.fits.growth,
-        "refit_every": learner.fits.refit_every,
-        **{name: getattr(learner, name) for name in _SETTINGS},
-    }
     with (
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -72,26 +69,41 @@ def save_learner(learner: Learner, path: Path) -> None:
             write_array(archive, name, values)
             return name
 
-        meta["posterior"] = pack(settings.posterior, keep)
+        fitted = None
+        if table is None and classifier is None:
+            fitted = learner.fitted(learner.agent).state
+        meta: dict[str, Any] = {
+            "format": _FORMAT,
+            "domain": domain_table(learner.domain),
+            "agent": learner.agent.name,
+            "classifier": None if classifier is None else type(classifier).__name__,
+            "learn_success": settings.learn_success,
+            "percepts": settings.percepts,
+            "posterior": pack(settings.posterior, keep),
+            "refit_every": fits.refit_every,
+            "growth": fits.growth,
+            "seed": learner.seed,
+            "reward": learner.reward,
+            "horizon": learner.horizon,
+            "trust": learner.trust,
+            "asked": learner.asked,
+            "state": pack(fitted, keep),
+            "table": pack(table, keep),
+        }
         for name in _ROWS:
-            write_array(archive, name, getattr(own, name).values)
+            write_array(archive, name, getattr(experience, name).values)
         for name in ("objects", "trials"):
-            archive.writestr(name, "\n".join(map(json.dumps, getattr(own, name))))
-        for i, context in enumerate(_contexts(own)):
-            if context in own.features:
-                write_array(archive, f"features/{i}", own.features[context].values)
-        meta["state"] = None
-        if learner.table is not None:
-            archive.writestr(_TABLE, _table_bytes(learner))
-        elif classifier is None:
-            meta["state"] = pack(learner.fitted(learner.agent).state, keep)
+            archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
+        for i, context in enumerate(_contexts(experience)):
+            if context in experience.features:
+                write_array(archive, f"features/{i}", experience.features[context].values)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
 
 
 def load_learner(
     path: Path, *, agent: object, classifier: object, logs: str | Path | None
 ) -> Learner:
-    """Read a learner; raises as `Learner.load` does."""
+    """Read a learner; raise as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
@@ -99,16 +111,17 @@ def load_learner(
             read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             learner = _learner(meta, agent, classifier, logs)
-            own = unpack(meta["posterior"], read, learner.domain)
-            posterior = own_posterior(own, learner.domain, learner.agent)
-            learner.fits.settings = replace(learner.fits.settings, posterior=posterior)
+            posterior, state, table = (
+                unpack(meta[name], read, learner.domain) for name in ("posterior", "state", "table")
+            )
+            posterior = own_posterior(posterior, learner.domain, learner.agent)
+            learner.fits.settings = dataclasses.replace(learner.fits.settings, posterior=posterior)
             _read_experience(archive, learner.experience)
-            if _TABLE in archive.namelist():
-                return learner.fit(_read_table(archive, learner))
-            if meta["state"] is None:
+            if table is not None:
+                return learner.fit(table)
+            if state is None:
                 return learner.refit()
-            state = unpack(meta["state"], read, learner.domain)
-            learner.fits.restore(learner.agent, state, [int(count) for count in meta["growth"]])
+            learner.fits.restore(learner.agent, state, list(map(int, meta["growth"])))
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:
@@ -138,10 +151,10 @@ def _learner(
         domain_from_table(meta["domain"]),
         agent=name if agent is None else agent,
         classifier=classifier,
-        seed=int(meta["seed"]),
-        reward=None if meta["reward"] is None else float(meta["reward"]),
-        percepts=str(meta["percepts"]),
-        refit_every=None if meta["refit_every"] is None else float(meta["refit_every"]),
+        seed=meta["seed"],
+        reward=meta["reward"],
+        percepts=meta["percepts"],
+        refit_every=meta["refit_every"],
         learn_success=meta["learn_success"] is True,
         horizon=float(meta["horizon"]),
         trust=float(meta["trust"]),
@@ -164,8 +177,8 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
             if not np.isfinite(values).all():
                 raise ValueError(f"features of {context} are not finite")
             sizes[domain.behavior_index(context[0])] = len(values)
-            experience.features[context] = kept = Rows(np.float32, values.shape[1])
-            kept.extend(values)
+            experience.features[context] = Rows(np.float32, values.shape[1])
+            experience.features[context].extend(values)
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
     behaviors = rows["instances"][:, 1]
@@ -182,11 +195,8 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
         values = rows[name]
         if values.shape != (size, p) or ((values < -1) | (values >= most)).any():
             raise ValueError(f"{name} has shape {values.shape}, or values that are none")
-    if (
-        len(set(objects)) < o
-        or len(set(trials)) < t
-        or not all(isinstance(x, str) for x in objects)
-    ):
+    unique = len(set(objects)) == o and len(set(trials)) == t
+    if not unique or not all(isinstance(name, str) for name in objects):
         raise ValueError("objects or trials are named twice, or not by text")
     experience.restore(objects, trials, rows)
 
@@ -202,16 +212,43 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
     return values
 
 
-def _table_bytes(learner: Learner) -> bytes:
-    with temporary_folder() as folder:
-        path = folder / _TABLE
-        assert learner.table is not None
-        save_percepts(learner.table, path)
-        return path.read_bytes()
+def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
+    """Return an object as JSON values; `keep` stores an array and returns its name.
+
+    A domain is not written, as a learner has one.
+    """
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.str in _DTYPES:
+        return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
+    if isinstance(value, Domain):
+        return {"domain": True}
+    if isinstance(value, Mapping):
+        return {"table": {str(name): pack(entry, keep) for name, entry in value.items()}}
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return [pack(entry, keep) for entry in value]
+    name = type(value).__name__
+    if _CLASSES.get(name) is not type(value):
+        raise TypeError(f"{name} cannot be saved")
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    else:
+        names = list(value._fields)  # of a named tuple
+    return {"class": name, "fields": {n: pack(getattr(value, n), keep) for n in names}}
 
 
-def _read_table(archive: zipfile.ZipFile, learner: Learner) -> Any:
-    with temporary_folder() as folder:
-        path = folder / _TABLE
-        path.write_bytes(read_member(archive, _TABLE))
-        return load_percepts(path, domain=learner.domain)
+def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: Domain) -> Any:
+    """Return the object that `pack` wrote; `read` reads an array by name, dtype and axes."""
+    if isinstance(packed, list):
+        return tuple(unpack(entry, read, domain) for entry in packed)
+    if not isinstance(packed, dict):
+        return packed
+    if "domain" in packed:
+        return domain
+    if "array" in packed:
+        if packed["dtype"] not in _DTYPES:
+            raise ValueError(f"an array is of {packed['dtype']!r}")
+        return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
+    entries = packed["table"] if "table" in packed else packed["fields"]
+    made = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
+    return made if "table" in packed else _CLASSES[packed["class"]](**made)

@@ -47,8 +47,9 @@ def open_session(
     learner: "Learner",
     question: Question,
     object_name: str | None,
-    key: str | int | None,
-    log: str | Path | None,
+    *,
+    key: str | int | None = None,
+    log: str | Path | None = None,
     **options: Any,
 ) -> Session:
     """Return the session of a question, logged, but not started yet."""

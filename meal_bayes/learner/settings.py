@@ -65,15 +65,7 @@ class LearnerSettings:
 
 
 def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
-    """Return a posterior of one's own, laid out for a domain; None where none is given.
-
-    Raises
-    ------
-    SettingsError
-        One of another shape than the agent plans with.
-    DataError
-        Draws that do not fit the domain.
-    """
+    """Return a posterior of one's own, laid out for a domain; None where none is given."""
     if posterior is None:
         return None
     if not isinstance(posterior, ConfusionPosterior):
@@ -89,13 +81,7 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
 
 
 def check_data(data: object, domain: Domain) -> None:
-    """Check that data are recordings or a percept table of a domain's attributes and behaviors.
-
-    Raises
-    ------
-    SettingsError
-        They are not.
-    """
+    """Check that data are recordings or a percept table of a domain's attributes and behaviors."""
     if not isinstance(data, Dataset | PerceptTable):
         raise SettingsError(
             f"fit() takes a Dataset or a PerceptTable; found {type(data).__name__}."

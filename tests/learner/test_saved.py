@@ -215,7 +215,7 @@ HOSTILE = {
     "torn array": lambda members: members.update(
         {"features/0.npy": members["features/0.npy"][:-7]}
     ),
-    "a table": lambda members: members.update({"table.npz": b"no table"}),
+    "a table": text(table={"class": "PerceptTable", "fields": {}}),
 }  # fmt: skip
 
 
