@@ -22,7 +22,7 @@ BESIDE = ("*.md", "benchmarks/README.md", "paper_repro/*.md", "paper_repro/resul
           "paper_repro/results/*.png")  # fmt: skip
 HEADING = "    options: { show_root_heading: true, show_root_full_path: false }"
 FUNCTIONS = {  # functions that a package takes from modules as a whole
-    "meal_bayes.trial_log": f"\n::: meal_bayes.trial_log.recovery.salvage\n{HEADING}\n",
+    "meal_bayes.trial_log": f"\n::: meal_bayes.trial_log.reader.salvage\n{HEADING}\n",
     "meal_bayes.planners": f"\n::: meal_bayes.planners.precompile.warm_up\n{HEADING}\n",
 }
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")

@@ -8,8 +8,17 @@ there are millions of trials, a compact log holds their outcomes alone, as colum
 from meal_bayes.trial_log.follow import Follower
 from meal_bayes.trial_log.logs import Group, Logs
 from meal_bayes.trial_log.names import log_files, remove_drafts
-from meal_bayes.trial_log.reader import LogInfo, log_info, read_header, read_outcomes, read_trials
-from meal_bayes.trial_log.recovery import LogReport, check_log, recover_log, salvage
+from meal_bayes.trial_log.reader import (
+    LogInfo,
+    LogReport,
+    check_log,
+    log_info,
+    read_header,
+    read_outcomes,
+    read_trials,
+    recover_log,
+    salvage,
+)
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
 from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
