@@ -13,8 +13,13 @@ from meal_bayes.display import short_repr
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.sources import agent_digests
-from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.store import (
+    agent_digests,
+    agent_folder,
+    fingerprint,
+    is_whole,
+    run_folder,
+)
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed
 from meal_bayes.learner import Learner

@@ -13,10 +13,21 @@ from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Query
 from meal_bayes.experiments.config import OnlineConfig
-from meal_bayes.experiments.environment import Environment, true_dynamics
-from meal_bayes.experiments.protocol import ASKED, Protocol, learnable, restricted
-from meal_bayes.experiments.sources import agent_digests
-from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.protocol import (
+    ASKED,
+    Environment,
+    Protocol,
+    learnable,
+    restricted,
+    true_dynamics,
+)
+from meal_bayes.experiments.store import (
+    agent_digests,
+    agent_folder,
+    fingerprint,
+    is_whole,
+    run_folder,
+)
 from meal_bayes.experiments.units import run_units, timed
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials

@@ -15,8 +15,7 @@ import cloudpickle
 from joblib.externals.loky import ProcessPoolExecutor
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.sources import is_own
-from meal_bayes.experiments.store import environment
+from meal_bayes.experiments.store import environment, is_own
 from meal_bayes.processes import end_with_parent
 
 Work = TypeVar("Work")
@@ -44,10 +43,6 @@ def in_parallel(
 
     Parameters
     ----------
-    function : Callable[[Work], Result]
-        What is called.
-    work : Iterable[Work]
-        Pieces of work.
     jobs : int
         Processes on this machine; no more are started than there are pieces of work.
     cluster : str, optional
@@ -55,11 +50,6 @@ def in_parallel(
         in hand goes to another.
     meanwhile : Callable[[], None]
         Called every second while processes on this machine work.
-
-    Yields
-    ------
-    Result
-        Of a piece of work.
 
     Raises
     ------

@@ -48,10 +48,7 @@ class Unit(Protocol):
         """How many of them are whole on the disk."""
 
     def run(self, advance: Callable[[float], None]) -> None:
-        """Run what is not done; another process may have done all of it meanwhile.
-
-        Each call of `advance` tells how many more are done, in fractions too.
-        """
+        """Run what another process has not done meanwhile; `advance` by what is done."""
 
 
 AnyUnit = TypeVar("AnyUnit", bound=Unit)
@@ -72,8 +69,6 @@ def run_units(
 
     Parameters
     ----------
-    units : Sequence[AnyUnit]
-        Units that depend on nothing but their own values.
     warm_up : Callable[[list[AnyUnit]], None]
         Compiles what units need, once, before every process would; called with those to be run.
     jobs : int
@@ -86,12 +81,6 @@ def run_units(
     on_note : Callable[[str], None], optional
         Called with a line that says who is waited for; logged as a warning by default.
 
-    Raises
-    ------
-    SettingsError
-        If there are no processes to run them, or no cluster.
-    OutputError
-        If a folder cannot be written.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")

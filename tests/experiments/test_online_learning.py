@@ -11,9 +11,8 @@ from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import Query, learn_success, load_domain
 from meal_bayes.experiments import OnlineConfig
-from meal_bayes.experiments.environment import Environment
 from meal_bayes.experiments.online import _learner
-from meal_bayes.experiments.protocol import Protocol
+from meal_bayes.experiments.protocol import Environment, Protocol
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.trials import Task

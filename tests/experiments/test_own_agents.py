@@ -16,7 +16,7 @@ from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, sources
-from meal_bayes.experiments.sources import agent_digest
+from meal_bayes.experiments.store import agent_digest
 from meal_bayes.planners import RandomLegal
 
 
@@ -163,7 +163,7 @@ def test_the_digest_is_that_of_every_process(folder):
     """Strings have another hash in each, and so sets another order."""
     code = (
         "from planner_of_mine import Planner; from meal_bayes.agents import as_agent;"
-        "from meal_bayes.experiments.sources import agent_digest;"
+        "from meal_bayes.experiments.store import agent_digest;"
         "p = Planner(); p.words = frozenset('abcdefgh'); print(agent_digest(as_agent(p)))"
     )
     digests = set()

@@ -8,8 +8,7 @@ import pytest
 from meal_bayes.datasets import load_dataset
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.environment import Environment
-from meal_bayes.experiments.protocol import Protocol, Recordings
+from meal_bayes.experiments.protocol import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner
 from meal_bayes.robots import RecordedRobot
 from meal_bayes.seeds import stream
