@@ -49,16 +49,6 @@ def percepts_for(
         Called with (behaviors done, behaviors in all) while a table is computed.
     on_note : Callable[[str], None] | None
         Called with a line of text before a table is computed; logged otherwise.
-
-    Raises
-    ------
-    SettingsError
-        An unknown data set or perception; recordings where none are needed, or none where they are;
-        a table of another method.
-    DataError
-        Recordings that do not hold what their layout promises.
-    DownloadError
-        Recordings that cannot be had.
     """
     if perception not in _PERCEPTIONS:
         raise SettingsError(unknown("perception", perception, _PERCEPTIONS))
@@ -104,10 +94,11 @@ def table_path(
     if dataset.endswith(".npz"):
         if root is not None:
             raise SettingsError(f"{dataset} is a percept table already; leave root out.")
-        method = ""
-        if perception != "default":  # the method comes first
-            method = load_percepts(dataset).provenance.get("perception", "").split(" ")[0]
-        if perception != "default" and f"={perception}," not in method:
+        if perception == "default":
+            return None
+        # The method comes first.
+        method = load_percepts(dataset).provenance.get("perception", "").split(" ")[0]
+        if f"={perception}," not in method:
             raise SettingsError(
                 f"{dataset} is a percept table of another method; leave perception out, or make "
                 "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "

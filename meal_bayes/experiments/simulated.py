@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata, resources
 from pathlib import Path
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -46,23 +47,11 @@ Happened = Counter[tuple[str, str, str]]  # (state, behavior, state after, or `F
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """The recordings of one object.
-
-    Attributes
-    ----------
-    name : str
-        Of the object.
-    parameters : ObjectParameters
-        Of the object.
-    recordings : tuple[Recording, ...]
-        The features of each recording, without the behaviors that never succeeded.
-    happened : Happened
-        Counts of (state, behavior, next state).
-    """
+    """The recordings of one object."""
 
     name: str
     parameters: ObjectParameters
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Recording, ...]  # without the behaviors that never succeeded
     happened: Happened
 
 
@@ -74,13 +63,7 @@ def record_object(
     population: str = "training",
     alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
 ) -> Recorded:
-    """Record every behavior on the object of that number in a population.
-
-    Parameters
-    ----------
-    alter : Callable[[ObjectParameters], ObjectParameters] | None
-        Changes what was drawn, for experiments on one parameter.
-    """
+    """Record every behavior on an object of a population; `alter` changes what was drawn of it."""
     parameters, happened = draw_object(seed, population, number), Happened()
     if alter is not None:
         parameters = alter(parameters)
@@ -125,27 +108,11 @@ def _attempt(
 
 
 def record_objects(
-    objects: int,
-    recordings: int,
-    seed: int,
-    *,
-    population: str = "training",
-    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
-    jobs: int = 1,
-    progress: Progress = lambda *_: None,
-) -> list[Recorded]:
-    """Record objects drawn from a seed, in processes.
-
-    Parameters
-    ----------
-    alter : Callable[[ObjectParameters], ObjectParameters] | None
-        Changes objects that were drawn; see `record_object`.
-    progress : Progress
-        Called with (objects recorded, objects in all).
-    """
-    work = partial(
-        record_object, recordings=recordings, seed=seed, population=population, alter=alter
-    )
+    objects: int, recordings: int, seed: int, *, jobs: int = 1,
+    progress: Progress = lambda *_: None, **options: Any,
+) -> list[Recorded]:  # fmt: skip
+    """Record objects drawn from a seed, in processes, with options of `record_object`."""
+    work = partial(record_object, recordings=recordings, seed=seed, **options)
     done = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
         done.append(recorded)
@@ -159,10 +126,7 @@ def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
 
 
 def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
-    """Join the recordings of objects, labeled by what their parameters make true.
-
-    Where a behavior never succeeded, the object has fewer recordings of it.
-    """
+    """Join the recordings of objects, labeled by what their parameters make true."""
     features = {
         context: {
             entry.name: rows
@@ -221,13 +185,7 @@ def ask_new(
     log: Path | None = None,
     learn: bool = False,
 ) -> Trial:
-    """Ask a learner about an object of which nothing is recorded; by default in a test.
-
-    Raises
-    ------
-    RobotError
-        A fault of the robot; the trial is logged as far as it went.
-    """
+    """Ask a learner about an object of which nothing is recorded; by default in a test."""
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
     name = f"{population} {seed}-{number}"
@@ -238,25 +196,13 @@ def ask_new(
 
 @dataclass(frozen=True, slots=True)
 class LiveTrial:
-    """One trial of a learner that learns while it works.
+    """One trial of a learner that learns while it works."""
 
-    Attributes
-    ----------
-    number : int
-        Of the object, from 1.
-    agent, attribute : str
-        Who decided, and what was asked.
-    trial : Trial | None
-        None where the robot failed.
-    fault : str
-        Why it did.
-    """
-
-    number: int
+    number: int  # of the object, from 1
     agent: str
-    attribute: str
-    trial: Trial | None
-    fault: str = ""
+    attribute: str  # that was asked
+    trial: Trial | None  # none where the robot failed
+    fault: str = ""  # why it did
 
 
 def learn_live(
@@ -266,15 +212,6 @@ def learn_live(
 
     It is asked one random attribute of each new object; after its answer a person says all that is
     true of it.
-
-    Parameters
-    ----------
-    learner : Learner
-        Of the simulated arm; it may have learned nothing.
-    trials, seed : int
-        How many, of which objects.
-    logs : Path | None
-        Folder of the logs; None logs nothing.
     """
     for number in range(1, trials + 1):
         rng = stream(seed, "simulated questions", number)
