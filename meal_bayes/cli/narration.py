@@ -41,7 +41,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
         if action >= momdp.n_behaviors:
             print_facts(console, facts)
             continue
-        outcome = {"outcome": outcome_text(momdp, step, "→")}
+        outcome = {"outcome": outcome_text(momdp, step)}
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation)
             outcome["percept"] = ", ".join(map(": ".join, zip(names, percepts, strict=True)))

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -157,12 +157,10 @@ def run_offline(
         for agent in config.agents
         for path in (paths[agent.name, first],)
     ]
-
-    def warm_up(todo: list[_Unit]) -> None:
-        agents = {unit.config.agents[0].name: unit.config.agents[0] for unit in todo}
-        warm_up_offline(dataclasses.replace(config, agents=tuple(agents.values())))
-
-    run_units(units, warm_up, jobs=jobs, cluster=cluster, on_progress=on_progress, on_note=on_note)
+    run_units(
+        units, partial(warm_up_offline, config), jobs=jobs, cluster=cluster,
+        on_progress=on_progress, on_note=on_note,
+    )  # fmt: skip
     seconds = {}
     for agent in config.agents:
         times = [read_seconds(paths[agent.name, first]) for first in firsts]

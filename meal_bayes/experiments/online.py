@@ -197,7 +197,7 @@ def run_online(
         for agent in config.agents
     ]
     run_units(
-        units, lambda _: warm_up_online(config), jobs=jobs, cluster=cluster,
+        units, partial(warm_up_online, config), jobs=jobs, cluster=cluster,
         on_progress=on_progress, on_note=on_note,
     )  # fmt: skip
     return OnlineRun(config, folder)

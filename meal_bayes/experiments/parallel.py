@@ -39,22 +39,11 @@ def in_parallel(
 
     Work derives its random streams from its own coordinates, so neither the order nor the number
     of processes changes a result. Code that is neither installed nor this package's goes with the
-    work, by value. The processes end with this one, however it ends.
+    work, by value. The processes end with this one, however it ends; no more are started than there
+    are pieces of work, and `meanwhile` is called every second.
 
-    Parameters
-    ----------
-    jobs : int
-        Processes on this machine; no more are started than there are pieces of work.
-    cluster : str, optional
-        Address of a Dask scheduler; then its workers do the work, and what a worker that dies had
-        in hand goes to another.
-    meanwhile : Callable[[], None]
-        Called every second while processes on this machine work.
-
-    Raises
-    ------
-    SettingsError
-        If Dask is not installed, if the cluster does not answer, or if a worker has other code.
+    With the address of a Dask scheduler as `cluster` its workers do the work, if they have the same
+    code; what a worker that dies had in hand goes to another.
     """
     pieces = list(work)
     jobs = min(jobs, len(pieces))

@@ -37,18 +37,9 @@ def percepts_for(
 ) -> PerceptTable:
     """Load the percept table of a data set; compute it once where none is at hand.
 
-    Parameters
-    ----------
-    dataset : str
-        A shipped domain, the path of a domain of one's own (TOML), or of a table (.npz).
-    perception : str
-        "default", or "paper" for the method of Sect. 4.2 on the recordings.
-    root : str | Path | None
-        The folder of the recordings of a domain of one's own.
-    on_progress : Callable[[int, int], None] | None
-        Called with (behaviors done, behaviors in all) while a table is computed.
-    on_note : Callable[[str], None] | None
-        Called with a line of text before a table is computed; logged otherwise.
+    The data set is a shipped domain, the path of a domain of one's own (TOML) with the folder of
+    its recordings as root, or of a table (.npz). The method is "default", or "paper" for that of
+    Sect. 4.2. While a table is computed, `on_progress` is called with behaviors done and in all.
     """
     if perception not in _PERCEPTIONS:
         raise SettingsError(unknown("perception", perception, _PERCEPTIONS))

@@ -56,7 +56,7 @@ AnyUnit = TypeVar("AnyUnit", bound=Unit)
 
 def run_units(
     units: Sequence[AnyUnit],
-    warm_up: Callable[[list[AnyUnit]], None],
+    warm_up: Callable[[], None],
     *,
     jobs: int,
     cluster: str | None = None,
@@ -65,22 +65,10 @@ def run_units(
 ) -> None:
     """Run all units that are not done; any number of processes may do so at a time.
 
-    What another process has claimed is left to the end and waited for.
-
-    Parameters
-    ----------
-    warm_up : Callable[[list[AnyUnit]], None]
-        Compiles what units need, once, before every process would; called with those to be run.
-    jobs : int
-        Processes.
-    cluster : str, optional
-        Address of a Dask scheduler, instead of processes here; see `in_parallel`.
-    on_progress : Callable[[float, int], None], optional
-        Called with (parts done, parts in all), those of units under way here included; after an
-        interruption with what is kept.
-    on_note : Callable[[str], None], optional
-        Called with a line that says who is waited for; logged as a warning by default.
-
+    What another process has claimed is left to the end and waited for, and `on_note` called with a
+    line that says so. `warm_up` compiles what units need, once, before every process would;
+    `on_progress` is called with (parts done, parts in all), those of units under way here included,
+    after an interruption with what is kept. See `in_parallel` for jobs and cluster.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
@@ -94,7 +82,7 @@ def run_units(
         return
     for folder in {unit.path.parent for unit in todo}:
         check_folder(folder)
-    warm_up(todo)
+    warm_up()
     announced = set[str]()
     with temporary_folder() as folder:
         file = folder / "parts"
@@ -166,13 +154,7 @@ def timed(
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[str | bool]:
-    """Lock a path while the block runs.
-
-    Yields
-    ------
-    str or bool
-        Who holds it, where that is another process; otherwise whether the file system has locks.
-    """
+    """Lock a path while the block runs; yield who else holds it, or whether there are locks."""
     file = path.with_name(f"{path.name}.claim")
     lock = FileLock(file, blocking=False, fallback_to_soft=False)
     try:

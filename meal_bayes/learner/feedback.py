@@ -69,15 +69,7 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
 
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
-    """Return labels by attribute as an array (P,); -1 where there is none.
-
-    Raises
-    ------
-    QueryError
-        An attribute that the domain does not have; a group of which not one is true.
-    SettingsError
-        A value that is no label.
-    """
+    """Return labels by attribute as an array (P,); -1 where there is none."""
     labels = np.full(len(domain.attributes), -1, np.int8)
     if not isinstance(values, Mapping):
         raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")

@@ -53,13 +53,7 @@ class LiveLog:
 
 
 def interrupted(log: Path) -> tuple[Trial, Key, LiveLog]:
-    """Return the trial that a killed process left in a log, what names its streams, and a new log.
-
-    Raises
-    ------
-    LogError
-        No trial of a learner's that is under way.
-    """
+    """Return the trial that a killed process left in a log, its streams' key, and a new log."""
     draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
     header, trials = read_header(draft), list(salvage(draft))
     streams, last = header.get("streams"), trials[-1] if trials else None

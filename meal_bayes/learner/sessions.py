@@ -215,14 +215,8 @@ def prepare(
 ) -> tuple[MOMDP, Policy]:  # fmt: skip
     """Build and solve a query's MOMDP (Alg. 1, l. 1-5; Alg. 2, l. 7-10).
 
-    Parameters
-    ----------
-    streams : tuple
-        Names the planner's random stream.
-    limit : ArrayLike
-        (E,) or a number: percepts of each behavior that a trial with a robot can have.
-    explore : bool
-        Plan for queries to come as well.
+    `streams` names the planner's random stream, `limit` (E,) is how many percepts of each behavior
+    a trial with a robot can have; to explore is to plan for queries to come as well.
     """
     query, labels = task.query, fit.labels_of(task)
     if isinstance(fit, HeldOut):

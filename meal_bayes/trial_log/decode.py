@@ -196,13 +196,7 @@ def decode_end(data: bytes) -> End:
 
 
 def decode_header(data: bytes) -> dict[str, object]:
-    """Read the run message.
-
-    Raises
-    ------
-    LogVersionError
-        The file was written in another format version.
-    """
+    """Read the run message of a file of this format's version."""
     message = schema.RunMessage.FromString(data)
     header = read_json(message.header)
     if not isinstance(header, dict):

@@ -91,17 +91,9 @@ def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
 
 
 class TrialEncoder:
-    """Packs one trial: its start, its steps one by one, its outcome.
+    """Packs one trial: its start, its steps one by one, its outcome, by its numbers in the file.
 
-    Parameters
-    ----------
-    number, momdp : int
-        Of the trial, and of its MOMDP, in the file.
-
-    Raises
-    ------
-    LogError
-        The arrays do not fit each other, or the trial is beyond the format's limits.
+    It raises a `LogError` of arrays that do not fit each other, or are beyond the format's limits.
     """
 
     def __init__(self, number: int, momdp: int) -> None:

@@ -28,6 +28,7 @@ from meal_bayes.trial_log.encode import (
     numbered,
 )
 from meal_bayes.trial_log.names import new_draft, timing_of
+from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
 from meal_bayes.version import package_version
@@ -63,8 +64,8 @@ class LogFile:
         self, path: str | Path, header: Mapping[str, object], form: str = schema.FULL
     ) -> None:
         self.path, self._form = Path(path), form
-        if self.path.suffix != schema.SUFFIX:
-            raise SettingsError(f"A log's name ends in {schema.SUFFIX}; found {self.path.name!r}.")
+        if self.path.suffix != SUFFIX:
+            raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
         self.active_path = new_draft(self.path)  # its name while it is being written
         versions = {"meal_bayes": package_version(), "numpy": np.__version__}
         versions["python"] = platform.python_version()
@@ -157,10 +158,10 @@ class LogFile:
             name: value if isinstance(value, str) else _json(value)
             for name, value in sorted(self.header.items())
         }
-        self._mcap.add_metadata("run", {"format_version": str(schema.FORMAT_VERSION), **flat})
+        self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
         config = _json(self.header.get("config", self.header))
         self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
-        run = schema.RunMessage(format_version=schema.FORMAT_VERSION, header=self._text)
+        run = schema.RunMessage(format_version=FORMAT_VERSION, header=self._text)
         self._add(Packed(schema.RUN, 0, run.SerializeToString()))
         self._mcap.flush()
 

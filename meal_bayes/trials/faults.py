@@ -20,24 +20,9 @@ def faults_of(
     """Find the behaviors whose latest executions yielded nothing, more often than chance allows.
 
     An execution of a behavior that senses yields nothing where no percept comes; of one that only
-    moves, where x stays.
-
-    Parameters
-    ----------
-    momdp : MOMDP
-        The problem.
-    history : History
-        The trial so far.
-    expected : NDArray[np.float64] | None
-        (E,X,X) Pr(x' | x, behavior) that says how often behaviors fail by chance; the problem's by
-        default.
-
-    Returns
-    -------
-    failing : NDArray[np.bool_]
-        (E,).
-    stuck : NDArray[np.bool_]
-        (E,) which of these did not move either.
+    moves, where x stays. How often they fail by chance is `expected`, Pr(x' | x, behavior) (E,X,X),
+    the problem's by default. Returned are those that fail (E,), and which of these did not move
+    either (E,).
     """
     transition = momdp.transition if expected is None else expected
     chance, count = np.ones(momdp.n_behaviors), np.zeros(momdp.n_behaviors, int)

@@ -37,7 +37,6 @@ class Run(Protocol):
 
     def outcomes(self) -> "TrialOutcomes":
         """Return the outcomes of all trials."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,19 +30,15 @@ class Recorder(Protocol):
     @property
     def path(self) -> Path:
         """Where the trial is recorded."""
-        ...
 
     def begin(self, trial: Trial) -> None:
         """Record a trial that has no steps yet."""
-        ...
 
     def step(self, step: Step) -> None:
         """Record the next step."""
-        ...
 
     def end(self, trial: Trial) -> None:
         """Record the whole trial."""
-        ...
 
 
 class Session:
@@ -318,11 +314,6 @@ def run_trial(session: Session, robot: Robot) -> Trial:
 
     An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.
-
-    Raises
-    ------
-    RobotError
-        The robot came to a state that the domain does not know.
     """
     with session:
         session.start(robot.start())

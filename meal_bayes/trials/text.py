@@ -73,10 +73,10 @@ def warnings_of(trial: "Trial") -> list[str]:
     return list(dict.fromkeys(step.warning for step in trial.steps if step.warning))
 
 
-def outcome_text(momdp: MOMDP, step: "Step", arrow: str = "->") -> str:
+def outcome_text(momdp: MOMDP, step: "Step") -> str:
     """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
     action, x, next_x = step.decision.action, step.x, step.next_x
-    path = f"{momdp.x_names[x]} {arrow} {momdp.x_names[next_x]}"
+    path = f"{momdp.x_names[x]} → {momdp.x_names[next_x]}"
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:

@@ -49,7 +49,7 @@ def narrate(frame: TrialFrame) -> str:
         action, spent = step.decision.action, f"cost in all {frame.spent:g} s"
         name = f"step {frame.number}: {action_label(momdp, action)}"
         if action < momdp.n_behaviors:
-            outcome = plain_text(outcome_text(momdp, step, "→"))
+            outcome = plain_text(outcome_text(momdp, step))
             spent = f"{outcome}, {step.cost:g} s ({frame.spent:g} s so far)"
         lines += [f"**trial {frame.time.trial}, {name}**", "", spent]
         lines += [f"**{plain_text(step.warning)}**"] if step.warning else []

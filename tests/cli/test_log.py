@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from meal_bayes.learner.api import ask
-from meal_bayes.trial_log import FORMAT_VERSION, check_log, log_file, read_trials, write_trials
+from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
 from meal_bayes.trials import TrialOutcomes
 
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
@@ -89,7 +89,7 @@ def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
     assert "text.mcap" in told
     assert "log recover" not in told  # nothing of it is a log
     assert "text.mcap" in fails("log", "recover", "text.mcap")
-    monkeypatch.setattr(log_file, "FORMAT_VERSION", FORMAT_VERSION + 1)
+    monkeypatch.setattr(writer, "FORMAT_VERSION", FORMAT_VERSION + 1)
     write_trials("new.mcap", read_trials(log), header=HEADER)
     for command in ("info", "show", "check", "recover"):
         told = fails("log", command, "new.mcap")

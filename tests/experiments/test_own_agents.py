@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, sources
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, store
 from meal_bayes.experiments.store import agent_digest
 from meal_bayes.planners import RandomLegal
 
@@ -95,7 +95,7 @@ def test_what_an_agent_is():
     assert isinstance(OfflineConfig("roc36", agents=("bayes",)).agents[0], Agent)
 
 
-ROOT = Path(sources.__file__).resolve().parents[2]
+ROOT = Path(store.__file__).resolve().parents[2]
 PLANNER = """import numpy
 from rules import best
 

@@ -98,7 +98,7 @@ def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
 
 
 def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeypatch):
-    progress, notes, warmed = [], [], []
+    progress, notes = [], []
     todo = [Part(tmp_path / name) for name in ("unit", "a", "b")]
     (tmp_path / "b").write_text("whole")
 
@@ -109,11 +109,10 @@ def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeyp
 
     monkeypatch.setattr(units.time, "sleep", let_go)
     run_units(
-        todo, warmed.extend, jobs=1, on_progress=lambda *at: progress.append(at),
+        todo, int, jobs=1, on_progress=lambda *at: progress.append(at),
         on_note=notes.append,
     )  # fmt: skip
     assert list(dict.fromkeys(progress)) == [(done, 6) for done in range(2, 7)]
-    assert warmed == todo[:2]
     assert len(notes) == 1
     assert f"unit is being made by process {other.pid} on" in notes[0]
 
@@ -146,7 +145,7 @@ def test_processes_tell_what_is_done_of_a_unit_under_way(tmp_path):
         if done:
             (tmp_path / "known").touch()
 
-    run_units([Patient(tmp_path / name) for name in "ab"], list, jobs=2, on_progress=look)
+    run_units([Patient(tmp_path / name) for name in "ab"], int, jobs=2, on_progress=look)
     assert 0 < next(filter(None, progress)) <= 1
     assert progress[-1] == 4
 
@@ -160,7 +159,7 @@ def test_after_an_interruption_what_is_kept_is_told(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_units([Part(tmp_path / n) for n in "ab"], list, jobs=1, on_progress=interrupt)
+        run_units([Part(tmp_path / n) for n in "ab"], int, jobs=1, on_progress=interrupt)
     assert progress == [0, 1, 2, 2, 3, 2]
 
 
@@ -168,13 +167,13 @@ def test_the_place_is_tried_first(tmp_path):
     (tmp_path / "file").touch()
     warmed = []
     with pytest.raises(OutputError, match="cannot be written"):
-        run_units([Part(tmp_path / "file" / "unit")], warmed.extend, jobs=1)
+        run_units([Part(tmp_path / "file" / "unit")], lambda: warmed.append(1), jobs=1)
     assert warmed == []
 
 
 def test_no_process_is_no_way_to_run(tmp_path):
     with pytest.raises(SettingsError, match="jobs is 0"):
-        run_units([Part(tmp_path / "unit")], list, jobs=0)
+        run_units([Part(tmp_path / "unit")], int, jobs=0)
 
 
 CONFIG = OfflineConfig("roc36", 2, 130, ("random", "predefined_plus"), seed=3)

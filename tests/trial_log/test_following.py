@@ -9,12 +9,12 @@ from meal_bayes.trial_log import (
     Follower,
     Logs,
     TrialWriter,
-    log_file,
     log_files,
     recover_log,
     remove_drafts,
     schema,
     write_trials,
+    writer,
 )
 from meal_bayes.trial_log.names import drafts_of, recovered_name, stem_of, timing_of
 
@@ -51,7 +51,7 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
     write_trials(tmp_path / "nothing.mcap", [], header={})
     with pytest.raises(LogError, match="holds no trial yet"):
         list(Logs(tmp_path / "nothing.mcap").trials())
-    monkeypatch.setattr(log_file, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
+    monkeypatch.setattr(writer, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
     write_trials(tmp_path / "new.mcap", make.trials(1), header={})
     monkeypatch.undo()
     with pytest.raises(LogVersionError, match="format 6"):
