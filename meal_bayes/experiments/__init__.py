@@ -4,9 +4,14 @@ In: a config. Out: logs under logs/, which `evaluation` reads.
 """
 
 from meal_bayes.experiments.config import DEFAULT_AGENTS, OfflineConfig, OnlineConfig
-from meal_bayes.experiments.offline import OfflineRun, run_offline, warm_up_offline
+from meal_bayes.experiments.offline import (
+    OfflineRun,
+    askable,
+    offline_tasks,
+    run_offline,
+    warm_up_offline,
+)
 from meal_bayes.experiments.online import OnlineRun, run_online, run_online_until, warm_up_online
-from meal_bayes.experiments.tasks import askable, offline_tasks
 
 __all__ = [
     "DEFAULT_AGENTS",

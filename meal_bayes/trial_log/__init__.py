@@ -5,8 +5,7 @@ runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byt
 there are millions of trials, a compact log holds their outcomes alone, as columns.
 """
 
-from meal_bayes.trial_log.follow import Follower
-from meal_bayes.trial_log.logs import Group, Logs
+from meal_bayes.trial_log.logs import Follower, Group, Logs
 from meal_bayes.trial_log.names import log_files, remove_drafts
 from meal_bayes.trial_log.reader import (
     LogInfo,

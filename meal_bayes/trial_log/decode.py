@@ -16,8 +16,7 @@ from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages
-from meal_bayes.trial_log.encode import End, judgment
-from meal_bayes.trial_log.shapes import misfits
+from meal_bayes.trial_log.encode import End, judgment, misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
