@@ -54,7 +54,6 @@ class Fitted:
     seen: NDArray[np.bool_] = field(init=False)  # (O,E,P) whether classifiers have seen an object
     levels: Rows = field(init=False)  # (n,P) percepts of all instances; -1 unknown
     counted: Rows = field(init=False)  # (n,P) labels that were counted since the refit; -1 none
-    _rows: dict[int, NDArray[np.int64]] = field(init=False)  # of each object, what was counted
     # Models and policies of queries, without and with a bonus, as long as they hold.
     answering: dict[Asked, tuple[MOMDP, Policy]] = field(init=False)
     exploring: dict[Asked, POMCPPolicy] = field(init=False)
@@ -62,14 +61,14 @@ class Fitted:
 
     def refit(self) -> None:
         """Learn everything anew from the record."""
-        agent, own, experience = self.agent, self.settings, self.experience
+        agent, settings, experience = self.agent, self.settings, self.experience
         data, rows, gathered = experience.data(memory=agent.memory)
         given = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
         training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
-        perceives = PerceptionSettings(levels=agent.levels, by_object=own.by_object)
+        perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
         spaces = None
-        if own.classifier is not None:
-            perceives = with_classifier(own.classifier, levels=agent.levels)
+        if settings.classifier is not None:
+            perceives = with_classifier(settings.classifier, levels=agent.levels)
         elif agent.whiten:
             spaces = fit_spaces(data, gathered, whiten=True)
         else:  # the spaces of what it was given hold for good
@@ -87,11 +86,11 @@ class Fitted:
             experience.domain, counts, labels, object_level=agent.object_level
         )
         self.seen = np.zeros(counts.counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
-        if own.posterior is None:
+        if settings.posterior is None:
             places = training.object, training.behavior
             np.logical_or.at(self.seen, places, training.labels >= 0)
         else:
-            self.knowledge = replace(self.knowledge, posterior=own.posterior)
+            self.knowledge = replace(self.knowledge, posterior=settings.posterior)
             self.seen[experience.instances.values[given, 0]] = True
         self._begin(self.knowledge)
         self.update(np.arange(len(experience.instances)))
@@ -106,14 +105,10 @@ class Fitted:
         labels[met] = np.where(self.seen[o[met], e[met]], -1, labels[met])
         labels[self.levels.values[rows] < 0] = -1
         moved = np.zeros(len(domain.attributes), np.bool_)
-        for one in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
-            own = rows[o == one]
-            before = self._rows.get(one)
-            if before is None:  # of a new object, or not since it was read from a file
-                before = self._counts(experience.gathered(one))
-            after = before - self._counts(own)
-            self.counted.values[own] = labels[o == one]
-            after = self._rows[one] = after + self._counts(own)
+        for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
+            before = self._counts(experience.gathered(n))
+            self.counted.values[rows[o == n]] = labels[o == n]
+            after = self._counts(experience.gathered(n))
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
@@ -175,8 +170,7 @@ class Fitted:
         p = len(self.experience.domain.attributes)
         self.refitted = knowledge
         self.levels, self.counted = Rows(np.int8, p), Rows(np.int8, p)
-        self.answering, self.exploring, self._rows = {}, {}, {}
-        self.__dict__.pop("information", None)
+        self.answering, self.exploring = {}, {}
 
     @property
     def drawn(self) -> SampledPercepts | None:
