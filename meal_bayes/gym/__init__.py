@@ -24,7 +24,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.learner import Learner
-from meal_bayes.learner.sessions import commanded, fit_of, prepare, record_of, robot_of
+from meal_bayes.learner.sessions import commanded, fit_of, prepare, record, robot_of
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots import RecordedRobot
@@ -218,8 +218,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         session = commanded(
             learner, fit_of(learner, task, learn=False), task,
             Streams(seed, task.key, learner.agent.name), self._problems[key],
-            recorder=record_of(learner, task.name, task, task.key),
         )  # fmt: skip
+        record(learner, session, task.name, task.key)
         self._begun, self._policy = (session.start(robot.start()), robot), None
         self._steps = 0
 

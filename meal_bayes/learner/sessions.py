@@ -54,26 +54,25 @@ def open_session(
 ) -> Session:
     """Return the session of a question, logged, but not started yet."""
     task, streams = task_of(learner, question, object_name, key)
-    options["recorder"] = record_of(learner, question, task, streams, log)
-    return session_of(learner, task, streams, **options)
+    session = session_of(learner, task, streams, **options)
+    record(learner, session, question, streams, log)
+    return session
 
 
-def record_of(
-    learner: "Learner", question: Question, task: Task, streams: Key, log: str | Path | None = None
-) -> LiveLog | None:
-    """Return the log of a trial, one in the folder of logs by default; None where there is none."""
+def record(
+    learner: "Learner", session: Session, question: Question, streams: Key,
+    log: str | Path | None = None,
+) -> None:  # fmt: skip
+    """Log a session, in the folder of logs by default, if there is one."""
     if log is None and learner.logs is None:
-        return None
+        return
     place = Path(learner.logs or "") / file_name(learner.domain.name) if log is None else Path(log)
-    name = learner.agent.name
-    return LiveLog(
-        place,
-        {
-            "config": {"command": "Learner.ask", "question": str(question), "agent": name},
-            "seed": learner.seed, "data": learner.domain.data, "streams": list(streams),
-        },
-        task.object_name,
-    )  # fmt: skip
+    config = {"command": "Learner.ask", "question": str(question), "agent": learner.agent.name}
+    header = {
+        "config": config, "seed": learner.seed, "data": learner.domain.data,
+        "streams": list(streams),
+    }  # fmt: skip
+    session.record(LiveLog(place, header, session.task.object_name))
 
 
 def task_of(
@@ -142,12 +141,12 @@ def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> Recorde
 
 def resume_session(learner: "Learner", log: Path) -> Session:
     """Return the session of a trial whose process ended in the middle of it."""
-    before, streams, recorder = interrupted(log)
-    session = session_of(learner, before.task, streams, truth=before.truth)
+    before, path, header = interrupted(log)
+    session = session_of(learner, before.task, tuple(header["streams"]), truth=before.truth)
     start = learner.domain.diagram.start
     session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
     session.repeat(before.steps)
-    session.record(recorder)
+    session.record(LiveLog(path, header))
     return session
 
 

@@ -73,8 +73,6 @@ class Session:
         s; the best answer is given before a behavior that would exceed it.
     on_step : Callable[[Step], None] | None
         Called after every step.
-    recorder : Recorder | None
-        Records every step before the next behavior is named.
     on_end : Callable[[Trial], None] | None
         Called with the trial, once, however it ended.
     """
@@ -94,7 +92,6 @@ class Session:
         max_steps: int = MAX_STEPS,
         max_cost: float | None = None,
         on_step: Callable[[Step], None] | None = None,
-        recorder: Recorder | None = None,
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
         check_whole("max_steps", max_steps)
@@ -109,15 +106,14 @@ class Session:
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
         self.streams, self._counts = streams, counts
         self._truth, self._first = truth_of(task.query, truth), self.belief
-        self._on_step, self._recorder, self._on_end = on_step, recorder, on_end
+        self._on_step, self._on_end = on_step, on_end
+        self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
         self._ended: str | None = None
-        if recorder is not None:
-            self.record(recorder)
 
     def record(self, recorder: Recorder) -> None:
-        """Record the trial from now on, and what there is of it."""
+        """Record what there is of the trial, and every step before the next behavior is named."""
         self._recorder = recorder
         recorder.begin(replace(self.trial, steps=(), report=None, ended=""))
         for step in self.steps:
