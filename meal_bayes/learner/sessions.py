@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import FittedITRSBonus, ITRSBonus, NoBonus
-from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
 from meal_bayes.learner.fits import HeldOut
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.live_log import LiveLog, interrupted
+from meal_bayes.learner.live_log import LiveLog
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
 
 Question = str | Sequence[str] | Query | Task
-ITRS = ITRSBonus | FittedITRSBonus
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
@@ -44,14 +43,9 @@ NO_CLASSIFIERS = (
 
 
 def open_session(
-    learner: "Learner",
-    question: Question,
-    object_name: str | None,
-    *,
-    key: str | int | None = None,
-    log: str | Path | None = None,
-    **options: Any,
-) -> Session:
+    learner: "Learner", question: Question, object_name: str | None, *,
+    key: str | int | None = None, log: str | Path | None = None, **options: Any,
+) -> Session:  # fmt: skip
     """Return the session of a question, logged, but not started yet."""
     task, streams = task_of(learner, question, object_name, key)
     session = session_of(learner, task, streams, **options)
@@ -89,32 +83,22 @@ def task_of(
         if not isinstance(value, str | int | None if part == "key" else str | None):
             raise SettingsError(f"{part} is {value!r:.60}; give a text.")
     query = question if isinstance(question, Query) else read_query(question, learner.domain)
+    text, data = f"{query.report_name([True] * len(query))}?", learner.domain.data
     if learner.table is not None:
         if object_name is None:
             raise SettingsError(NO_CLASSIFIERS)
-        task = replay_task(query, learner.table, object_name, key)
-        return task, task.key
+        o = object_index(learner.table.objects, object_name)
+        named = () if key is None else ("key", key)
+        streams: Key = (learner.table.domain.data, "ask", object_name, *query.attributes, *named)
+        return Task(text, query, o, object_name, streams), streams
     with learner.lock:
         number, learner.asked = learner.asked, learner.asked + 1
-    identity, data = secrets.token_hex(8), learner.domain.data
-    name = f"object {identity}" if object_name is None else object_name
-    number_or_key = number if key is None else key
-    streams = f"object {number_or_key}" if object_name is None else object_name
-    task = Task(_text(query), query, -1, name, (data, "live", identity, *query.attributes))
-    return task, (data, "live", number_or_key, streams, *query.attributes)
-
-
-def replay_task(query: Query, table: PerceptTable, name: str, key: str | int | None = None) -> Task:
-    """Build the task of a query about an object of a percept table; `key` names other streams."""
-    index = object_index(table.objects, name)
-    streams: Key = (table.domain.data, "ask", name, *query.attributes)
-    if key is not None:
-        streams = (*streams, "key", key)
-    return Task(_text(query), query, index, name, streams)
-
-
-def _text(query: Query) -> str:
-    return f"{query.report_name([True] * len(query))}?"
+    key, identity = number if key is None else key, secrets.token_hex(8)
+    name, drawn = f"object {identity}", f"object {key}"
+    if object_name is not None:
+        name = drawn = object_name
+    task = Task(text, query, -1, name, (data, "live", identity, *query.attributes))
+    return task, (data, "live", key, drawn, *query.attributes)
 
 
 def check_robot(learner: "Learner", robot: object) -> None:
@@ -130,24 +114,12 @@ def check_robot(learner: "Learner", robot: object) -> None:
 def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> RecordedRobot:
     """Return the robot that replays the object of a task, by the learner's seed or another."""
     table, seed = learner.table, learner.seed if seed is None else seed
-    if table is None:
-        raise SettingsError(NO_TABLE)
+    assert table is not None
     return RecordedRobot(
         table.domain, task.object_index, replayable(table)[task.object_index],
         stream(seed, "recordings", *task.key), stream(seed, "robot", *task.key),
         repeats=learner.fits.settings.percepts == "model",
     )  # fmt: skip
-
-
-def resume_session(learner: "Learner", log: Path) -> Session:
-    """Return the session of a trial whose process ended in the middle of it."""
-    before, path, header = interrupted(log)
-    session = session_of(learner, before.task, tuple(header["streams"]), truth=before.truth)
-    start = learner.domain.diagram.start
-    session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
-    session.repeat(before.steps)
-    session.record(LiveLog(path, header))
-    return session
 
 
 def session_of(
@@ -235,7 +207,8 @@ def prepare(
         if key in fit.answering and labels is None:
             return fit.answering[key]
         momdp = model(labels)
-        if fit.settings.shaped_answers and isinstance(fit.agent.exploration, ITRS):
+        itrs = isinstance(fit.agent.exploration, ITRSBonus | FittedITRSBonus)
+        if fit.settings.shaped_answers and itrs:
             momdp = shaped(momdp)
         policy = solve(momdp)
         if labels is not None or not getattr(policy, "deterministic", False):
