@@ -43,12 +43,15 @@ class _Placed(NamedTuple):
     size: int  # bytes of its message
 
 
-class LogFile:
-    """Writes a log into `path`, which exists only once the file is whole.
+class TrialWriter:
+    """Writes trials into one log, `path`, which exists only once the file is whole.
 
     Until then the file is a draft, `active_path`, of a name that no other writer has. Seconds of
     wall-clock time go into `<stem>.timing.csv` beside the file, so that two equal runs write equal
     logs. Where the `with` block ends by an exception, the draft stays.
+
+    When `write` returns, the trial has left the process, and `salvage` reads it whatever happens
+    next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
 
     Parameters
     ----------
@@ -76,6 +79,10 @@ class LogFile:
         self.written = End()
         self.begun = False  # a trial was begun and has no end yet
         self._torn = False  # a write was broken off: what follows could not be read
+        self._momdps = 0
+        self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
+        self._last: Trial | None = None
+        self._content = b""  # a digest of its MOMDP and counts
 
     def __enter__(self) -> Self:
         with self._faults_named():
@@ -169,21 +176,6 @@ class LogFile:
         topic, time, data = message
         self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
 
-
-class TrialWriter(LogFile):
-    """Writes whole trials into one log; see `LogFile` for drafts, timing and parameters.
-
-    When `write` returns, the trial has left the process, and `salvage` reads it whatever happens
-    next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
-    """
-
-    def __init__(self, path: str | Path, header: Mapping[str, object]) -> None:
-        super().__init__(path, header)
-        self._momdps = 0
-        self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
-        self._last: Trial | None = None
-        self._content = b""  # a digest of its MOMDP and counts
-
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
 
@@ -196,6 +188,16 @@ class TrialWriter(LogFile):
         packed = self._pack(lambda: self._place(trial) + self._encoder.whole(trial))
         self.put(packed, seconds=[seconds])
         self._close(trial)
+
+    def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float | None]) -> None:
+        """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
+        for begin in range(0, len(outcomes), ROWS):
+            rows, number = outcomes.rows(slice(begin, begin + ROWS)), self.written.trials
+            packed = Packed(
+                schema.OUTCOMES, schema.log_time(number, 0), encode_outcomes(rows, number)
+            )
+            self.put([packed], seconds=list(itertools.islice(seconds, len(rows))))
+            self.written = self.written.after(rows)
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
@@ -268,21 +270,13 @@ def write_trials(
     entries, times = iter(trials), itertools.chain(seconds, itertools.repeat(None))
     first = next(entries, None)
     entries = itertools.chain([] if first is None else [first], entries)
-    if not isinstance(first, TrialOutcomes):
-        with TrialWriter(path, header) as log:
-            for trial in entries:
-                assert isinstance(trial, Trial)
-                log.write(trial, seconds=next(times))
-        return
-    with LogFile(path, header, schema.COMPACT) as compact:
-        for outcomes in entries:
-            assert isinstance(outcomes, TrialOutcomes)
-            for begin in range(0, len(outcomes), ROWS):
-                rows, number = outcomes.rows(slice(begin, begin + ROWS)), compact.written.trials
-                time, data = schema.log_time(number, 0), encode_outcomes(rows, number)
-                taken = list(itertools.islice(times, len(rows)))
-                compact.put([Packed(schema.OUTCOMES, time, data)], seconds=taken)
-                compact.written = compact.written.after(rows)
+    form = schema.COMPACT if isinstance(first, TrialOutcomes) else schema.FULL
+    with TrialWriter(path, header, form) as log:
+        for entry in entries:
+            if isinstance(entry, TrialOutcomes):
+                log.write_outcomes(entry, times)
+            else:
+                log.write(entry, seconds=next(times))
 
 
 def read_seconds(path: str | Path) -> list[float]:
