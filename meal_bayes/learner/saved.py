@@ -37,6 +37,8 @@ from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta,
 
 _FORMAT = 6
 _TEXT = "learner.json"
+_OPTIONS = ("seed", "reward", "percepts", "refit_every", "learn_success")
+_NUMBERS = ("seed", "reward", "horizon", "trust", "asked")
 _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
@@ -82,11 +84,7 @@ def save_learner(learner: Learner, path: Path) -> None:
             "posterior": pack(settings.posterior, keep),
             "refit_every": fits.refit_every,
             "growth": fits.growth,
-            "seed": learner.seed,
-            "reward": learner.reward,
-            "horizon": learner.horizon,
-            "trust": learner.trust,
-            "asked": learner.asked,
+            **{name: getattr(learner, name) for name in _NUMBERS},
             "state": pack(fitted, keep),
             "table": pack(table, keep),
         }
@@ -151,14 +149,10 @@ def _learner(
         domain_from_table(meta["domain"]),
         agent=name if agent is None else agent,
         classifier=classifier,
-        seed=meta["seed"],
-        reward=meta["reward"],
-        percepts=meta["percepts"],
-        refit_every=meta["refit_every"],
-        learn_success=meta["learn_success"] is True,
+        logs=logs,
         horizon=float(meta["horizon"]),
         trust=float(meta["trust"]),
-        logs=logs,
+        **{name: meta[name] for name in _OPTIONS},
     )
     learner.asked = int(meta["asked"])
     return learner

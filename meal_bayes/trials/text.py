@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import bar_html, card, level_names, listed, percent, table_html
+from meal_bayes.display import bar_html, level_names, listed, percent, table_html
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 
@@ -124,9 +124,23 @@ def outcome_facts(outcomes: "TrialOutcomes", row: int) -> dict[str, str]:
     }
 
 
-def trial_card(trial: "Trial") -> str:
-    """Return a trial in five lines."""
-    return card(_title(trial), _facts(trial))
+def trial_facts(trial: "Trial") -> tuple[str, dict[str, str]]:
+    """Return the title of a trial, and its report, belief, steps, cost and warnings."""
+    query, report = trial.task.query, "none"
+    if trial.report is not None:
+        known = {True: "right", False: "wrong", None: "truth not known"}[trial.success]
+        report = f"{query.report_name(trial.report)} ({known})"
+    beliefs = zip(query.attributes, trial.last_belief.positive, strict=True)
+    warned = warnings_of(trial)
+    actions = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
+    asked = ", ".join(query.attributes)
+    return f"Trial of {trial.agent or 'an agent'}: is {trial.task.object_name} {asked}?", {
+        "report": report,
+        "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
+        "steps": listed(actions, 12) or "none",
+        "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
+        **({"warnings": listed(warned, 3)} if warned else {}),
+    }
 
 
 def trial_html(trial: "Trial") -> str:
@@ -140,8 +154,9 @@ def trial_html(trial: "Trial") -> str:
             percept = ", ".join(levels[z] for z in step.observation)
         cells = (str(number), escape(action), f"{step.cost:.1f}", escape(percept))
         rows.append((*cells, *map(bar_html, step.belief.positive)))
-    facts = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in _facts(trial).items() if k != "steps")
-    return f"{table_html(_title(trial), header, rows)}<p>{facts}</p>"
+    title, facts = trial_facts(trial)
+    text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
+    return f"{table_html(title, header, rows)}<p>{text}</p>"
 
 
 def trial_frame(trial: "Trial") -> Any:
@@ -210,25 +225,3 @@ def steps_frame(trials: Iterable["Trial"]) -> Any:
         for trial in trials
     ]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
-
-
-def _title(trial: "Trial") -> str:
-    asked = ", ".join(trial.task.query.attributes)
-    return f"Trial of {trial.agent or 'an agent'}: is {trial.task.object_name} {asked}?"
-
-
-def _facts(trial: "Trial") -> dict[str, str]:
-    query, report = trial.task.query, "none"
-    if trial.report is not None:
-        known = {True: "right", False: "wrong", None: "truth not known"}[trial.success]
-        report = f"{query.report_name(trial.report)} ({known})"
-    beliefs = zip(query.attributes, trial.last_belief.positive, strict=True)
-    warned = warnings_of(trial)
-    actions = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
-    return {
-        "report": report,
-        "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
-        "steps": listed(actions, 12) or "none",
-        "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
-        **({"warnings": listed(warned, 3)} if warned else {}),
-    }

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, label_values, set_frozen
-from meal_bayes.display import short_repr
+from meal_bayes.display import facts_repr, short_repr
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
 from meal_bayes.seeds import stream
-from meal_bayes.trials.text import trial_card, trial_frame, trial_html
+from meal_bayes.trials.text import trial_facts, trial_frame, trial_html
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,15 +147,16 @@ class Trial:
         if self.report is not None:
             set_frozen(self, report=freeze(self.report, np.bool_))
 
-    def __repr__(self) -> str:
-        """Return the trial in five lines."""
-        return trial_card(self)
+    __repr__ = facts_repr
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        return trial_facts(self)
 
     def _repr_html_(self) -> str:
         return trial_html(self)
 
     def to_frame(self) -> Any:
-        """Return a pandas data frame, a row a step; see `trial_frame`."""
+        """Return a pandas data frame, a row a step; percepts are missing where none came."""
         return trial_frame(self)
 
     @property

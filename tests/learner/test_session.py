@@ -151,7 +151,7 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     assert_same(trial, undisturbed)
     assert trial.success is not None
     assert not draft.exists()
-    first._recorder._writer._file.close()  # as the end of its process did
+    first._recorder._file.close()  # as the end of its process did
     again.tell(second.trial, {"red": False})
     assert len(again.experience.shown(second.task.key)) == sum(
         step.observation is not None for step in undisturbed.steps
