@@ -145,11 +145,19 @@ class Scan:
             with self._noting():
                 self.builder.check_end()
 
-    def unfinished(self) -> Trial | None:
-        """Return the trial that was under way when the file ends, once all has been read."""
+    def salvage(self) -> Iterator[Trial | TrialOutcomes]:
+        """Yield every whole trial, and the one that was under way when the file ends."""
+        yield from self.entries()
+        unfinished = None
         with self._noting():
-            return self.builder.unfinished()
-        return None
+            unfinished = self.builder.unfinished()
+        if unfinished is not None:
+            yield unfinished
+        elif self.builder.header is None and not self.builder.read.trials:
+            raise LogCorruptError(
+                f"{self.path} holds nothing of a trial log: {self.problems[0]}; expected a "
+                f"{schema.SUFFIX} file that meal_bayes wrote."
+            )
 
     @contextlib.contextmanager
     def _noting(self) -> Iterator[None]:
@@ -179,7 +187,7 @@ def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     file ends comes last, as far as it went, with `ended`. Errors are as for `read_trials`, but only
     a file without a header and a trial is corrupt.
     """
-    return _salvage(Scan(find_log(path), tolerant=True))
+    return Scan(find_log(path), tolerant=True).salvage()
 
 
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
@@ -198,25 +206,13 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     out = recovered_name(scan.path) if out is None else Path(out)
     if out.exists():
         raise LogError(f"{out} exists already; remove it or name another file to recover into.")
-    trials = _salvage(scan)
+    trials = scan.salvage()
     first = next(trials, None)
     if first is None:
         raise LogCorruptError(f"{scan.path} holds no whole trial, so there is nothing to recover.")
     header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
     write_trials(out, itertools.chain([first], trials), header=header)
     return out
-
-
-def _salvage(scan: Scan) -> Iterator[Trial | TrialOutcomes]:
-    yield from scan.entries()
-    unfinished = scan.unfinished()
-    if unfinished is not None:
-        yield unfinished
-    elif scan.builder.header is None and not scan.builder.read.trials:
-        raise LogCorruptError(
-            f"{scan.path} holds nothing of a trial log: {scan.problems[0]}; expected a "
-            f"{schema.SUFFIX} file that meal_bayes wrote."
-        )
 
 
 @contextlib.contextmanager
