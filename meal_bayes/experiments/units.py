@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -51,11 +51,8 @@ class Unit(Protocol):
         """Run what another process has not done meanwhile; `advance` by what is done."""
 
 
-AnyUnit = TypeVar("AnyUnit", bound=Unit)
-
-
 def run_units(
-    units: Sequence[AnyUnit],
+    units: Sequence[Unit],
     warm_up: Callable[[], None],
     *,
     jobs: int,
@@ -93,7 +90,7 @@ def run_units(
 
         try:
             while todo:
-                held: list[AnyUnit] = []
+                held: list[Unit] = []
                 alone = cluster is None and min(jobs, len(todo)) == 1
                 run = partial(_run_claimed, file=file, then=look if alone else None)
                 for number, holder in in_parallel(
