@@ -74,8 +74,8 @@ def digest_of(*parts: object) -> str:
     for part in parts:
         pieces = [] if isinstance(part, Path) else [json.dumps(part, sort_keys=True).encode()]
         if isinstance(part, Path):
-            files = [part] if part.is_file() else sorted(p for p in part.rglob("*") if p.is_file())
-            for file in files:
+            files = [part] if part.is_file() else sorted(part.rglob("*"))
+            for file in (p for p in files if p.is_file() and p.suffix != ".pyc"):
                 pieces += [file.relative_to(part).as_posix().encode(), file.read_bytes()]
         for piece in pieces:
             digest.update(hashlib.sha256(piece).digest())
