@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from meal_bayes.agents.knowledge import knowledge_without
-from meal_bayes.datasets import load_percepts
-from meal_bayes.domain import load_domain
-from meal_bayes.learner.api import ask, question_task
+from meal_bayes.datasets import load_percepts, object_index
+from meal_bayes.domain import load_domain, read_query
+from meal_bayes.learner.api import ask
 from meal_bayes.momdp import Objective, build_momdp, write_pomdp
 from meal_bayes.trial_log import check_log, write_trials
 
@@ -115,12 +115,12 @@ def test_a_query_without_an_object_is_the_papers_problem(run):
     assert result.stdout.startswith("own.pomdp: 13 states, 15 actions, 4 observations, ")
     assert "pomdpsol --timeout 5 --output own.policy own.pomdp" in result.stderr
     table = load_percepts("roc36")
-    task = question_task("heavy", table, "heavy_blue_beans")
-    known = knowledge_without(table, task.object_index, object_level=False)
+    query, o = read_query("heavy", table.domain), object_index(table.objects, "heavy_blue_beans")
+    known = knowledge_without(table, o, object_level=False)
     columns = [table.domain.attribute_index("heavy")]
     confusion, precision = known.posterior.select(columns, exact=True)
     goal = Objective(abstain=True)
-    momdp = build_momdp(table.domain, task.query, confusion, precision, objective=goal)
+    momdp = build_momdp(table.domain, query, confusion, precision, objective=goal)
     write_pomdp(momdp, "expected.pomdp")
     assert Path("own.pomdp").read_bytes() == Path("expected.pomdp").read_bytes()
 
