@@ -1,9 +1,10 @@
 """One hierarchical model of the outcomes of many agents: who is ahead, by how much, how surely.
 
 A measure of a trial depends on the agent, the object, the attributes asked and the repeat, and an
-agent may do better or worse with one object or in one repeat than with others:
+agent may do better or worse with one of them than with others:
 
-    eta = mean + agent + object + attributes + repeat + (agent x object) + (agent x repeat)
+    eta = mean + agent + object + attributes + repeat
+               + (agent x object) + (agent x attributes) + (agent x repeat)
 
 each term normal with a spread that is learned. Effects of agents are shrunk towards each other,
 which is what makes many comparisons at once honest [Gelman2012]. Successes are binomial on the
@@ -48,6 +49,7 @@ class AgentEffect(Measures):
     ahead: float  # Pr(better than the reference); better is less for costs
     equivalent: float  # Pr(the effect is smaller than the margin, on both sides of 0)
     margin: float
+    attributes: str = ""  # asked, where the row is of some trials only
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -60,6 +62,7 @@ class Cells:
     total: Array  # (C,) of their measure
     spread: float  # standard deviation of the measure within cells; nan for successes
     agents: tuple[str, ...]
+    attributes: tuple[str, ...]
 
     @classmethod
     def of(cls, outcomes: TrialOutcomes, measure: str, repeats: ArrayLike | None = None) -> "Cells":
@@ -79,17 +82,18 @@ class Cells:
         residual = values - (total / trials)[inverse.ravel()]
         free = len(values) - len(cells)
         spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
-        agent, thing, repeat = cells[:, :3].T
         sizes = {name: len(levels) for name, (levels, _) in coded.items()}
-        terms = {"agent": agent, "object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
-        for other, index in (("object", thing), ("repeat", repeat)):
+        agent, thing, repeat = cells[:, :3].T
+        others = {"object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
+        terms = {"agent": agent, **others}
+        for other, index in others.items():
             if sizes[other] > 1 or other == "object":
-                terms[f"agent {other}"] = agent * sizes[other] + index
+                terms[f"agent {other}"] = (agent * sizes[other] + index.T).T
                 sizes[f"agent {other}"] = sizes["agent"] * sizes[other]
+        names = (tuple(coded[name][0].tolist()) for name in ("agent", "attribute"))
         return cls({name: index for name, index in terms.items() if sizes[name] > 1}, sizes,
                    trials, np.asarray(total, float),
-                   math.nan if measure == "success" else max(spread, 1e-9),
-                   tuple(coded["agent"][0].tolist()))  # fmt: skip
+                   math.nan if measure == "success" else max(spread, 1e-9), *names)  # fmt: skip
 
 
 def compare_outcomes(
@@ -99,6 +103,7 @@ def compare_outcomes(
     reference: str | None = None,
     repeats: ArrayLike | None = None,
     margin: float | None = None,
+    by_attributes: bool = False,
     draws: int = 500,
     seed: int = 0,
 ) -> list[AgentEffect]:
@@ -114,6 +119,8 @@ def compare_outcomes(
         (n,) the repeat of each trial, where objects were split anew.
     margin : float | None
         Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.
+    by_attributes : bool
+        Whether rows of the trials that ask the same attributes follow.
     draws : int
         Of the posterior, in each of two chains.
 
@@ -133,21 +140,33 @@ def compare_outcomes(
             f"reference {base!r} among them; give the logs of each."
         )
     cells = Cells.of(outcomes, measure, repeats)
-    levels = population_means(cells, sample(cells, draws=draws, seed=seed))
+    means, queries, index = population_means(cells, sample(cells, draws=draws, seed=seed))
     reach = MARGINS[measure] if margin is None else margin
-    plain = {name: float(np.nanmean(measured(outcomes.of_agent(name), measure))) for name in names}
+    subsets = {"": np.full(len(index), True)}
+    if by_attributes:
+        subsets |= {", ".join(np.array(cells.attributes)[query]): index == q
+                    for q, query in enumerate(queries)}  # fmt: skip
+    reference_index = cells.agents.index(base)
     rows = []
-    for name in names:
-        if name == base:
-            continue
-        effect = levels[:, cells.agents.index(name)] - levels[:, cells.agents.index(base)]
-        low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
-        better = effect < 0 if measure == "cost" else effect > 0
-        rows.append(AgentEffect(
-            name, base, measure, int((outcomes.agent == name).sum()), plain[name] - plain[base],
-            float(effect.mean()), float(low), float(high), float(better.mean()),
-            float((np.abs(effect) < reach).mean()), reach,
-        ))  # fmt: skip
+    for asked, chosen in subsets.items():
+        weights = np.bincount(index[chosen], cells.trials[chosen], minlength=len(queries))
+        levels = np.average(means, axis=2, weights=weights)  # (draws, agents)
+        count, total = (np.bincount(cells.terms["agent"][chosen], value[chosen], len(names))
+                        for value in (cells.trials, cells.total))  # fmt: skip
+        with np.errstate(invalid="ignore"):  # an agent that was not asked them
+            plain = total / count - (total / count)[reference_index]
+        for name in names:
+            number = cells.agents.index(name)
+            if number == reference_index:
+                continue
+            effect = levels[:, number] - levels[:, reference_index]
+            low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
+            better = effect < 0 if measure == "cost" else effect > 0
+            rows.append(AgentEffect(
+                name, base, measure, int(count[number]), float(plain[number]), float(effect.mean()),
+                float(low), float(high), float(better.mean()),
+                float((np.abs(effect) < reach).mean()), reach, asked,
+            ))  # fmt: skip
     return rows
 
 
@@ -188,23 +207,24 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Array]:
     return values | {"mean": values["mean"] + center}
 
 
-def population_means(cells: Cells, posterior: dict[str, Array]) -> Array:
-    """Return the mean measure of every agent, (draws, agents), over new objects and repeats.
+def population_means(cells: Cells, posterior: dict[str, Array]) -> tuple[Array, Index, Index]:
+    """Return the mean measure of every agent by query, over new objects and repeats.
 
-    Attributes are those asked. Objects and repeats are averaged over their normal terms: the
-    logistic of a normal has a closed form, to a hundredth (probit approximation).
+    It is (draws, agents, Q), with the attributes of each query, (Q,N), and the query of each cell.
+    Objects and repeats are averaged over their normal terms: the logistic of a normal has a closed
+    form, to a hundredth (probit approximation).
     """
-    attributes = np.zeros((len(posterior["mean"]), 1))
+    eta = (posterior["mean"][:, None] + posterior["agent"])[:, :, None]
+    asked = cells.terms.get("attribute", np.zeros((len(cells.trials), 1), int))
+    queries, index = np.unique(asked, axis=0, return_inverse=True)
     if "attribute" in cells.terms:
-        attributes = posterior["attribute"][:, cells.terms["attribute"]].mean(axis=2)  # (draws, C)
-    eta = posterior["mean"][:, None, None] + posterior["agent"][:, :, None] + attributes[:, None]
+        own = posterior["agent attribute"].reshape(*eta.shape[:2], -1)
+        eta = eta + (posterior["attribute"][:, None] + own)[:, :, queries].mean(axis=3)
     if math.isnan(cells.spread):
         drawn = ("object", "repeat", "agent object", "agent repeat")
         variance = sum(posterior[f"spread of {name}"] ** 2 for name in drawn if name in cells.terms)
-        shrink = np.sqrt(1.0 + _LOGISTIC * np.asarray(variance, float))
-        eta = expit(eta / (shrink[:, None, None] if shrink.ndim else shrink))
-    weights = cells.trials if attributes.shape[1] > 1 else None
-    return np.asarray(np.average(eta, axis=2, weights=weights))
+        eta = expit(eta / np.sqrt(1.0 + _LOGISTIC * np.asarray(variance, float))[..., None, None])
+    return eta, queries, index.ravel()
 
 
 def plot_effects(rows: Sequence[AgentEffect], ax: Any = None) -> Any:

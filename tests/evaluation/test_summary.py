@@ -137,7 +137,8 @@ def test_cells_keep_the_sums_of_trials():
     assert cells.trials.sum() == len(outcomes)
     assert cells.total.sum() == outcomes.success.sum()
     assert len(cells.trials) < len(outcomes)
-    assert set(cells.terms) == {"agent", "object", "attribute", "agent object"}
+    assert set(cells.terms) == {"agent", "object", "attribute", "agent object",
+                                "agent attribute"}  # fmt: skip
     first = cells.terms["agent"] == 0
     assert cells.trials[first].sum() == (outcomes.agent == cells.agents[0]).sum()
 
@@ -146,7 +147,11 @@ def test_cells_keep_the_sums_of_trials():
 @pytest.mark.parametrize("measure", ["success", "cost"])
 def test_a_leader_is_found_and_an_equal_one_is_not(measure):
     outcomes = simulated(np.random.default_rng(1), lead=1.2)
-    equal, ahead = compare_outcomes(outcomes, measure=measure, draws=300)
+    rows = compare_outcomes(outcomes, measure=measure, draws=300, by_attributes=True)
+    equal, ahead = rows[:2]
+    assert [row.attributes for row in rows] == ["", "", *np.repeat([*"012345"], 2)]
+    assert sum(row.trials for row in rows[2:]) == equal.trials + ahead.trials
+    assert {row.ahead > 0.9 for row in rows[3::2]} == {True}
     assert ahead.ahead > 0.95
     assert ahead.equivalent < 0.2
     assert 0.02 < equal.ahead < 0.98
