@@ -2,22 +2,25 @@
 
 Repeats split the same objects into three parts again and again. Outcomes of two agents on the test
 part are drawn from the hierarchical model of `meal-bayes compare` (terms for agent, object,
-attribute and repeat, and those of agent and object, agent and repeat), as many as in an online run.
-The truth is the difference over new objects and repeats. Printed: how often the interval of the
-paired difference (corrected resampled t) and that of the model contain it; and how often any of the
-30 statements of a family is decided where nothing differs (Holm).
+attribute and repeat, and those of agent and object, agent and repeat), as many as in an online run,
+with the spreads that the model has found in Fig. 10's panels. The truth is the difference over new
+objects and repeats. An agent's luck in a repeat is drawn anew in each, or is that of the objects
+which taught it, which repeats share, as a sum. Printed: how often the interval of the paired
+difference (corrected resampled t, at several ratios) and that of the model contain the truth; and
+how often any of the 30 statements of a family is decided where nothing differs (Holm).
 
-    python benchmarks/compare.py [--json] [--simulations 200] [--fits 200] [--measure success]
+    python benchmarks/compare.py [--json] [--simulations 200] [--fits 50] [--measure success]
 """
 
+import logging
 import warnings
+from itertools import product
 
 import numpy as np
 from measuring import options_of, show
 
 from meal_bayes.evaluation import holm, resampled
 from meal_bayes.evaluation.outcome_model import compare_outcomes
-from meal_bayes.evaluation.statistics import Effect
 from meal_bayes.evaluation.summary import measured
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
@@ -25,19 +28,28 @@ from meal_bayes.trials import TrialOutcomes
 OBJECTS, REPEATS, ATTRIBUTES, AGENTS = 60, 10, 6, 2
 TESTED = OBJECTS // 3
 RATIO = TESTED / (OBJECTS - TESTED)
+RATIOS = (0.0, 0.05, 0.1, 0.2, RATIO)  # the last one is that of statements
 FAMILY = 30  # statements of Fig. 10 in one column
 # standard deviations on the logistic scale, and of costs in s
-SPREAD = {"object": 0.8, "attribute": 0.8, "repeat": 0.2, "agent object": 0.4, "agent repeat": 0.1}
+SPREAD = {"object": 0.4, "attribute": 0.7, "repeat": 0.25, "agent object": 0.05,
+          "agent repeat": 0.15}  # fmt: skip
 LEAD, NOISE, SECONDS = 0.5, 6.0, 5.0  # of the second agent; of a cost; s a unit of the scale
+WORLDS = {"drawn anew": False, "of the objects taught": True}  # an agent's luck in a repeat
 
 
-def simulate(rng: np.random.Generator, lead: float) -> tuple[TrialOutcomes, np.ndarray, dict]:
+def simulate(
+    rng: np.random.Generator, lead: float, *, taught: bool = False
+) -> tuple[TrialOutcomes, np.ndarray, dict]:
     """Draw an online run's test outcomes, the repeat of each, and the true differences."""
     draw = {name: sd * rng.normal(size=size) for (name, sd), size in zip(
         SPREAD.items(),
         (OBJECTS, ATTRIBUTES, REPEATS, (AGENTS, OBJECTS), (AGENTS, REPEATS)), strict=True,
     )}  # fmt: skip
-    tests = [rng.permutation(OBJECTS)[:TESTED] for _ in range(REPEATS)]
+    splits = np.array([rng.permutation(OBJECTS) for _ in range(REPEATS)])
+    tests = splits[:, :TESTED]
+    if taught:  # of the same variance
+        each = rng.normal(size=(AGENTS, OBJECTS)) / np.sqrt(OBJECTS - TESTED)
+        draw["agent repeat"] = SPREAD["agent repeat"] * each[:, splits[:, TESTED:]].sum(axis=2)
     rows = [(a, o, p, j) for a in range(AGENTS) for j, objects in enumerate(tests)
             for o in objects for p in range(ATTRIBUTES)]  # fmt: skip
     a, o, p, j = np.array(rows).T
@@ -61,51 +73,71 @@ def simulate(rng: np.random.Generator, lead: float) -> tuple[TrialOutcomes, np.n
     return outcomes, j, {"success": mean[1] - mean[0], "cost": -SECONDS * lead}
 
 
-def paired(outcomes: TrialOutcomes, repeats: np.ndarray, measure: str) -> Effect:
-    """Estimate the second agent's value less the first's over the repeats."""
+def paired(outcomes: TrialOutcomes, repeats: np.ndarray, measure: str) -> np.ndarray:
+    """Return the second agent's mean less the first's in each repeat, (J,)."""
     values = measured(outcomes, measure)
-    sides = [
+    first, second = (
         [values[(outcomes.agent == name) & (repeats == j)].mean() for j in range(REPEATS)]
         for name in ("first", "second")
-    ]
-    return resampled(np.subtract(sides[1], sides[0]), RATIO)
+    )
+    return np.subtract(second, first)
 
 
 def main() -> None:
     """Measure, and print rows or JSON."""
     parser = options_of(__doc__)
     parser.add_argument("--simulations", type=int, default=200)
-    parser.add_argument("--fits", type=int, help="simulations that the model is fitted to")
+    parser.add_argument("--fits", type=int, default=50, help="simulations that the model is fitted")
+    parser.add_argument(
+        "--draws", type=int, default=200, help="of the model, in each of two chains"
+    )
     parser.add_argument("--measure", choices=["success", "cost"], help="one of both")
     options = parser.parse_args()
-    fits = options.simulations if options.fits is None else options.fits
     warnings.simplefilter("ignore")
-    report: dict[str, object] = {}
-    for measure in [options.measure] if options.measure else ["success", "cost"]:
-        hits, modelled = [], []
-        for number in range(max(options.simulations, fits)):
-            outcomes, repeats, truth = simulate(stream(number, "compare"), LEAD)
-            if number < options.simulations:
-                _, _, low, high = paired(outcomes, repeats, measure).interval()
-                hits.append(low <= truth[measure] <= high)
-            if number < fits:
-                (row,) = compare_outcomes(outcomes, measure=measure, repeats=repeats, seed=number)
-                modelled.append(row.low <= truth[measure] <= row.high)
-        report[f"{measure}: corrected t contains the truth"] = _share(hits)
-        report[f"{measure}: the model's interval contains the truth"] = _share(modelled)
-    false = []
-    for number in range(options.simulations):
-        effects = [paired(*simulate(stream(number, "family", k), 0.0)[:2], "success")
-                   for k in range(FAMILY)]  # fmt: skip
-        levels = np.array([min(one.level_above(0), one.level_below(0)) for one in effects])
-        false.append(bool((levels <= holm(levels)).any()))
-    report[f"any of {FAMILY} is decided where nothing differs"] = _share(false)
-    rows = [{"": name, "cases": text} for name, text in report.items()]
-    show(rows, report if options.json else None)
+    logging.getLogger("pymc").setLevel(logging.ERROR)
+    rows, measures = [], [options.measure] if options.measure else ["success", "cost"]
+    for (world, taught), measure in product(WORLDS.items(), measures):
+        runs = [simulate(stream(number, "compare"), LEAD, taught=taught)
+                for number in range(max(options.simulations, options.fits))]  # fmt: skip
+        truths = [truth[measure] for *_, truth in runs]
+        leads = [paired(*run[:2], measure) for run in runs[: options.simulations]]
+        methods = {
+            f"corrected t, ratio {ratio:g}": [resampled(x, ratio).interval()[2:] for x in leads]
+            for ratio in RATIOS
+        }
+        if options.fits and not taught:  # the world of the model
+            methods["the model"] = [
+                (fit.low, fit.high) for number, (outcomes, repeats, _) in enumerate(runs)
+                if number < options.fits
+                for fit in compare_outcomes(outcomes, measure=measure, repeats=repeats,
+                                            draws=options.draws, seed=number)
+            ]  # fmt: skip
+        for method, intervals in methods.items():
+            hits = [
+                low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=False)
+            ]
+            width = float(np.mean([high - low for low, high in intervals]))
+            rows.append(
+                _row(f"{measure}: the interval contains the truth", world, method, hits, width)
+            )
+    for world, taught in WORLDS.items():
+        false = []
+        for number in range(options.simulations):
+            effects = [
+                resampled(paired(*simulate(stream(number, "family", k), 0.0, taught=taught)[:2],
+                                 "success"), RATIO)
+                for k in range(FAMILY)
+            ]  # fmt: skip
+            levels = np.array([min(one.level_above(0), one.level_below(0)) for one in effects])
+            false.append(bool((levels <= holm(levels)).any()))
+        rows.append(_row(f"any of {FAMILY} is decided where nothing differs", world,
+                         f"corrected t, ratio {RATIO:g}", false))  # fmt: skip
+    show(rows, rows if options.json else None)
 
 
-def _share(cases: list[bool]) -> str:
-    return f"{np.mean(cases):.1%} of {len(cases)}" if cases else "not run"
+def _row(what: str, world: str, method: str, cases: list[bool], width: float | None = None) -> dict:
+    fraction = {"fraction": float(np.mean(cases)), "of": len(cases), "width": width}
+    return {"": what, "an agent's luck in a repeat is": world, "method": method, **fraction}
 
 
 if __name__ == "__main__":
