@@ -13,6 +13,7 @@ how often any of the 30 statements of a family is decided where nothing differs 
 """
 
 import logging
+import sys
 import warnings
 from itertools import product
 
@@ -101,17 +102,19 @@ def main() -> None:
                 for number in range(max(options.simulations, options.fits))]  # fmt: skip
         truths = [truth[measure] for *_, truth in runs]
         leads = [paired(*run[:2], measure) for run in runs[: options.simulations]]
-        methods = {
+        methods: dict[str, list] = {
             f"corrected t, ratio {ratio:g}": [resampled(x, ratio).interval()[2:] for x in leads]
             for ratio in RATIOS
         }
         if options.fits and not taught:  # the world of the model
-            methods["the model"] = [
-                (fit.low, fit.high) for number, (outcomes, repeats, _) in enumerate(runs)
-                if number < options.fits
-                for fit in compare_outcomes(outcomes, measure=measure, repeats=repeats,
-                                            draws=options.draws, seed=number)
-            ]  # fmt: skip
+            fits = methods["the model"] = []
+            for number, (outcomes, repeats, _) in enumerate(runs[: options.fits]):
+                (fit,) = compare_outcomes(
+                    outcomes, measure=measure, repeats=repeats, draws=options.draws, seed=number
+                )
+                fits.append((fit.low, fit.high))
+                inside = fit.low <= truths[number] <= fit.high
+                print(f"fit {number + 1} of {options.fits}: {inside}", file=sys.stderr, flush=True)
         for method, intervals in methods.items():
             hits = [
                 low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=False)

@@ -192,9 +192,13 @@ def command(item: str, setting: Setting) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON: six digits are enough, and are the same on every machine."""
+    """Return a value as JSON: six digits are enough, and are the same on every machine.
+
+    An effect is its estimate and standard error, or of a fraction the ends of its 95 % interval.
+    """
     if isinstance(value, Effect):
-        return [plain(value.estimate), plain(value.se)]
+        estimate, se, *ends = value.interval()
+        return plain([estimate, *(ends if value.fraction else [se])])
     if isinstance(value, Mapping):
         return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

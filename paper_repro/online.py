@@ -11,6 +11,7 @@ from meal_bayes.agents import load_agent
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect, plots, resampled
 from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.trials import TrialOutcomes
 from paper_repro import published
 from paper_repro.frame import Setting, paper_values
 from paper_repro.statements import THEIRS
@@ -44,6 +45,7 @@ class Curves:
     by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
     training : (S,B-1) logs of the training trials.
     ratio : test objects over training objects.
+    tests : (S,B) outcomes of the test trials.
     """
 
     hours: Array
@@ -52,6 +54,7 @@ class Curves:
     by_attribute: Array
     training: tuple[tuple[Path, ...], ...]
     ratio: float = 0.5
+    tests: tuple[tuple[TrialOutcomes, ...], ...] = ()
 
     def __len__(self) -> int:
         return len(self.hours)
@@ -100,9 +103,9 @@ def run_curves(
         on_progress=setting.on_progress,
     )  # fmt: skip
     names = ATTRIBUTES.get(dataset, ())
-    rows = []
+    rows, tests = [], list[TrialOutcomes]()
     for result in run.results():
-        own = result.outcomes
+        tests.append(own := result.outcomes)
         right, asked = own.success.astype(float), own.attribute[:, 0]
         means = [right[asked == name].mean() if (asked == name).any() else np.nan for name in names]
         rows.append((result.hours, right.mean(), own.reward.mean(), *means))
@@ -112,27 +115,15 @@ def run_curves(
     logs = tuple(tuple(own / f"{b:02d}-train.mcap" for b in every) for own in folders)
     setting.spend(path for own in folders for path in own.glob("*.mcap"))
     known, met, tested = (part if isinstance(part, int) else len(part) for part in split)
-    ratio = tested / (known + met)
-    return Curves(table[..., 0], table[..., 1], table[..., 2], table[..., 3:], logs, ratio)
+    ratio, size = tested / (known + met), batches + 1
+    by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
+    hours, accuracy, reward = np.moveaxis(table[..., :3], 2, 0)
+    return Curves(hours, accuracy, reward, table[..., 3:], logs, ratio, by_split)
 
 
 def at_hours(hours: Array, values: Array, when: float) -> Array:
     """Read curves (S,B) at some hours, (S,); beyond its end a curve keeps its last value."""
     return np.array([np.interp(when, x, y) for x, y in zip(hours, values, strict=True)])
-
-
-def mean_until(hours: Array, values: Array, end: Array) -> Array:
-    """Return the mean of curves (S,B) from 0 to some hours (S,): the area under each, over `end`.
-
-    >>> mean_until(np.array([[0.0, 2.0]]), np.array([[0.0, 1.0]]), np.array([1.0]))
-    array([0.25])
-    """
-    found = []
-    for x, y, last in zip(hours, values, end, strict=True):
-        inside = x[(x > 0) & (x < last)]
-        knots = np.concatenate([[0.0], inside, [last]])
-        found.append(np.trapezoid(np.interp(knots, x, y), knots) / last if last > 0 else y[0])
-    return np.array(found)
 
 
 def paired(first: Array, second: Array, ratio: float) -> Effect:
@@ -146,8 +137,8 @@ def mean_of(values: Array, ratio: float = 0.5, *, fraction: bool = False) -> Eff
     return replace(resampled(values[~np.isnan(values)], ratio), fraction=fraction)
 
 
-def series(curves: Curves, values: Array, name: str) -> plots.Series:
-    """Draw mean values over mean hours, with the band of one standard error, which is corrected."""
-    mean = values.mean(axis=0)
-    error = np.array([mean_of(column, curves.ratio).se for column in values.T])
-    return plots.Series(name, curves.hours.mean(axis=0), mean, mean - error, mean + error)
+def accuracy_curve(curves: Curves, name: str) -> plots.Series:
+    """Draw mean accuracy over mean hours, with the band of its 95 % intervals."""
+    intervals = [mean_of(x, curves.ratio, fraction=True).interval() for x in curves.accuracy.T]
+    mean, _, low, high = np.array(intervals).T
+    return plots.Series(name, curves.hours.mean(axis=0), mean, low, high)

@@ -38,8 +38,11 @@ second, and our agent against the second.
   their variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s²:
   more than 10 repeats gain little (20 would narrow intervals by 12 %), and were settled before the
   run, as were the 5 at each of Fig. 12's 25 pairs of weights. Intervals of proportions are
-  Wilson's on clusters. Each run is looked at once. All statements of an item in one column are a
-  family, judged at 95 % by Holm's levels; the interval that is shown is that of its level.
+  Wilson's on clusters, also where all or none of the trials succeed; those of their paired
+  differences join Wilson's of gains and of losses (Zou and Donner 2008). Tables show proportions
+  with their 95 % intervals, other means ± one standard error. Each run is looked at once. All
+  statements of an item in one column are a family, judged at 95 % by Holm's levels; the interval
+  that is shown is that of its level.
 - The verdict is that of the central statements, which `paper_values.toml` names before the run.
 
 How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).
@@ -134,11 +137,13 @@ def _text(cell: Any) -> str:
     if isinstance(cell, str | int):
         return str(cell)
     if isinstance(cell, list):
-        mean, se = cell
-        if mean is None:
-            return _DASH
+        mean, *errors = cell
+        if mean is None or errors[0] is None:
+            return _DASH if mean is None else _text(mean)
+        if len(errors) == 2:
+            return f"{mean:.3f} [{errors[0]:.3f}, {errors[1]:.3f}]"
         digits = 3 if abs(mean) < _ACCURACIES else 1
-        return f"{mean:.{digits}f}" + ("" if se is None else f" ± {se:.{digits}f}")
+        return f"{mean:.{digits}f} ± {errors[0]:.{digits}f}"
     return f"{cell:.3f}" if abs(cell) < _ACCURACIES else f"{cell:.2f}"
 
 

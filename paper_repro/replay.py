@@ -39,8 +39,3 @@ def replay(momdp: MOMDP, steps: Sequence[Mapping[str, Any]]) -> list[Belief]:
 def cost_of(momdp: MOMDP, steps: Sequence[Mapping[str, Any]]) -> float:
     """Sum the seconds of the steps."""
     return float(sum(momdp.cost[momdp.behavior_names.index(step["behavior"])] for step in steps))
-
-
-def same_digits(printed: Sequence[float], found: Sequence[float]) -> bool:
-    """Whether numbers round to the printed ones, of two decimals."""
-    return bool(np.allclose(printed, found, rtol=0.0, atol=0.005 + 1e-9))

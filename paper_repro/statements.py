@@ -9,12 +9,13 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.evaluation import Effect, clustered, holm
+from meal_bayes.evaluation import Effect, clustered, holm, paired_fractions
 from meal_bayes.evaluation.statistics import MASS
 
 STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
@@ -106,6 +107,8 @@ class Evidence:
             told = _told(part.effect, level / len(self.parts))
             return {"outcome": FALLS, "rule": part.rule, **told, "needed": None}
         part = max(self.parts, key=lambda part: part.inside)
+        if part.outside <= level:  # a statement of many parts falls at a part's own level alone
+            level /= len(self.parts)
         rule = part.rule + (f", and {len(self.parts) - 1} more" if len(self.parts) > 1 else "")
         stands = inside <= level
         needed = None if stands else part.needed(level)
@@ -174,15 +177,18 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
 
 
 def change_of_means(
-    first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike
-) -> Effect:
+    first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike,
+    *, fraction: bool = False,
+) -> Effect:  # fmt: skip
     """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
     sides = []
     for values, clusters in ((first, first_clusters), (second, second_clusters)):
         x, names = np.asarray(values, float), np.asarray(clusters)
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
-    return clustered([sides[0][name] - sides[1][name] for name in shared], shared)
+    estimate = partial(clustered, clusters=shared)
+    changes = [sides[0][name] - sides[1][name] for name in shared]
+    return paired_fractions(changes, estimate) if fraction else estimate(changes)
 
 
 def judged(

@@ -17,6 +17,7 @@ from meal_bayes.evaluation.statistics import (
     bootstrap_interval,
     clustered,
     holm,
+    paired_fractions,
     resampled,
 )
 from meal_bayes.evaluation.summary import (
@@ -31,5 +32,5 @@ from meal_bayes.evaluation.summary import (
 __all__ = [
     "Effect", "Interval", "SummaryRow", "bootstrap_interval", "brier", "calibration_error",
     "clustered", "compare", "compare_outcomes", "difference", "expected_calibration_error", "holm",
-    "mean", "mean_effect", "negative_log_likelihood", "resampled", "summarize",
+    "mean", "mean_effect", "negative_log_likelihood", "paired_fractions", "resampled", "summarize",
 ]  # fmt: skip

@@ -14,6 +14,7 @@ from meal_bayes.errors import SettingsError
 Array = NDArray[np.float64]
 
 MASS = 0.95  # of intervals, on all pages
+_TINY = 1e-9  # a level below all that are asked for, where Student's will do
 _POWER = 0.8  # with which further units are to decide
 
 
@@ -59,6 +60,9 @@ class Effect:
     fraction : bool
         Whether it is a probability: then its interval is Wilson's, on as many independent cases as
         have its standard error (on the units alone where all cases agree).
+    sides : tuple[Effect, Effect] | None
+        Of a difference of fractions: gains and losses, whose intervals its own joins [Zou2008], so
+        that it has a width where nobody gains or loses.
     """
 
     estimate: float
@@ -68,9 +72,24 @@ class Effect:
     fraction: bool = False
     unit: str = "objects"
     method: str = "Student's t over clusters"
+    sides: "tuple[Effect, Effect] | None" = None
 
     def interval(self, mass: float = MASS) -> Interval:
         """Return the two-sided interval of a mass."""
+        if self.sides is not None:
+            (gain, gain_se, *gains), (loss, loss_se, *losses) = (
+                s.interval(mass) for s in self.sides
+            )
+            both = gain_se * loss_se  # as independent where one side has no error
+            rho = (gain_se**2 + loss_se**2 - self.se**2) / (2 * both) if both > 0 else 0.0
+            down, up = (
+                math.sqrt(max(a * a + b * b - 2 * rho * a * b, 0.0))
+                for a, b in (
+                    (gain - gains[0], losses[1] - loss),
+                    (gains[1] - gain, loss - losses[0]),
+                )
+            )
+            return Interval(self.estimate, self.se, self.estimate - down, self.estimate + up)
         t = float(stdtrit(max(self.units - 1, 1), 0.5 + mass / 2))
         if not self.fraction:
             reach = self.se * t
@@ -87,6 +106,10 @@ class Effect:
             se = math.sqrt(bound * (1 - bound) / self._cases)
         if math.isinf(bound):
             return 0.0 if bound < 0 else 2.0
+        if self.sides is not None and distance > 0 and self.interval(1 - _TINY).low <= bound:
+            from scipy.optimize import brentq  # noqa: PLC0415  takes a tenth of a second
+
+            return float(brentq(lambda level: self.interval(1 - level).low - bound, _TINY, 1.0))
         if not se > 0:
             return 2.0 if math.isnan(se) or distance <= 0 else 0.0
         return 2 * float(stdtr(max(self.units - 1, 1), -distance / se))
@@ -95,7 +118,8 @@ class Effect:
         """Return the smallest level at which the two-sided interval lies below a bound."""
         if self.fraction:
             return dataclasses.replace(self, estimate=1 - self.estimate).level_above(1 - bound)
-        return dataclasses.replace(self, estimate=-self.estimate).level_above(-bound)
+        sides = self.sides and self.sides[::-1]
+        return dataclasses.replace(self, estimate=-self.estimate, sides=sides).level_above(-bound)
 
     def needed(self, bound: float, level: float) -> int | None:
         """Return the units that decide on which side of a bound it is, at 80 % power.
@@ -117,7 +141,7 @@ class Effect:
     @property
     def _cases(self) -> float:
         p = self.estimate
-        return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else float(self.units)
+        return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.units, 1.0)
 
 
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
@@ -134,6 +158,24 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
     method = "Wilson's on clusters" if fraction else "Student's t over clusters"
     return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
+
+
+def paired_fractions(values: ArrayLike, estimate: Callable[[Array], Effect]) -> Effect:
+    """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
+
+    `estimate` is that of a mean, `clustered` or `resampled`.
+
+    >>> nobody = paired_fractions([0, 0, 0, 0], lambda x: clustered(x, [0, 0, 1, 1])).interval(0.5)
+    >>> round(nobody.low, 2), round(nobody.high, 2)
+    (-0.33, 0.33)
+    """
+    x = np.asarray(values, float)
+    gains, losses = (
+        dataclasses.replace(estimate(np.maximum(side, 0)), fraction=True) for side in (x, -x)
+    )
+    effect = estimate(x)
+    method = f"{effect.method}; Wilson's of gains and of losses"
+    return dataclasses.replace(effect, sides=(gains, losses), method=method)
 
 
 def resampled(values: ArrayLike, ratio: float) -> Effect:

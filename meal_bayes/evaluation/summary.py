@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,17 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered
+from meal_bayes.evaluation.statistics import (
+    Effect,
+    Interval,
+    Measures,
+    clustered,
+    paired_fractions,
+)
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
+
+_FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -107,7 +116,7 @@ def mean(trials: Trials, measure: str) -> Interval:
 
 def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     """Estimate the mean of a measure, as `mean`; intervals of proportions stay inside [0, 1]."""
-    values, fraction = measured(outcomes, measure), measure in ("success", "abstained")
+    values, fraction = measured(outcomes, measure), measure in _FRACTIONS
     known = ~np.isnan(values)
     if not known.any():
         return Effect(math.nan, math.nan, 0)
@@ -136,7 +145,10 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
         raise SettingsError(
             f"{names or 'They'} share no task with a {measure}; run both under the same seed."
         )
-    return clustered(gain[known], first.object_name[left][known])
+    objects = first.object_name[left][known]
+    if measure in _FRACTIONS:
+        return paired_fractions(gain[known], partial(clustered, clusters=objects))
+    return clustered(gain[known], objects)
 
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:

@@ -21,7 +21,8 @@ NOTE = """The goal of OFFLINE-MEAL is as many right reports as possible while th
 less than a budget (Eq. 7). Tasks come in their order, and again in it when all have been answered.
 A report costs no time, so who guesses at once answers most queries: Random is ahead of everyone by
 Eq. 7 wherever its costs are small, which is why the paper plans for the reward (Eq. 4) instead; it
-does not say that MORC has the most successes. (Eq. 7 has `<`, its text `<=`; ours is `<`.)"""
+does not say that MORC has the most successes, so that no verdict rests on it. (Eq. 7 has `<`, its
+text `<=`; ours is `<`.)"""
 SHOWS = """The paper draws no such figure. Successes, one line a strategy, over budgets in hours."""
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from meal_bayes.datasets import load_dataset
 from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.learning import mean_until
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.online import (
     BASE,
@@ -15,12 +16,11 @@ from paper_repro.online import (
     PAPERS,
     REPEATS,
     Curves,
+    accuracy_curve,
     at_hours,
     mean_of,
-    mean_until,
     paired,
     run_curves,
-    series,
 )
 from paper_repro.statements import OURS as OUR_COLUMN
 from paper_repro.statements import THEIRS, Evidence, above, below, every, placed
@@ -75,7 +75,7 @@ def run(setting: Setting) -> Result:
                 evidence[OUR_COLUMN][text] = above(lead, 0, of="reward less its")
             tables.append(compared(panel, f"{title}, {protocol}"))
             figures[f"_{dataset}_{n}" + "_theirs" * theirs] = plots.learning_curve(
-                [series(curves, curves.accuracy, name) for name, curves in panel.items()
+                [accuracy_curve(curves, name) for name, curves in panel.items()
                  if name not in BONUSES]
             )  # fmt: skip
             sides = area(panel[BEST], panel[BASE], "accuracy")
@@ -148,13 +148,12 @@ def judge(panel: Panel, title: str) -> dict[str, Evidence | None]:
 
 def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of two agents' curves until the second ends, each (S,)."""
-    number = min(len(first), len(second))
-    end = second.hours[:number, -1]
-    sides = [
-        mean_until(one.hours[:number], getattr(one, measure)[:number], end)
+    own, its = (
+        np.array([mean_until(*curve) for curve in zip(
+            one.hours, getattr(one, measure), second.hours[: len(first), -1], strict=False)])
         for one in (first, second)
-    ]
-    return sides[0], sides[1]
+    )  # fmt: skip
+    return own, its
 
 
 def compared(panel: Panel, title: str) -> Table:
@@ -166,9 +165,9 @@ def compared(panel: Panel, title: str) -> Table:
         for h in budgets:
             own, its = (at_hours(one.hours, one.reward, h) for one in (curves, base))
             at.append(paired(own, its, base.ratio))
-        last = (
-            curves.hours[:, -1], curves.accuracy[:, -3:].mean(axis=1), curves.reward[:, -1]
-        )  # fmt: skip
+        last = (mean_of(curves.hours[:, -1], base.ratio),
+                mean_of(curves.accuracy[:, -3:].mean(axis=1), base.ratio, fraction=True),
+                mean_of(curves.reward[:, -1], base.ratio))  # fmt: skip
         areas = [paired(*area(curves, base, m), base.ratio) for m in ("accuracy", "reward")]
-        rows.append((name, len(curves), *(mean_of(one, base.ratio) for one in last), *areas, *at))
+        rows.append((name, len(curves), *last, *areas, *at))
     return Table(title, (*COLUMNS, *(f"reward at {h:g} h" for h in budgets)), tuple(rows))

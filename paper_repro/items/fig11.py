@@ -12,10 +12,11 @@ from paper_repro.online import ATTRIBUTES, BEST, PAPERS, REPEATS, Curves, mean_o
 from paper_repro.statements import Evidence, above, below, every
 
 NAMES = ATTRIBUTES["cy101"]
-NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less is
-read at the end of its curve. Bars are ranked by MORC-ITRS, as in the paper. Best on seven: in more
-than half of the splits MORC-ITRS is ahead of both others on seven attributes or more. Easy: above
-the mean of the other attributes, for all three."""
+NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less
+is read at the end of its curve, and an attribute that no test of a split asks counts as .5. Bars
+are ranked by MORC-ITRS, as in the paper. Best on seven: in more than half of the splits MORC-ITRS
+is ahead of both others on seven attributes or more. Easy: above the mean of the other attributes,
+for all three."""
 SHOWS = """The paper draws three bars for each of ten attributes, ranked by MORC-ITRS: PLASTIC, HARD
 and EMPTY are last, no more than 80 % for all three, BLUE, FULL and CONTAINER are among the first;
 MORC-ITRS is ahead on 7."""

@@ -38,7 +38,8 @@ def run(setting: Setting) -> Result:
     runs["own, own"] = run_curves(setting, "cy101", 1, AUTO, repeats)
     moments = {name: _moments(one.accuracy) for name, one in runs.items()}
     rows: list[tuple[Cell, ...]] = [
-        (*name.split(", "), repeats, *map(mean_of, own)) for name, own in moments.items()
+        (*name.split(", "), repeats, *(mean_of(one, fraction=True) for one in own))
+        for name, own in moments.items()
     ]
     means = np.array([
         [[values.mean() for values in moments[f"{a}, {b}"]] for a in alphas] for b in betas

@@ -26,8 +26,7 @@ def run(setting: Setting) -> Result:
             rows.append((name, n, printed, found))
             if printed is not None:
                 text = f"{name}: {printed} states at {n} attributes"
-                rule = f"the MOMDP has {printed} (it has {found})"
-                evidence[text] = constructed(rule)
+                evidence[text] = constructed(f"our MOMDP has {found}")
         text = f"{name}: behaviors succeed with .95, look always"
         evidence[text] = constructed("the domain table holds the paper's number")
     return Result(

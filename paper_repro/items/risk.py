@@ -1,4 +1,4 @@
-"""Sect. 7: what the size of the reward does: a robot that is risk averse, or risk seeking."""
+"""Sect. 7: what the size of the reward does to how long a robot explores."""
 
 from meal_bayes.evaluation import difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
@@ -12,8 +12,8 @@ PLACE, N = "ispy32", 2
 TRIALS = 400
 NOTE = """A report is worth the reward where it is right and loses as much where it is wrong. The
 paper says that a very large success bonus makes the robot risk seeking, and a very large penalty
-risk averse; here both grow together, and what follows is that the robot explores longer: that
-alone is judged. The same queries at every size."""
+risk averse; here both grow together, so that neither is judged. That the robot explores longer is
+ours to state. The same queries at every size."""
 
 
 def run(setting: Setting) -> Result:

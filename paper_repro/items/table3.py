@@ -152,8 +152,9 @@ def _paper_name(name: str) -> str:
 def _printed(n: int, agent: str) -> tuple[Cell, ...]:
     printed = paper_values("table3")[str(n)][agent]
     root, p = sqrt(TRIALS), printed["accuracy"]
-    accuracy, cost = Effect(p, sqrt(p * (1 - p)) / root, TRIALS), printed["sd"] / root
-    return n, agent, "the paper", accuracy, Effect(printed["cost"], cost, TRIALS), printed["sd"]
+    accuracy = Effect(p, sqrt(p * (1 - p)) / root, TRIALS, fraction=True)
+    cost = Effect(printed["cost"], printed["sd"] / root, TRIALS)
+    return n, agent, "the paper", accuracy, cost, printed["sd"]
 
 
 def _row(n: int, name: str, percepts: str, own: TrialOutcomes) -> tuple[Cell, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes import read_trials
+from meal_bayes.evaluation import paired_fractions
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.items.t1t2 import PRESS
 from paper_repro.online import BEST, REPEATS, mean_of, run_curves
@@ -36,7 +37,7 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     for when in ("early", "late"):
         for truth, name in enumerate((f"not {ATTRIBUTE}", ATTRIBUTE)):
-            cells = [mean_of(one[f"{when} {truth}"]) for one in found.values()]
+            cells = [mean_of(one[f"{when} {truth}"], fraction=True) for one in found.values()]
             rows.append((f"{when}, {name}", paper[when][truth][1], *cells))
     told = [
         f"{protocol}: {mean_of(youden(one, 'early')).estimate:.2f} early and "
@@ -67,11 +68,12 @@ def judge(traits: Traits) -> dict[str, Evidence | None]:
         text = f"{when}: TPR - FPR of {behavior} is {printed:.2f}"
         evidence[text] = placed(values, printed, of="TPR - FPR")
     count, presses = trials["experience"], traits["late presses"] - traits["early presses"]
+    presses = presses[~np.isnan(presses)]
     evidence[f"late: IE of (SOFT, grasp) is {count:.2f}"] = placed(
         traits["experience"], count, of="IE"
     )
     evidence["it grasps early and presses late: more SOFT trials press late than early"] = above(
-        mean_of(presses), 0, of="rise of the fraction that presses"
+        paired_fractions(presses, mean_of), 0, of="rise of the fraction that presses"
     )
     return evidence
 

@@ -41,8 +41,8 @@ def run(setting: Setting) -> Result:
     lift, shake = (
         float(np.log(np.divide(*paper["fitted"]["empty"][name]))) for name in ("lift_slow", "shake")
     )
-    evidence["lift says little of EMPTY, shake much"] = fact(
-        shake > 2 * lift, f"by the printed beliefs a yes is worth {lift:.2f} and {shake:.2f} nats"
+    evidence["lift says little of EMPTY, shake much"] = constructed(
+        f"by the rates that fit the printed beliefs a yes is worth {lift:.2f} and {shake:.2f} nats"
     )
     title = "belief that the bottle is empty"
     return Result(

@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from meal_bayes.evaluation import (
     expected_calibration_error,
     holm,
     negative_log_likelihood,
+    paired_fractions,
     resampled,
 )
 from meal_bayes.evaluation.statistics import spent, wilson_interval
@@ -164,3 +166,20 @@ def test_a_belief_that_was_certain_and_wrong_costs_a_finite_price():
 def test_each_belief_needs_its_truth(score, positive, truth):
     with pytest.raises(SettingsError, match="give one truth for each"):
         score(positive, truth)
+
+
+def test_a_difference_of_fractions_has_a_width_where_nobody_gains_or_loses():
+    objects = np.repeat(np.arange(36), 10)
+    nobody = paired_fractions(np.zeros(360), partial(clustered, clusters=objects))
+    _, _, low, high = nobody.interval()
+    assert -low == high == pytest.approx(clustered(np.zeros(36), range(36), fraction=True)
+                                         .interval().high)  # fmt: skip
+    assert 3 / 36 < high < 0.12  # the rule of three, for two sides
+    rng = np.random.default_rng(0)
+    gain = (rng.random(360) < 0.3).astype(float) - (rng.random(360) < 0.1)
+    effect = paired_fractions(gain, partial(clustered, clusters=objects))
+    plain = clustered(gain, objects)
+    assert effect.interval()[2:] == pytest.approx(plain.interval()[2:], abs=0.01)
+    for level in (effect.level_above(0.1), effect.level_below(0.3)):
+        assert min(abs(e - b) for e in effect.interval(1 - level)[2:] for b in (0.1, 0.3)) < 1e-6
+    assert effect.level_above(0.5) > 1

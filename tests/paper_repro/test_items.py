@@ -64,7 +64,7 @@ def test_table_3_judges_that_morc_is_ahead(outcomes, kind, lead):
 @pytest.mark.parametrize(("kind", "lead"), kinds(50.0, -50.0, 0.0))
 def test_fig_8_calls_nobody_best_who_is_not_ahead(outcomes, kind, lead):
     """The rival alone decides: the other three are far behind."""
-    far = {name: outcomes(-900, 30, right=0, seed=n) for n, name in enumerate(fig8.BASELINES)}
+    far = {name: outcomes(-900, 30, right=0.05, seed=n) for n, name in enumerate(fig8.BASELINES)}
     rival, morc = (outcomes(x, 30, right=0.5 + x / 200, seed=int(x) % 7) for x in (0, lead))
     evidence = fig8.judge({2: {**far, "random_legal": rival, "morc": morc}})
     for word, size in (("reward", lead), ("accuracy", lead / 200)):
@@ -154,8 +154,10 @@ def test_fig_10_compares_over_equal_hours():
 
 def test_areas_are_means_over_hours():
     hours, values = np.array([[0.0, 1.0, 3.0]]), np.array([[0.0, 1.0, 1.0]])
-    assert online.mean_until(hours, values, np.array([2.0])) == pytest.approx([0.75])
-    assert online.mean_until(hours, values, np.array([4.0])) == pytest.approx([0.875])
+    curve = Curves(hours, values, values, np.zeros((1, 3, 0)), ())
+    for end, mean in ((2.0, 0.75), (4.0, 0.875)):
+        until = replace(curve, hours=np.array([[0.0, 1.0, end]]))
+        assert fig10.area(curve, until, "reward")[0] == pytest.approx([mean])
     assert online.at_hours(hours, values, 0.5) == pytest.approx([0.5])
     assert online.at_hours(hours, values, 9.0) == pytest.approx([1.0])
 

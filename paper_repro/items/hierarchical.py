@@ -1,0 +1,117 @@
+"""Figs 8, 10 and 11 by one hierarchical model of outcomes, beside the design-based intervals."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from meal_bayes.evaluation import Effect, canvas, compare_outcomes, difference, resampled
+from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect, plot_effects
+from meal_bayes.trials import TrialOutcomes
+from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
+from paper_repro.items.fig8 import AGENTS
+from paper_repro.items.fig8 import TRIALS as OFFLINE_TRIALS
+from paper_repro.items.fig10 import PANELS
+from paper_repro.offline import AGAINST, OWN, run_agent
+from paper_repro.online import BASE, BEST, OURS, PAPERS, REPEATS, run_curves
+from paper_repro.statements import RECORDED
+
+DRAWS = 300  # in each of two chains
+COLUMNS = ("", "agent", "trials", "accuracy less the paper's agent's", "by the model", "low",
+           "high", "Pr(ahead)", "Pr(equivalent)")  # fmt: skip
+NOTE = """Accuracy on recordings less that of the paper's agent: of MORC in Fig. 8, of MORC-ITRS
+after {hours:g} h of exploration in Figs 10 and 11 (tests after the last batch that ended by then).
+The first column has the paired difference and its standard error by design, clustered by object or
+over splits of the same objects. The others are of the model of `meal-bayes compare`: an effect,
+shrunk towards those of other agents (in Fig. 11 of other attributes), its 95 % credible interval,
+Pr(the agent is more accurate than the paper's), and Pr(they differ by less than {margin:g}), the
+region of practical equivalence. Each number of attributes and each panel is one fit; Fig. 11 is of
+CY101's panel. How often intervals of both kinds contain the truth: `python benchmarks/compare.py`
+(benchmarks/README.md)."""
+SHOWS = """Dots and lines: effects by the model and their 95 % credible intervals, with Pr(ahead).
+Gray lines below them: 95 % intervals by design. Gray band: practical equivalence. Left of 0 the
+paper's agent is ahead."""
+
+Pairs = list[tuple[AgentEffect, Effect]]  # by the model, and by design
+
+
+def run(setting: Setting) -> Result:
+    """Fit the model to the trials of Figs 8, 10 and 11, which the logs hold."""
+    hours, repeats = (
+        paper_values("fig11")["hours"], setting.repeats_of(REPEATS, column=RECORDED)
+    )  # fmt: skip
+    draws = setting.choose(DRAWS, 50)
+    pairs: dict[str, Pairs] = {"Fig. 8": [], "Fig. 10": [], "Fig. 11": []}
+    for n in setting.choose((1, 2, 3), (2,)):
+        runs = {
+            agent: run_agent(setting, RECORDED, "ispy32", n, agent,
+                             setting.trials_of(OFFLINE_TRIALS, 6))
+            for agent in (*AGENTS, OWN)
+        }  # fmt: skip
+        joined = TrialOutcomes.join(list(runs.values()))
+        for row in compare_outcomes(joined, reference=AGAINST, draws=draws, seed=setting.seed):
+            plain = difference(runs[row.agent], runs[AGAINST], measure="success")
+            pairs["Fig. 8"].append((replace(row, attributes=asked(n)), plain))
+    told = []
+    for dataset, n in setting.choose(PANELS, PANELS[2:3]):
+        title, by_attributes = f"{dataset.upper()}, {asked(n)}", (dataset, n) == PANELS[0]
+        if setting.only not in title:
+            continue
+        panel, ratio = {}, 0.0
+        for agent in (*PAPERS, OURS[0]):
+            curves = run_curves(setting, dataset, n, agent, repeats)
+            last = [np.searchsorted(own, hours, side="right") - 1 for own in curves.hours]
+            panel[agent] = [tests[b] for tests, b in zip(curves.tests, last, strict=True)]
+            ratio = curves.ratio
+        outcomes = [tests for splits in panel.values() for tests in splits]
+        splits = [s for parts in panel.values() for s, tests in enumerate(parts) for _ in tests.key]
+        rows = compare_outcomes(
+            TrialOutcomes.join(outcomes), reference=BEST, repeats=splits, draws=draws,
+            by_attributes=by_attributes, seed=setting.seed,
+        )  # fmt: skip
+        for row in rows:
+            if row.attributes and row.agent not in PAPERS:
+                continue
+            own, best = (accuracies(panel[name], row.attributes) for name in (row.agent, BEST))
+            plain = resampled((own - best)[~np.isnan(own - best)], ratio)
+            figure = "Fig. 11" if row.attributes else "Fig. 10"
+            pairs[figure].append((replace(row, attributes=row.attributes or title), plain))
+            if row.agent == BASE and not row.attributes:
+                told.append(f"{1 - row.ahead:.2f} ({title}; equivalent {row.equivalent:.2f})")
+    cells: list[tuple[Cell, ...]] = [
+        (f"{figure}: {row.attributes}", row.agent, row.trials, plain, row.effect, row.low, row.high,
+         row.ahead, row.equivalent)
+        for figure, group in pairs.items() for row, plain in group
+    ]  # fmt: skip
+    return Result(
+        title="Figs 8, 10 and 11 by one hierarchical model of outcomes",
+        sentence=f"Pr(MORC-ITRS is more accurate than Iterative MORC after {hours:g} h) is, by the "
+        f"model, {', '.join(told) or 'not computed here'}.",
+        tables=(Table("accuracy on recordings", COLUMNS, tuple(cells)),),
+        evidence={},
+        notes=(NOTE.format(hours=hours, margin=MARGINS["success"]),),
+        figures={"": draw({figure: group for figure, group in pairs.items() if group})},
+        shows=SHOWS,
+    )
+
+
+def accuracies(splits: Sequence[TrialOutcomes], attributes: str) -> np.ndarray:
+    """Return the accuracy in each split, (S,), of the trials that ask an attribute, or of all."""
+    chosen = [tests.success[(tests.attribute[:, 0] == attributes) | (not attributes)]
+              for tests in splits]  # fmt: skip
+    return np.array([right.mean() if len(right) else np.nan for right in chosen])
+
+
+def draw(pairs: dict[str, Pairs]) -> canvas.Axes:
+    """Draw the effects of each figure side by side."""
+    rows = max(len(group) for group in pairs.values())
+    with canvas.axes_to_draw(None, width=4.6 * len(pairs), height=1.2 + 0.32 * rows) as ax:
+        figure: Any = ax.get_figure(root=True)
+        ax.remove()
+        axes: list[canvas.Axes] = list(figure.subplots(1, len(pairs), squeeze=False)[0])
+    for to, (title, group) in zip(axes, pairs.items(), strict=True):
+        named = [replace(row, agent=f"{row.attributes}: {row.agent}") for row, _ in group]
+        plot_effects(named, to, intervals=[plain.interval() for _, plain in group])
+        to.set_title(title)
+    return axes[0]
