@@ -12,7 +12,6 @@ how often any of the 30 statements of a family is decided where nothing differs 
     python benchmarks/compare.py [--json] [--simulations 200] [--fits 50] [--measure success]
 """
 
-import logging
 import sys
 import warnings
 from itertools import product
@@ -95,7 +94,6 @@ def main() -> None:
     parser.add_argument("--measure", choices=["success", "cost"], help="one of both")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    logging.getLogger("pymc").setLevel(logging.ERROR)
     rows, measures = [], [options.measure] if options.measure else ["success", "cost"]
     for (world, taught), measure in product(WORLDS.items(), measures):
         runs = [simulate(stream(number, "compare"), LEAD, taught=taught)

@@ -195,7 +195,7 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Array]:
             noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale) / np.sqrt(cells.trials)
             pm.Normal("means", eta, noise, observed=(means - center) / scale)
         trace = pm.sample(
-            draws, tune=draws, chains=2, cores=1, target_accept=0.9, progressbar=False,
+            draws, tune=draws, chains=2, cores=1, target_accept=0.9, progressbar=False, quiet=True,
             random_seed=int(stream(seed, "outcomes").integers(2**31)), model=model,
             compute_convergence_checks=False,
         )  # fmt: skip
