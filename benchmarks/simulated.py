@@ -35,7 +35,7 @@ from meal_bayes.experiments.simulated import (
 )
 from meal_bayes.learner import Learner
 from meal_bayes.perception import build_percept_table
-from meal_bayes.robots.simulated_arm import ObjectParameters
+from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.seeds import stream
 
 AGENTS = ("bayes", "morc")

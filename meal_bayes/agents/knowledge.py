@@ -10,8 +10,8 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.perception import ConfusionCounts, table_counts
-from meal_bayes.posterior import ConfusionPosterior, SharedTrait
-from meal_bayes.posterior.trait import learn_trait
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.trait import SharedTrait, learn_trait
 
 
 @dataclass(frozen=True, slots=True)

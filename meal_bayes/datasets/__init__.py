@@ -1,7 +1,7 @@
 """Data sets: recordings and labels, the training set D, splits, percept tables, synthetic data.
 
 In: the public recordings (downloaded once, checked), a folder of CSV files, or a generator.
-Out: `Dataset`, `Instance`, `TrainingSet`, `ObjectSplit`, `PerceptTable`.
+Out: `Dataset`, `Instance`, `TrainingSet`, `PerceptTable`.
 """
 
 from meal_bayes.datasets.csv_files import save_csv_folder
@@ -9,12 +9,11 @@ from meal_bayes.datasets.dataset import Dataset, Instance, object_index
 from meal_bayes.datasets.download import cache_folder, fetch, load_dataset, registry, verify
 from meal_bayes.datasets.percepts import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.synthetic import make_synthetic
-from meal_bayes.datasets.training_set import ObjectSplit, TrainingSet
+from meal_bayes.datasets.training_set import TrainingSet
 
 __all__ = [
     "Dataset",
     "Instance",
-    "ObjectSplit",
     "PerceptTable",
     "TrainingSet",
     "cache_folder",

@@ -102,17 +102,9 @@ class ObjectSplit:
     ) -> "ObjectSplit":
         """Draw a split, anew until each part has `minimum` positives of each attribute.
 
-        Parameters
-        ----------
-        sizes : Sequence[int] | None
-            Objects in pre, train, test; by default three parts as equal as can be.
-        attributes : Sequence[str] | None
-            Those that must have positives; by default all of the domain.
-
-        Raises
-        ------
-        SettingsError
-            Sizes that do not fit, or a minimum that no draw met.
+        Sizes are those of pre, train, test, by default three parts as equal as can be; attributes
+        those that must have positives, by default all. A `SettingsError` where sizes do not fit, or
+        no draw met the minimum.
         """
         count = len(dataset.objects)
         if sizes is None:

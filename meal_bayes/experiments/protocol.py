@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, ObjectSplit, PerceptTable
+from meal_bayes.datasets import Dataset, PerceptTable
+from meal_bayes.datasets.training_set import ObjectSplit
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.learner import Feedback, Learner
 from meal_bayes.learner.percepts import record_step
 from meal_bayes.perception.perceiver import answer
-from meal_bayes.robots import Boundary, RecordedRobot, replayable
-from meal_bayes.robots.recorded import Order
+from meal_bayes.robots import Boundary
+from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Task, Trial
 

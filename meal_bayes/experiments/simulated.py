@@ -22,13 +22,13 @@ from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import digest_of
 from meal_bayes.learner import Learner
 from meal_bayes.robots.simulated_arm import (
-    ObjectParameters,
     OnFrame,
     SimulatedArm,
     attributes_of,
     draw_object,
 )
 from meal_bayes.robots.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY
+from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Trial
 

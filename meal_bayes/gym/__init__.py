@@ -27,7 +27,7 @@ from meal_bayes.learner import Learner
 from meal_bayes.learner.sessions import commanded, fit_of, prepare, record, robot_of
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, unvalued
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Streams, Task, Trial
 

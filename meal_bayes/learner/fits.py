@@ -16,7 +16,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fitted import Fitted, progress_of, some_labels
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
-from meal_bayes.robots import replayable
+from meal_bayes.robots.recorded import replayable
 from meal_bayes.trials import Task
 
 _KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte

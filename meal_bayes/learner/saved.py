@@ -32,7 +32,8 @@ from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
 from meal_bayes.perception.recordings import FeatureSpace
 from meal_bayes.perception.stacked import Stacker
-from meal_bayes.posterior import ConfusionPosterior, SharedTrait
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
 _FORMAT = 6

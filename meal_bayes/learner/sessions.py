@@ -27,7 +27,8 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import POMCP, Policy, Remembering, Solver
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
-from meal_bayes.robots import Boundary, RecordedRobot, replayable
+from meal_bayes.robots import Boundary
+from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.seeds import stream
 from meal_bayes.trials import FaultTolerant, Session, Streams, Task
 

@@ -12,18 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
-from meal_bayes.posterior.trait import SharedTrait
 
 if TYPE_CHECKING:
     from meal_bayes.posterior.draws import draw_grid
     from meal_bayes.posterior.hierarchical import fit_hierarchical
 
-__all__ = [
-    "ConfusionPosterior",
-    "SharedTrait",
-    "draw_grid",
-    "fit_hierarchical",
-]
+__all__ = ["ConfusionPosterior", "draw_grid", "fit_hierarchical"]
 _LATER = {"draw_grid": "draws", "fit_hierarchical": "hierarchical"}  # in which modules
 
 

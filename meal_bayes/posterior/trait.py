@@ -56,15 +56,9 @@ _TINY = 1e-300
 class SharedTrait:
     """The distribution of objects' traits given the truth.
 
-    Attributes
-    ----------
-    sd : float
-        Sigma, of traits about the truth's +-1.
-    points, latent_classes : NDArray[np.float64]
-        (M,) t, rising, and (2,M) Pr(t | truth).
+    Sigma is `sd`, of traits about the truth's +-1; points (M,) are t, rising, and latent classes
+    (2,M) Pr(t | truth).
 
-    Examples
-    --------
     >>> classes = SharedTrait.of_sd(0.3).latent_classes
     >>> bool(np.allclose(classes.sum(axis=1), 1)), bool(np.allclose(classes[0], classes[1, ::-1]))
     (True, True)
@@ -94,23 +88,10 @@ class SharedTrait:
     def select(
         self, confusion: ArrayLike, precision: ArrayLike, *, rounds: int = _ROUNDS
     ) -> tuple[Array, Array]:
-        """Convert rows given the truth to rows given the trait.
+        """Convert rows given the truth (...,2,K), of precision (...,2), to rows given the trait.
 
-        Parameters
-        ----------
-        confusion : ArrayLike
-            (...,2,K) mean rows given the truth, above 0.
-        precision : ArrayLike
-            (...,2) their precision, inf = known exactly.
-        rounds : int
-            Iterations that look for the rows, at most.
-
-        Returns
-        -------
-        NDArray[np.float64]
-            (...,M,K) rows.
-        NDArray[np.float64]
-            (...,M) their precision.
+        Rows are above 0, a precision of inf is known exactly; the results are (...,M,K) and
+        (...,M). At most so many `rounds` look for the rows.
         """
         false, true = np.moveaxis(np.asarray(precision, dtype=float), -1, 0)
         within = _WITHIN * np.sqrt(false * true)

@@ -4,7 +4,6 @@ In: a `Domain`, and recordings. Out: `Outcome`s, by names. A real robot
 implements `Robot`; `Boundary` checks what it returns.
 """
 
-from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.robots.robot import Boundary, Outcome, Robot
 
-__all__ = ["Boundary", "Outcome", "RecordedRobot", "Robot", "replayable"]
+__all__ = ["Boundary", "Outcome", "Robot"]

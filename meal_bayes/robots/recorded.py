@@ -22,32 +22,18 @@ _BLOCK = 16  # executions of each behavior whose uniform draws are made at once
 class RecordedRobot:
     """A robot that replays an object's recordings in random order, none twice in a trial.
 
-    A failed execution uses no recording; when all are used, behaviors still change x and cost
-    time, but sense nothing. The k-th execution of a behavior has the same uniform draws whatever
-    else was executed before: agents that are compared meet the same failures and the same order of
+    A failed execution uses no recording; when all are used, behaviors still change x and cost time,
+    but sense nothing. The k-th execution of a behavior has the same uniform draws whatever else was
+    executed before: agents that are compared meet the same failures and the same order of
     recordings (common random numbers).
 
-    Parameters
-    ----------
-    domain : Domain
-        Behaviors and diagram.
-    object_index : int
-        The object in front of the robot.
-    recordings : ArrayLike
-        How many of each behavior there are, (E,) or one number.
-    order : np.random.Generator | Order
-        Of the order of recordings at each `start`, or the order itself: (E,) lists of the
-        recordings to come, the next one last.
-    failures : np.random.Generator
-        Of failures, and of nothing else: it draws blocks for all behaviors at once.
-    dataset : Dataset | None
-        Whose features an outcome has; without it only the recording's number, by which a perceiver
-        looks percepts up.
-    repeats : bool
-        Recordings never run out, each is drawn anew from all (for percepts that are drawn from
-        tables).
-    person : Callable[[float], Mapping[str, bool]] | None
-        Answers behaviors that ask, with this accuracy; without one a perceiver does.
+    There are so many `recordings` of each behavior, (E,) or one number. The `order` at each `start`
+    is drawn, or given as lists (E,) of recordings, the next one last; `failures` are drawn by a
+    generator of their own, in blocks for all behaviors at once. Outcomes have the features of a
+    `dataset`; without one they have the recording's number, by which a perceiver looks percepts up.
+    With `repeats` recordings never run out, each is drawn anew from all (for percepts that are
+    drawn from tables). A `person` answers behaviors that ask, with an accuracy; without one a
+    perceiver does.
     """
 
     def __init__(

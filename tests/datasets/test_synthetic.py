@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import Dataset, ObjectSplit, make_synthetic
+from meal_bayes.datasets import Dataset, make_synthetic
+from meal_bayes.datasets.training_set import ObjectSplit
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 

@@ -10,7 +10,7 @@ from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.protocol import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner
-from meal_bayes.robots import RecordedRobot
+from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import read_header, read_trials
 from meal_bayes.trials import TrialOutcomes

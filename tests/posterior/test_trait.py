@@ -10,9 +10,9 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior, SharedTrait
+from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
-from meal_bayes.posterior.trait import learn_trait, truth_evidence
+from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 OBJECTS, ATTRIBUTES, BEHAVIORS, LEVELS = 80, 6, 5, 4
 

@@ -8,7 +8,8 @@ import pytest
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.robots import Boundary, RecordedRobot
+from meal_bayes.robots import Boundary
+from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import Execution
 
 RECORDINGS = 4

@@ -18,13 +18,7 @@ if find_spec("mujoco") is None:
     )
 
 from meal_bayes.robots.simulated_arm.arm import SimulatedArm
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
+from meal_bayes.robots.simulated_arm.objects import attributes_of, draw_object
 from meal_bayes.robots.simulated_arm.physics import OnFrame
 
-__all__ = [
-    "ObjectParameters",
-    "OnFrame",
-    "SimulatedArm",
-    "attributes_of",
-    "draw_object",
-]
+__all__ = ["OnFrame", "SimulatedArm", "attributes_of", "draw_object"]

@@ -35,24 +35,10 @@ _PART_ARMATURE = 0.02  # kg, keeps stiff springs stable at the scene's time step
 class ObjectParameters:
     """A closed box with springy side walls and lid, and what is inside.
 
-    Attributes
-    ----------
-    half_width, half_depth : float
-        m, along x (where the fingers close) and y.
-    height : float
-        m.
-    shell_mass, content_mass : float
-        kg.
-    stiffness : float
-        N/m, of each side wall and of the lid.
-    friction : float
-        Sliding coefficient against fingers and table.
-    color : str
-        Name; `rgb` is its shade, each in [0, 1].
-    content : str
-        One of `CONTENTS`.
-    n_balls : int
-        Balls inside; 0 without loose content.
+    Half its width (along x, where the fingers close) and depth (y), and its height, m; masses of
+    shell and content, kg; stiffness of each side wall and of the lid, N/m; the coefficient of
+    sliding friction against fingers and table; the name of its color and its shade `rgb`, each in
+    [0, 1]; one of `CONTENTS`, and how many balls are inside.
     """
 
     half_width: float
