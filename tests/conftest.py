@@ -30,24 +30,6 @@ settings.register_profile("thorough", STEADY, max_examples=100)
 settings.load_profile("quick")
 
 
-def wait_until(condition: Callable[[], Held], what: str = "it did not come about") -> Held:
-    """Return what a condition is once it holds; no test asks a clock how long that took."""
-    for _ in range(LOOKS):
-        if holds := condition():
-            return holds
-        sleep(PAUSE)
-    pytest.fail(what)
-
-
-def is_running(pid: int) -> bool:
-    """Whether a process runs; one that ended and that nobody waited for does not."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2]
-    except OSError:
-        return False
-    return state.split()[0] != "Z"
-
-
 def missing(reason: str) -> None:
     """Skip loudly, or fail where everything is required (CI)."""
     if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
@@ -56,14 +38,30 @@ def missing(reason: str) -> None:
 
 
 @pytest.fixture(scope="session")
-def eventually() -> Callable[..., None]:
-    """Return `wait_until`."""
+def eventually() -> Callable[..., object]:
+    """Return what a condition is once it holds; no test asks a clock how long that took."""
+
+    def wait_until(condition: Callable[[], Held], what: str = "it did not come about") -> Held:
+        for _ in range(LOOKS):
+            if holds := condition():
+                return holds
+            sleep(PAUSE)
+        pytest.fail(what)
+
     return wait_until
 
 
 @pytest.fixture(scope="session")
 def running() -> Callable[[int], bool]:
-    """Return `is_running`."""
+    """Return whether a process runs; one that ended and that nobody waited for does not."""
+
+    def is_running(pid: int) -> bool:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2]
+        except OSError:
+            return False
+        return state.split()[0] != "Z"
+
     return is_running
 
 
@@ -81,24 +79,25 @@ def _compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
             warm_up(solver)
 
 
+def folder_of(name: str, variable: str) -> Path:
+    """Return a folder that an environment variable names, or the one beside the repository."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / name
+    folder = Path(os.environ.get(variable, beside))
+    if not folder.is_dir():
+        missing(f"no {name} in {folder}; set {variable} to a folder of them")
+    return folder
+
+
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """Return the folder mirror of the public recordings."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "datasets"
-    folder = Path(os.environ.get("MEAL_BAYES_DATA_URL", beside))
-    if not folder.is_dir():
-        missing(f"no real recordings in {folder}; set MEAL_BAYES_DATA_URL to a folder mirror")
-    return folder
+    return folder_of("datasets", "MEAL_BAYES_DATA_URL")
 
 
 @pytest.fixture(scope="session")
 def reference() -> Path:
     """Return the folder of the reference models."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "reference"
-    folder = Path(os.environ.get("MEAL_BAYES_REFERENCE", beside))
-    if not folder.is_dir():
-        missing(f"no reference models in {folder}; set MEAL_BAYES_REFERENCE")
-    return folder
+    return folder_of("reference", "MEAL_BAYES_REFERENCE")
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,8 @@ from meal_bayes.cli import main
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, save_percepts
 from meal_bayes.domain import load_domain
+from meal_bayes.learner.api import ask
+from meal_bayes.trials import Trial
 
 ROOT = Path(meal_bayes.__file__).resolve().parents[1]  # of the package that is tested
 DOMAIN = """
@@ -65,6 +67,13 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
         return result
 
     return invoke
+
+
+@pytest.fixture(scope="session")
+def trials() -> list[Trial]:
+    """Return three trials."""
+    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
+    return [ask("heavy, beans", dataset="roc36", object=o, agent="greedy") for o in objects]
 
 
 @pytest.fixture

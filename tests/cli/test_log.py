@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
 from meal_bayes.trials import TrialOutcomes
 
@@ -13,10 +12,8 @@ HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
 
 
 @pytest.fixture
-def log(run):
+def log(run, trials):
     """Write a log of three trials."""
-    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
-    trials = [ask("heavy, beans", dataset="roc36", object=o, agent="greedy") for o in objects]
     write_trials("a.mcap", trials, header=HEADER)
     return Path("a.mcap")
 

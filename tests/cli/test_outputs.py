@@ -97,9 +97,7 @@ def test_one_page_of_several_logs(run, fails):
     assert "Missing argument" in fails("report")
 
 
-def test_a_torn_log_is_warned_of(run):
-    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
-    trials = [ask("heavy", dataset="roc36", object=o, agent="greedy") for o in objects]
+def test_a_torn_log_is_warned_of(run, trials):
     write_trials("a.mcap", trials, header={"seed": 0})
     data = Path("a.mcap").read_bytes()
     Path("a.mcap").write_bytes(data[: int(len(data) * 0.6)])

@@ -15,10 +15,8 @@ URL = "rerun+http://127.0.0.1:1/proxy"
 
 
 @pytest.fixture
-def log(run):
+def log(run, trials):
     """Write a run of two files."""
-    objects = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass")
-    trials = [ask("heavy, beans", dataset="roc36", object=o, agent="greedy") for o in objects]
     for name, own in (("a", trials[:2]), ("b", trials[2:])):
         write_trials(f"run/{name}.mcap", own, header={"seed": 0})
     return Path("run")

@@ -1,5 +1,6 @@
 """One's own data in files, frames and arrays: read as written, and every mistake told."""
 
+import os
 import re
 from dataclasses import replace
 
@@ -152,6 +153,12 @@ def test_any_damage_is_told_or_harmless(own, name, place, length, damage):
     finally:
         (own / name).write_bytes(whole)
     assert "\n" not in message
+
+
+def test_a_hole_in_a_file_is_told(own):
+    os.truncate(own / "labels.csv", 1000)
+    with pytest.raises(DataError, match="a zero byte"):
+        load_dataset(own / "own.toml", root=own)
 
 
 def test_huge_quoted_cell(own, change):
