@@ -15,14 +15,9 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.calibration import (
-    calibration_error,
-    expected_calibration_error,
-    negative_log_likelihood,
-)
+from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
 from meal_bayes.evaluation.summary import mean
-from meal_bayes.seeds import stream
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 Array = NDArray[np.float64]
@@ -44,7 +39,7 @@ class LearningRow(Measures):
     hours: float  # of exploration so far
     accuracy: float
     reward: float  # mean, unshaped
-    ece: float  # of the final beliefs; of a few hundred cases it is biased up, see `pooled_ece`
+    ece: float  # of the final beliefs; of a few hundred cases it is biased up, see `ece_after`
     accuracy_se: float  # with objects as clusters
     test_cost_s: float
     nll: float  # of the final beliefs
@@ -98,34 +93,30 @@ def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
 
 
 def summarize_learning(
-    results: Sequence[BatchOutcomes],
-    *,
-    reference: str | None = None,
-    ratio: float = RATIO,
-    mass: float = MASS,
+    results: Sequence[BatchOutcomes], *, mass: float = MASS
 ) -> list[LearningSummary]:
-    """Compare every agent with the reference, by default the first one.
+    """Compare every agent with the first one, by intervals of a mass.
 
     The area is that between curves which are linear between batches, and stay at their end where
-    an agent has explored less than the reference. `ratio` is that of `resampled`, `mass` of the
-    intervals.
+    an agent has explored less than the reference.
     """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
-    base, rows = curves[reference or agents[0]], []
+    base, rows = curves[agents[0]], []
     for agent, curve in curves.items():
         end = float(np.mean([base[repeat][0, -1] for repeat in _shared(curve, base)]))
-        area = _difference(curve, base, partial(mean_until, end=end), ratio, mass)
-        after = _difference(curve, base, lambda hours, reward: reward[-1], ratio)
+        area = _difference(curve, base, partial(mean_until, end=end), mass)
+        after = _difference(curve, base, lambda hours, reward: reward[-1])
         batches = [result for result in results if result.agent == agent]
         last = max(result.batch for result in batches)
         final = [result.outcomes for result in batches if result.batch == last]
+        beliefs = [result.outcomes.beliefs() for result in batches if result.batch > last - _LAST]
         rows.append(LearningSummary(
             agent, end, area.estimate, area.low, area.high,
             reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
             reward_after_difference=after.estimate,
             accuracy_after=float(np.mean([each.success[each.judged].mean() for each in final])),
-            ece_after=pooled_ece(batches)[0],
+            ece_after=calibration_error(*map(np.concatenate, zip(*beliefs, strict=True))),
         ))  # fmt: skip
     return rows
 
@@ -143,7 +134,7 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
 
 def difference_at(own: Curves, base: Curves, budget: float) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches."""
-    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)), RATIO)
+    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)))
 
 
 def mean_until(hours: Array, values: Array, end: float) -> float:
@@ -168,25 +159,12 @@ def success_difference(
     return resampled(gains, RATIO).interval()
 
 
-def pooled_ece(results: Sequence[BatchOutcomes]) -> tuple[float, float]:
-    """Compute the ECE over all repeats of an agent's last batches, and that of calibrated beliefs.
-
-    The second is what calibrated beliefs of the same values would show.
-    """
-    end = max(result.batch for result in results)
-    chosen = [result.outcomes.beliefs() for result in results if result.batch > end - _LAST]
-    positive, truth = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
-    rng = stream(0, "calibrated belief")
-    return calibration_error(positive, truth), expected_calibration_error(positive, rng, draws=20)
-
-
 def _difference(
-    own: Curves, base: Curves, of: Callable[[Array, Array], float], ratio: float,
-    mass: float = MASS,
-) -> Interval:  # fmt: skip
+    own: Curves, base: Curves, of: Callable[[Array, Array], float], mass: float = MASS
+) -> Interval:
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
     gains = [of(*own[repeat]) - of(*base[repeat]) for repeat in _shared(own, base)]
-    return resampled(gains, ratio).interval(mass)
+    return resampled(gains, RATIO).interval(mass)
 
 
 def _shared(own: Curves, base: Curves) -> list[int]:

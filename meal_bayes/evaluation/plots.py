@@ -42,15 +42,8 @@ class Series(NamedTuple):
     high: NDArray[np.float64] | None = None
 
 
-def lines(
-    series: Sequence[Series],
-    *,
-    x_label: str,
-    y_label: str,
-    fraction: bool = False,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw lines with error bands over x (as Fig. 9); of a `fraction` y goes from 0 to 1."""
+def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | None = None) -> Axes:
+    """Draw lines with error bands over x (as Fig. 9)."""
     with axes_to_draw(ax) as to:
         for color, marker, (name, x, y, low, high) in _styled(series):
             shown = marker if len(x) <= _MANY else None
@@ -58,8 +51,6 @@ def lines(
             if low is not None and high is not None:
                 to.fill_between(x, low, high, color=color, alpha=0.18, lw=0)
         name_axes(to, x_label, y_label)
-        if fraction:
-            to.set_ylim(-0.02, 1.02)
         legend(to, len(series), above=len(series) > _FEW)
         return to
 

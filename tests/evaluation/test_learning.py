@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import expected_calibration_error
 from meal_bayes.evaluation.learning import (
     curves_of,
     decided,
     difference_at,
     learning_rows,
     mean_until,
-    pooled_ece,
     success_difference,
     successes_within,
     summarize_learning,
@@ -80,11 +80,9 @@ class TestSummary:
         assert bayes.reward_after_difference == pytest.approx(0.0)
         assert base.area_reward_difference == base.reward_after_difference == 0
 
-    def test_the_first_agent_is_the_reference_unless_another_is_named(self):
+    def test_the_first_agent_is_the_reference(self):
         results = [*curve("one", RISING), *curve("other", RISING, cost=8.0)]
         assert [r.area_reward_difference for r in summarize_learning(results)] == [0, 2]
-        named = summarize_learning(results, reference="other")
-        assert [row.area_reward_difference for row in named] == [-2, 0]
 
     def test_intervals_are_of_pairs_and_of_splits_of_the_same_objects(self):
         gains = np.array([0.0, 0.05, 0.1])
@@ -169,14 +167,16 @@ def test_all_fields_are_plain_json():
 @pytest.mark.parametrize(("wrong_by", "excess"), [(0.0, 0.0), (0.2, 0.15)])
 def test_pooled_ece_shows_miscalibration_only(wrong_by, excess):
     rng = np.random.default_rng(0)
-    results = []
+    results, beliefs = [], []
     for repeat in range(10):
         belief = rng.uniform(0.25, 0.75, TRIALS)
         trials = outcomes_of(rng.random(TRIALS) < belief + wrong_by, positive=belief)
         results += [BatchOutcomes("bayes", repeat, batch, batch, trials) for batch in (8, 9, 10)]
         early = outcomes_at(0.0, positive=1.0)  # too early to count
         results.append(BatchOutcomes("bayes", repeat, 7, 7, early))
-    error, calibrated = pooled_ece(results)
+        beliefs += [belief] * 3
+    (summary,) = summarize_learning(results)
+    calibrated = expected_calibration_error(np.concatenate(beliefs), rng, draws=20)
     assert 0 < calibrated < 0.05
-    assert error - calibrated == pytest.approx(excess, abs=0.05)
-    assert error > excess
+    assert summary.ece_after - calibrated == pytest.approx(excess, abs=0.05)
+    assert summary.ece_after > excess

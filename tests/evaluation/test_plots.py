@@ -24,7 +24,7 @@ def every_figure(trial):
     table = trial.momdp.confusion[:, 2, :2]
     half = Interval(0.5, 0.1, 0.3, 0.7)
     positive = np.linspace(0, 1, 60)
-    yield plots.lines(TWO, x_label="cost, s", y_label="accuracy", fraction=True)
+    yield plots.lines(TWO, x_label="cost, s", y_label="accuracy")
     yield plots.learning_curve(TWO)
     yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", fraction=True)
     yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s")
