@@ -1,25 +1,14 @@
 """Colors of Okabe and Ito, which color-blind readers can distinguish, on dark and on light."""
 
-Color = int  # red, green, blue, opacity: 8 bits each, as rerun packs them
+Color = tuple[int, int, int, int]  # red, green, blue, opacity
 
-
-def rgb(red: int, green: int, blue: int) -> Color:
-    """Pack an opaque color."""
-    return red << 24 | green << 16 | blue << 8 | 255
-
-
-def unpacked(color: Color) -> tuple[int, int, int, int]:
-    """Return red, green, blue and opacity of a color."""
-    return color >> 24, color >> 16 & 255, color >> 8 & 255, color & 255
-
-
-BLUE, ORANGE, GREEN = rgb(0, 114, 178), rgb(230, 159, 0), rgb(0, 158, 115)
-SKY, RED, PINK = rgb(86, 180, 233), rgb(213, 94, 0), rgb(204, 121, 167)
-GRAY, DIM, TEXT = rgb(128, 128, 128), rgb(96, 96, 96), rgb(150, 150, 150)
-WHITE = rgb(255, 255, 255)
+BLUE, ORANGE, GREEN = (0, 114, 178, 255), (230, 159, 0, 255), (0, 158, 115, 255)
+SKY, RED, PINK = (86, 180, 233, 255), (213, 94, 0, 255), (204, 121, 167, 255)
+GRAY, DIM, TEXT = (128, 128, 128, 255), (96, 96, 96, 255), (150, 150, 150, 255)
+WHITE = (255, 255, 255, 255)
 SERIES = (
-    BLUE, ORANGE, GREEN, PINK, SKY, RED, rgb(183, 165, 0), rgb(136, 102, 204),
-    rgb(68, 170, 153), rgb(190, 80, 120), rgb(221, 204, 119), rgb(153, 153, 51),
+    BLUE, ORANGE, GREEN, PINK, SKY, RED, (183, 165, 0, 255), (136, 102, 204, 255),
+    (68, 170, 153, 255), (190, 80, 120, 255), (221, 204, 119, 255), (153, 153, 51, 255),
 )  # fmt: skip
 
 _LEVELS = (BLUE, SKY, ORANGE, RED)  # from "surely no" to "surely yes"

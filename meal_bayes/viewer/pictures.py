@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.display import level_names, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.viewer.labels import plain_text
-from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color, unpacked
+from meal_bayes.viewer.palette import GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
 from meal_bayes.viewer.recorder import TrialFrame
 
 _SHOWN = 8  # attributes
@@ -48,11 +48,11 @@ def belief_bars(frame: TrialFrame) -> Picture:
         color = GREEN if now > 0.5 else SKY
         lane = np.tile(np.array(_BACK, float), (_BAR, 1))
         full, rest = divmod(now * _BAR, 1)
-        lane[: int(full)] = unpacked(color)
+        lane[: int(full)] = color
         if full < _BAR:  # the pixel in which the bar ends
-            lane[int(full)] = rest * np.array(unpacked(color)) + (1 - rest) * lane[int(full)]
-        lane[_BAR // 2] = unpacked(GRAY)
-        lane[min(int(before * _BAR), _BAR - 1)] = unpacked(ORANGE)
+            lane[int(full)] = rest * np.array(color) + (1 - rest) * lane[int(full)]
+        lane[_BAR // 2] = GRAY
+        lane[min(int(before * _BAR), _BAR - 1)] = ORANGE
         pixels[top : top + _THICK] = lane
         middle = (i + _MIDDLE + 0.1) * _LANE
         labels.append(Label(plain_text(name), -12, middle, TEXT))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.momdp import Belief
 from meal_bayes.trials import Step, Trial
+from meal_bayes.viewer.palette import Color
 
 _TEXTS = ("text", "labels", "node_ids", "state")
 
@@ -109,7 +110,7 @@ class Recorder:
         """Send what holds at all times, such as names, colors or formats."""
         self.stream.log(entity, archetype, static=True, strict=True)
 
-    def add_line(self, entity: str, name: str, color: int) -> None:
+    def add_line(self, entity: str, name: str, color: Color) -> None:
         """Send the style of a line plot."""
         self.add_static(entity, rr.SeriesLines(names=name, colors=color, widths=2))
 
@@ -143,7 +144,7 @@ def _packed(name: str, values: list[Any]) -> Any:
     if name == "edges":
         return np.array(values, dtype=object).reshape(-1, 2)
     if name == "colors":
-        return np.array(values, np.uint32)
+        return np.array(values, np.uint8)
     if name in _TEXTS:
         return np.array(values, dtype=object)
     return values

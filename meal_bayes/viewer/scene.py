@@ -126,7 +126,7 @@ class Scene:
             entity = self._actions[names] = f"{VALUES}/set_{len(self._actions)}"
             colors = [GRAY, *(series_color(action) for action in range(len(names)))]
             style = rr.Measurements.from_fields(
-                names=["report", *map(plain_text, names)], colors=np.array(colors, np.uint32),
+                names=["report", *map(plain_text, names)], colors=np.array(colors, np.uint8),
                 widths=2, interpolation_mode="StepAfter",
             )  # fmt: skip
             self._to.add_static(entity, style)
@@ -178,7 +178,7 @@ class Scene:
         entity, known = f"{LANES}/{lane}", self._lanes.setdefault(lane, {})
         if state not in known:
             known[state] = color
-            colors = np.array(list(known.values()), np.uint32)
+            colors = np.array(list(known.values()), np.uint8)
             style = rr.StateConfiguration(values=list(known), colors=colors)
             self._to.add_static(entity, style)
         self._to.add(entity, rr.StateChange, time, state=[state])

@@ -32,6 +32,7 @@ _START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no l
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
 _DYING = 5.0  # s that a program which broke off a connection may take to end
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 _ERROR_LENGTH = 4000  # characters of a viewer's error output
 
 
@@ -97,9 +98,18 @@ class Viewer:
 
     def wait(self) -> None:
         """Wait until the user closes it; raise a `ViewerError` if it ended with one."""
-        if self._process is not None and self._process.wait():
-            self._errors.seek(0)
-            raise ViewerError(_error_message(self._errors.read()))
+        if self._process is None or not self._process.wait():
+            return
+        self._errors.seek(0)
+        text = " ".join(self._errors.read().decode(errors="replace")[-_ERROR_LENGTH:].split())
+        why = f"The viewer ended with an error ({text[-300:] or 'no message'});"
+        if "adapter" in text or "render context" in text:
+            driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
+            why = f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or"
+        elif sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
+            why = "The viewer cannot open a window, as there is no display;"
+        way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
+        raise ViewerError(f"{why} {way}.")
 
     def wait_until_ready(self) -> None:
         """Wait until it listens; raises as `wait` does."""
@@ -186,16 +196,3 @@ def check_recording_name(path: Path) -> Path:
     if path.suffix != ".rrd":
         raise LogError(f"A recording's name ends in .rrd; found {path.name!r}.")
     return path
-
-
-def _error_message(output: bytes) -> str:
-    text = " ".join(output.decode(errors="replace")[-_ERROR_LENGTH:].split())
-    way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
-    if "adapter" in text or "render context" in text:
-        driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
-        return f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or {way}."
-    if sys.platform == "linux" and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        return f"The viewer cannot open a window, as there is no display; {way}."
-    return f"The viewer ended with an error ({text[-300:] or 'no message'}); {way}."
