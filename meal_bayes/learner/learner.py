@@ -19,7 +19,6 @@ from meal_bayes.learner import sessions
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.live_log import LiveLog, interrupted
 from meal_bayes.learner.percepts import tell
 from meal_bayes.learner.sessions import Question
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
@@ -267,12 +266,12 @@ class Learner:
         LogError
             The log holds no trial that is under way, or not of this learner's.
         """
-        before, path, header = interrupted(Path(log))
+        before, path, header = sessions.interrupted(Path(log))
         streams, start = tuple(header["streams"]), self.domain.diagram.start
         session = sessions.session_of(self, before.task, streams, truth=before.truth)
         session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
         session.repeat(before.steps)
-        session.record(LiveLog(path, header))
+        session.record(sessions.LiveLog(path, header))
         return session
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:

@@ -1,4 +1,4 @@
-"""Sessions of a learner: their tasks, models and policies, with a bonus for exploring, and without.
+"""Sessions of a learner: their tasks and logs, models and policies, with a bonus or without.
 
 Here Algorithm 1, l. 1-5, and Algorithm 2, l. 7-10, become code.
 """
@@ -6,6 +6,7 @@ Here Algorithm 1, l. 1-5, and Algorithm 2, l. 7-10, become code.
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -16,12 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import FittedITRSBonus, ITRSBonus, NoBonus
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_query
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
 from meal_bayes.learner.fits import HeldOut
 from meal_bayes.learner.fitted import Fitted
-from meal_bayes.learner.live_log import LiveLog
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
@@ -30,7 +30,9 @@ from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.robots import Boundary
 from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.seeds import stream
-from meal_bayes.trials import FaultTolerant, Session, Streams, Task
+from meal_bayes.trial_log import TrialWriter, read_header, remove_drafts, salvage
+from meal_bayes.trial_log.names import drafts_of, stem_of
+from meal_bayes.trials import FaultTolerant, Session, Streams, Task, Trial
 
 if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
@@ -41,6 +43,37 @@ NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
 )
+
+
+class LiveLog(TrialWriter):
+    """A log of one trial alone: open when it is made, closed when the trial ends.
+
+    In a folder it is called such as logs/kitchen/20260131-142507-381904-blue_cup-a3f9c2.mcap, by
+    the time (UTC) and the object's `name`; no other process or thread has this name.
+    """
+
+    def __init__(self, place: Path, header: Mapping[str, object], name: str = "") -> None:
+        if place.suffix != ".mcap":
+            begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
+            place /= f"{begun}-{file_name(name)}-{secrets.token_hex(3)}.mcap"
+        super().__init__(place, header)
+        self.__enter__()
+
+    def end(self, trial: Trial) -> None:
+        """Write the outcome, and give the whole log its name."""
+        super().end(trial)
+        self.__exit__(None, None, None)
+        remove_drafts(self.path)  # of processes that were killed in this trial
+
+
+def interrupted(log: Path) -> tuple[Trial, Path, dict[str, Any]]:
+    """Return the trial that a killed process left in a log, the name of that, and its header."""
+    draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
+    header, trials = read_header(draft), list(salvage(draft))
+    last = trials[-1] if trials else None
+    if not isinstance(last, Trial) or not last.ended or not isinstance(header.get("streams"), list):
+        raise LogError(f"{draft} holds no trial that was broken off; there is nothing to resume.")
+    return last, draft.with_name(stem_of(draft) + ".mcap"), header
 
 
 def open_session(

@@ -252,5 +252,5 @@ def test_two_trials_about_one_object_at_once_have_two_logs(dataset, make, tmp_pa
 def test_a_folder_that_cannot_be_made_is_told(dataset, make, tmp_path):
     (tmp_path / "kitchen").touch()
     learner = make.learner(dataset, logs=tmp_path)
-    with pytest.raises(LogError, match="kitchen.* cannot be written"):
+    with pytest.raises(LogError, match=r"kitchen.* cannot be written"):
         learner.begin("red")
