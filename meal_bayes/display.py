@@ -38,8 +38,6 @@ def short(value: object) -> str:
     """
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{list(value.shape)}"
-    if isinstance(value, str | int | float | None):
-        return _cut(repr(value))
     if isinstance(value, Mapping):
         return f"{{{len(value)} entries}}"
     if isinstance(value, tuple | list) and len(value) > _NAMED:

@@ -12,7 +12,6 @@ repeats it.
 import hashlib
 import os
 import shutil
-from importlib import resources
 from pathlib import Path
 
 from meal_bayes.datasets.csv_files import load_csv_folder
@@ -73,7 +72,7 @@ def cache_folder() -> Path:
 def registry(data: str) -> dict[str, str]:
     """Return the SHA-256 digests of a data set's files, by their path below the mirror base."""
     folder = f"{source(data).path}/"
-    listed = resources.files(__package__).joinpath("SHA256SUMS").read_text(encoding="ascii")
+    listed = Path(__file__).with_name("SHA256SUMS").read_text(encoding="ascii")
     rows = [line.split("  ", 1) for line in listed.splitlines()]
     return {path: digest for digest, path in rows if path.startswith(folder)}
 

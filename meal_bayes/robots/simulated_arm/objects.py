@@ -1,8 +1,8 @@
 """The objects: parameters drawn from a seed, the attributes that follow from them, the physics."""
 
 from dataclasses import dataclass
-from importlib import resources
 from itertools import product
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -101,8 +101,8 @@ def build_model(parameters: ObjectParameters) -> mujoco.MjModel:
 
     The shell's own contact parameters rule its contacts (priority 1), so friction is the object's.
     """
-    scene = resources.files("meal_bayes.robots.simulated_arm") / "scene.xml"
-    spec = mujoco.MjSpec.from_string(scene.read_text(encoding="utf-8"))
+    scene = Path(__file__).with_name("scene.xml").read_text(encoding="utf-8")
+    spec = mujoco.MjSpec.from_string(scene)
     body = spec.worldbody.add_body(name="object", pos=[0, 0, parameters.height / 2])
     body.add_freejoint(name="object")
     _add_shell(body, parameters)
