@@ -16,8 +16,6 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class Objective:
@@ -83,8 +81,30 @@ def build_momdp(
         Arrays of other shapes, or values that a MOMDP cannot have.
     """
     n, e = len(query), len(domain.behaviors)
-    rows, spread, classes = _latent_rows(domain, n, confusion, precision, latent_classes)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
+    identity = np.tile(np.eye(2), (n, 1, 1))
+    classes = identity if latent_classes is None else np.asarray(latent_classes, dtype=float)
+    if classes.ndim != 3 or classes.shape[:2] != (n, 2):
+        raise SettingsError(f"latent_classes has shape {classes.shape}; expected ({n},2,C).")
+    rows, c = np.array(confusion, dtype=float), classes.shape[-1]
+    if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
+        raise SettingsError(
+            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
+            "classes, levels)."
+        )
+    spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
+    if any(answers) and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
+        classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
+        rows, spread = np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
+    for index, behavior in enumerate(domain.behaviors):
+        if behavior.answer_accuracy is not None:  # right in each attribute, whatever its class
+            true, accuracy = classes[:, 1] > 0, behavior.answer_accuracy
+            rows[:, index] = 0.0
+            rows[:, index, :, 0] = np.where(true, 1.0 - accuracy, accuracy)
+            rows[:, index, :, -1] = np.where(true, accuracy, 1.0 - accuracy)
+            spread[:, index] = np.inf
+        elif not behavior.senses:
+            rows[:, index] = 1.0 / rows.shape[-1]
     arrays = domain.diagram.compile(domain.behavior_names)
     goal, reward = objective or Objective(), domain.report_reward
     senses = np.array([behavior.senses for behavior in domain.behaviors])
@@ -111,41 +131,6 @@ def build_momdp(
         discount=goal.discount,
         abstain=goal.abstain and domain.diagram.abstain,
     )
-
-
-def _latent_rows(
-    domain: Domain,
-    n: int,
-    confusion: ArrayLike,
-    precision: ArrayLike,
-    latent_classes: ArrayLike | None,
-) -> tuple[Floats, Floats, Floats]:
-    """Check and complete the rows (N,E,C,K), precisions (N,E,C) and classes (N,2,C)."""
-    e, identity = len(domain.behaviors), np.tile(np.eye(2), (n, 1, 1))
-    classes = identity if latent_classes is None else np.asarray(latent_classes, dtype=float)
-    if classes.ndim != 3 or classes.shape[:2] != (n, 2):
-        raise SettingsError(f"latent_classes has shape {classes.shape}; expected ({n},2,C).")
-    rows, c = np.array(confusion, dtype=float), classes.shape[-1]
-    if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
-        raise SettingsError(
-            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
-            "classes, levels)."
-        )
-    spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
-    answers = any(behavior.answer_accuracy is not None for behavior in domain.behaviors)
-    if answers and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
-        classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
-        rows, spread = np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
-    for index, behavior in enumerate(domain.behaviors):
-        if behavior.answer_accuracy is not None:  # right in each attribute, whatever its class
-            true, accuracy = classes[:, 1] > 0, behavior.answer_accuracy
-            rows[:, index] = 0.0
-            rows[:, index, :, 0] = np.where(true, 1.0 - accuracy, accuracy)
-            rows[:, index, :, -1] = np.where(true, accuracy, 1.0 - accuracy)
-            spread[:, index] = np.inf
-        elif not behavior.senses:
-            rows[:, index] = 1.0 / rows.shape[-1]
-    return rows, spread, classes
 
 
 @dataclass(frozen=True, slots=True)
