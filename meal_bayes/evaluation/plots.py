@@ -72,14 +72,8 @@ def bars(
 ) -> Axes:
     """Draw estimates with their intervals as bars side by side (as Fig. 8).
 
-    Parameters
-    ----------
-    groups : Mapping[str, Sequence[Interval]]
-        For each color an interval for each name; one group stands without a legend.
-    names : Sequence[str]
-        Under the bars.
-    fraction : bool
-        Whether y goes from 0 to 1.
+    Groups hold for each color an interval for each of the names under the bars; one group stands
+    without a legend. Of a `fraction` y goes from 0 to 1.
     """
     with axes_to_draw(ax) as to:
         width, single = 0.8 / max(len(groups), 1), len(groups) == 1
@@ -247,15 +241,10 @@ def forest(
     most: int = _MOST,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw Pr(yes) of true and of false objects, each with its interval.
+    """Draw Pr(yes | false) and Pr(yes | true), (P,E,2), each with the ends of its interval.
 
     One row a pair; attributes stay together, the behavior with the largest difference first. Of
     more than `most` pairs, those with the largest differences are drawn.
-
-    Parameters
-    ----------
-    middle, low, high : ArrayLike
-        (P,E,2) Pr(yes | false), Pr(yes | true), and the ends of their intervals.
     """
     center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
     gap = center[..., 1] - center[..., 0]
@@ -289,15 +278,9 @@ def forest(
 def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = None) -> Axes:
     """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
 
-    Columns are observed fractions; points the predicted ones with 95 % intervals. Objects that
+    Columns are observed fractions, of cases (2,n+1) by truth (false, true) and number of "yes" of
+    n; points the predicted ones, of S replicates (S,2,n+1), with 95 % intervals. Objects that
     differ gather at both ends, which a model of independent percepts does not predict.
-
-    Parameters
-    ----------
-    observed : ArrayLike
-        (2,n+1) cases by truth (false, true) and number of "yes" of n.
-    predicted : ArrayLike
-        (S,2,n+1) replicates.
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
     x = np.arange(counts.shape[1])
