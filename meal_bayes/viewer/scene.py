@@ -12,10 +12,9 @@ import rerun as rr
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
-from meal_bayes.viewer.graphs import Diagram, Graph, search_tree
+from meal_bayes.viewer.drawings import Diagram, Graph, Matrices, Picture, belief_bars, search_tree
 from meal_bayes.viewer.labels import action_label, explain_decision, log_line, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
-from meal_bayes.viewer.pictures import Matrices, Picture, belief_bars
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame, part
 
 NARRATION, DECISION, LOG = "/narration", "/decision", "/log"

@@ -8,7 +8,7 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.viewer.graphs import Diagram, overlap, search_tree
+from meal_bayes.viewer.drawings import Diagram, overlap, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.recorder import Clock
 
