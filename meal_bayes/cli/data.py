@@ -126,8 +126,8 @@ def percepts(
         check_output(out, inputs=[dataset])
     estimator = None if classifier is None else opt.named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
-    own = dataset not in SOURCES
-    compared = not own and perception == "default" and classifier is None
+    shipped = dataset in SOURCES
+    compared = shipped and perception == "default" and classifier is None
     if out is None and not compared:
         raise SettingsError(
             f"The package holds no table of {dataset!r} by {classifier or perception} to compare "
@@ -135,7 +135,7 @@ def percepts(
         )
     with terminal.patience(f"reading the recordings of {dataset} ..."):
         recordings = load_dataset(dataset, root=root)
-    missing = recordings.missing() if own else []
+    missing = [] if shipped else recordings.missing()
     if missing:
         terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
     with terminal.progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:

@@ -32,9 +32,9 @@ def info(file: Path, as_json: bool) -> None:
         _print_json(infos, file)
         return
     size, trials, steps, momdps = (
-        sum(getattr(one, name) for one in infos) for name in ("size", "trials", "steps", "momdps")
+        sum(getattr(info, name) for info in infos) for name in ("size", "trials", "steps", "momdps")
     )
-    forms = ", ".join(dict.fromkeys(one.form for one in infos))
+    forms = ", ".join(dict.fromkeys(info.form for info in infos))
     files = f" ({len(infos)} files)" if file.is_dir() else ""
     facts = {
         "file": f"{file}{files}, {size:,} bytes, format {infos[0].format_version}, {forms}",

@@ -18,10 +18,10 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
     from meal_bayes.evaluation.report import write_report
     from meal_bayes.trial_log import Logs
 
-    found = Logs(*logs)
+    files = Logs(*logs)
     with progress("reading", "files") as advance:
-        written = write_report(found, out, on_progress=advance)
-    for problem in found.problems:
+        written = write_report(files, out, on_progress=advance)
+    for problem in files.problems:
         note(f"warning: {problem}; the report counts the whole trials")
     trials, agents = written.trials, len(written.agents)
     counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
@@ -57,7 +57,7 @@ def compare(
     repeats: dict[str, int] = {}
     parts, again = [], []
     for group in Logs(*logs).groups():
-        place = next((one for one in group.file.parts if one.startswith("repeat-")), "")
+        place = next((name for name in group.file.parts if name.startswith("repeat-")), "")
         parts.append(group.outcomes)
         again += [repeats.setdefault(place, len(repeats))] * len(group.outcomes)
     rows = compare_outcomes(

@@ -56,8 +56,8 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
         terminal.note(f"{item} ...")
         try:
             with terminal.progress(item, "trials") as advance:
-                one = frame.Setting(**setting, on_progress=advance)
-                results.append(frame.reproduce(item, one))
+                settings = frame.Setting(**setting, on_progress=advance)
+                results.append(frame.reproduce(item, settings))
         except (DownloadError, frame.NotRun) as fault:  # no recordings; the rest does without
             skipped[item] = str(fault)
             terminal.note(f"{item} is skipped: {fault}")
@@ -67,14 +67,14 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
     if as_json:
         click.echo(json.dumps({"items": results, "skipped": skipped}, allow_nan=False))
         return
-    for found in results:
-        click.echo(f"{found['item']}: {found['verdict']}")
+    for result in results:
+        click.echo(f"{result['item']}: {result['verdict']}")
 
 
 def find_package(scripts: Path | None) -> Path:
     """Find the folder of the items, here or above: the installed package does not hold them."""
-    here = Path.cwd()
-    tried = [scripts] if scripts else [place / _PACKAGE for place in (here, *here.parents)]
+    cwd = Path.cwd()
+    tried = [scripts] if scripts else [place / _PACKAGE for place in (cwd, *cwd.parents)]
     for folder in tried:
         if (folder / "paper_values.toml").is_file():
             return folder.resolve()

@@ -272,12 +272,12 @@ def _print_differences(
     first, rewards, successes = summary[0], [], []
     base, trained = curves_of(results, first.agent), training(first.agent)
     for each in summary[1:]:
-        curves, own = curves_of(results, each.agent), training(each.agent)
+        curves, trials = curves_of(results, each.agent), training(each.agent)
         gains = (difference_at(curves, base, budget).estimate for budget in BUDGETS)
         area = _with_reach(each.area_reward_difference, each.area_high)
         after = f"{each.reward_after_difference:+.1f}"
         rewards.append((each.agent, area, *(f"{gain:+.1f}" for gain in gains), after))
-        more = (success_difference(own, trained, 3600 * hours) for hours in BUDGETS)
+        more = (success_difference(trials, trained, 3600 * hours) for hours in BUDGETS)
         successes.append((each.agent, *(_with_reach(gain.estimate, gain.high) for gain in more)))
     terminal.output().print()
     at = (f"at {hours:g} h" for hours in BUDGETS)

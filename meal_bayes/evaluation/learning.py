@@ -132,9 +132,9 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
     return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 
 
-def difference_at(own: Curves, base: Curves, budget: float) -> Interval:
+def difference_at(curves: Curves, base: Curves, budget: float) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches."""
-    return _difference(own, base, lambda x, y: float(np.interp(budget, x, y)))
+    return _difference(curves, base, lambda x, y: float(np.interp(budget, x, y)))
 
 
 def mean_until(hours: Array, values: Array, end: float) -> float:
@@ -151,25 +151,25 @@ def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
 
 
 def success_difference(
-    own: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
+    runs: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
 ) -> Interval:
     """Compare two agents' successes in training within a budget (s, Eq. 7), paired by repeat."""
-    pairs = zip(own, base, strict=True)
+    pairs = zip(runs, base, strict=True)
     gains = [successes_within(a, budget) - successes_within(b, budget) for a, b in pairs]
     return resampled(gains, RATIO).interval()
 
 
 def _difference(
-    own: Curves, base: Curves, of: Callable[[Array, Array], float], mass: float = MASS
+    curves: Curves, base: Curves, of: Callable[[Array, Array], float], mass: float = MASS
 ) -> Interval:
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
-    gains = [of(*own[repeat]) - of(*base[repeat]) for repeat in _shared(own, base)]
+    gains = [of(*curves[repeat]) - of(*base[repeat]) for repeat in _shared(curves, base)]
     return resampled(gains, RATIO).interval(mass)
 
 
-def _shared(own: Curves, base: Curves) -> list[int]:
+def _shared(curves: Curves, base: Curves) -> list[int]:
     """Return the repeats that two agents share; raise a `SettingsError` where there are none."""
-    repeats = sorted(own.keys() & base.keys())
+    repeats = sorted(curves.keys() & base.keys())
     if not repeats:
         raise SettingsError("No repeat is of both agents; run the same repeats of each.")
     return repeats

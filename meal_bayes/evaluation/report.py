@@ -239,12 +239,12 @@ def _learning(batches: Numbers, outcomes: TrialOutcomes) -> Iterator[Section]:
     batch, test = batches.T
     curves = []
     for name in outcomes.agents:
-        own = outcomes.agent == name
-        judged = own & (test == 1) & outcomes.judged
+        rows = outcomes.agent == name
+        judged = rows & (test == 1) & outcomes.judged
         numbers = np.unique(batch[judged])
         if len(numbers) < 2:
             continue
-        trained = own & (test == 0) & (batch >= 0)
+        trained = rows & (test == 0) & (batch >= 0)
         hours = [float(outcomes.cost[trained & (batch < n)].sum()) / _HOUR for n in numbers]
         success = [outcomes.success[judged & (batch == n)] for n in numbers]
         accuracy = np.array([wilson_interval(int(each.sum()), len(each)) for each in success])

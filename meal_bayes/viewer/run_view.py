@@ -59,22 +59,23 @@ class RunView:
     def _add_agent(self, name: str, outcomes: TrialOutcomes) -> str:
         """Add the measures of an agent's new trials, and return its row of the table."""
         rows = np.flatnonzero(outcomes.agent == name)
-        own, entity, shown = outcomes.rows(rows), part(name or "agent"), plain_text(name or "agent")
+        outcomes = outcomes.rows(rows)
+        entity, shown = part(name or "agent"), plain_text(name or "agent")
         if name not in self._agents:
             color = series_color(self._agents.setdefault(name, len(self._agents)))
             style = rr.Measurements.from_fields(names=shown, colors=color, widths=2)
             for plot in (ACCURACY, COST):
                 self._to.add_static(f"{plot}/{entity}", style)
             self._to.add_line(f"{CURVE}/{entity}", shown, color)
-        trials, judged = np.arange(1, len(rows) + 1), np.cumsum(own.judged)
-        right = np.cumsum(own.success == 1)
+        trials, judged = np.arange(1, len(rows) + 1), np.cumsum(outcomes.judged)
+        right = np.cumsum(outcomes.success == 1)
         # Variances: of the posterior under Beta(1, 1), and of the mean of the costs.
         a, n = right + 1, judged + 2
         accuracy, accuracy_variance = right / np.maximum(judged, 1), a * (n - a) / (n**2 * (n + 1))
-        cost = np.cumsum(own.cost) / trials
-        spread = np.maximum(np.cumsum(own.cost**2) / trials - cost**2, 0.0)
+        cost = np.cumsum(outcomes.cost) / trials
+        spread = np.maximum(np.cumsum(outcomes.cost**2) / trials - cost**2, 0.0)
         cost_variance = spread / np.maximum(trials - 1, 1)
-        before = np.concatenate([np.zeros(1, int), right[own.judged]])  # right of the first n
+        before = np.concatenate([np.zeros(1, int), right[outcomes.judged]])  # right of the first n
         for i in np.flatnonzero(rows >= self._sent):
             time = self._times[rows[i]]
             # Rounded, as a plot would show the noise of equal costs.
@@ -91,8 +92,8 @@ class RunView:
         known = (
             f"{accuracy[-1]:.3f} ± {np.sqrt(accuracy_variance[-1]):.3f}" if judged[-1] else UNKNOWN
         )
-        reward = f"{own.reward[own.judged].mean():.1f}" if judged[-1] else UNKNOWN
-        abstained = len(rows) - int(own.answered.sum())
+        reward = f"{outcomes.reward[outcomes.judged].mean():.1f}" if judged[-1] else UNKNOWN
+        abstained = len(rows) - int(outcomes.answered.sum())
         return (
             f"|{shown}|{len(rows)}|{known}|{abstained}"
             f"|{cost[-1]:.1f} ± {np.sqrt(cost_variance[-1]):.1f}|{reward}|"
