@@ -96,7 +96,17 @@ class TransitionDiagram:
         outgoing: dict[tuple[str, str], dict[str, float]] = {}
         targets: dict[str, set[str]] = {}
         for effect in self.effects:
-            self._check_effect(effect)
+            for role, name in (("from", effect.source), ("to", effect.target)):
+                if name not in (*self.states[:-1], ANY_STATE):
+                    raise DomainError(
+                        f"An effect of {effect.behavior!r} goes {role} {name!r}; "
+                        f"expected one of {list(self.states[:-1])}."
+                    )
+            if not 0.0 < effect.probability <= 1.0:
+                raise DomainError(
+                    f"{effect.behavior!r} in {effect.source!r} has probability "
+                    f"{effect.probability:g}; expected a number above 0 and at most 1."
+                )
             for source, target in self._expand(effect):
                 outcomes = outgoing.setdefault((source, effect.behavior), {})
                 if target in outcomes:
@@ -116,19 +126,6 @@ class TransitionDiagram:
             raise DomainError(
                 f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
                 "add an effect that does, or remove the state."
-            )
-
-    def _check_effect(self, effect: Effect) -> None:
-        for role, name in (("from", effect.source), ("to", effect.target)):
-            if name not in (*self.states[:-1], ANY_STATE):
-                raise DomainError(
-                    f"An effect of {effect.behavior!r} goes {role} {name!r}; "
-                    f"expected one of {list(self.states[:-1])}."
-                )
-        if not 0.0 < effect.probability <= 1.0:
-            raise DomainError(
-                f"{effect.behavior!r} in {effect.source!r} has probability "
-                f"{effect.probability:g}; expected a number above 0 and at most 1."
             )
 
     def _expand(self, effect: Effect) -> list[tuple[str, str]]:

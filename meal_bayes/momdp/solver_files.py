@@ -74,11 +74,10 @@ def _check_observable(momdp: MOMDP, tables: FileTables) -> None:
     reached = tables.transition[:, :-1] > 0
     alike = reached.astype(int) @ signs.astype(int)  # (E,X-1,3) x' that look the same
     for e, x, sign in np.argwhere(alike > 1):
-        one, other = (
-            momdp.x_names[i] for i in np.flatnonzero(reached[e, x] & signs[e, :, sign])[:2]
-        )
+        targets = np.flatnonzero(reached[e, x] & signs[e, :, sign])[:2]
+        states = " or ".join(repr(momdp.x_names[i]) for i in targets)
         raise SettingsError(
-            f"{momdp.behavior_names[e]!r} in {momdp.x_names[x]!r} leads to {one!r} or {other!r} "
+            f"{momdp.behavior_names[e]!r} in {momdp.x_names[x]!r} leads to {states} "
             "with the same observation, and .pomdp has no observed x; write .pomdpx instead."
         )
 
