@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from meal_bayes import OfflineConfig, run_offline
 from meal_bayes.evaluation import difference
 from meal_bayes.trials import TrialOutcomes
-from paper_repro import published
+from paper_repro import agents
 from paper_repro.frame import Cell, Setting, Table, paper_values
 from paper_repro.statements import OURS, THEIRS, Evidence, above
 
@@ -43,7 +43,7 @@ def run_agent(
         dataset,
         attributes=n,
         trials=trials,
-        agents=(published.AGENTS.get(agent, agent) if theirs else agent,),
+        agents=(agents.AGENTS.get(agent, agent) if theirs else agent,),
         seed=setting.seed,
         percepts="model" if theirs else "recorded",
         perception=perception,

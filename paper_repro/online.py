@@ -12,7 +12,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect, plots, resampled
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.trials import TrialOutcomes
-from paper_repro import published
+from paper_repro import agents
 from paper_repro.frame import Setting, paper_values
 from paper_repro.statements import THEIRS
 
@@ -88,7 +88,7 @@ def run_curves(
     config = OnlineConfig(
         f"{dataset}_published" if code else dataset,
         attributes=n,
-        agents=(published.online_agent(agent) if code else load_agent(agent),),
+        agents=(agents.online_agent(agent) if code else load_agent(agent),),
         batches=batches,
         trials=trials,
         repeats=repeats,

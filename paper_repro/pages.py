@@ -35,7 +35,8 @@ second, and our agent against the second.
 - *by construction*: what was fitted to the paper's numbers, is read back from settings, is chance
   or arithmetic. It is no evidence.
 - Offline objects are the clusters of a paired difference. Online repeats split the same objects, so
-  their variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s²:
+  their variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s²,
+  safe for what each repeat draws anew, needed for what repeats share (the how-to has numbers);
   more than 10 repeats gain little (20 would narrow intervals by 12 %), and were settled before the
   run, as were the 5 at each of Fig. 12's 25 pairs of weights. Intervals of proportions are
   Wilson's on clusters, also where all or none of the trials succeed; those of their paired

@@ -1,31 +1,20 @@
-"""What was published: learned matrices, settings of the plotted files, baselines, the solver."""
+"""What was published: learned matrices, and settings of the plotted files."""
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, ITRSBonus, load_agent
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.download import fetch
 from meal_bayes.datasets.sources import source
-from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import (
-    Decision,
-    History,
-    Random,
-    Solver,
-    unvalued,
-)
-from meal_bayes.planners.baselines import RandomLegalPolicy
+from meal_bayes.domain import Domain, load_domain
+from paper_repro.agents import ASK
 from paper_repro.frame import HERE, Setting, paper_values
-from paper_repro.sarsop import Sarsop
 
-ASK = "ask"
 EVERY_ACTION = str(HERE / "domains" / "roc36_every_action.toml")  # x decides nothing
 
 
@@ -112,71 +101,3 @@ def with_counts(table: PerceptTable, counts: NDArray[np.int64]) -> PerceptTable:
         edges=table.edges[[len(table.edges) // 2]],
         recording_counts=table.recording_counts * rounds,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class RandomLegalAsking:
-    """Random Legal that may ask a person as well, at the start alone (PP `_legal_actions`)."""
-
-    budget: float
-
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> RandomLegalPolicy:
-        """Make the policy."""
-        elsewhere = np.arange(len(momdp.legal)) != momdp.start
-        asks = np.array([name == ASK for name in momdp.behavior_names])
-        allowed = momdp.legal & ~np.outer(elsewhere, asks)
-        return RandomLegalPolicy(momdp, self.budget, allowed)
-
-
-def _random_legal(domain: Domain, query: Query) -> Solver:
-    return RandomLegalAsking(domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1])
-
-
-@dataclass(frozen=True, slots=True)
-class RandomOfAll:
-    """Random that draws from all actions, `ask` and illegal ones too (PP `run`)."""
-
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomOfAllPolicy":
-        """Make the policy."""
-        return RandomOfAllPolicy(momdp)
-
-
-@dataclass(frozen=True, slots=True)
-class RandomOfAllPolicy:
-    """Policy of `RandomOfAll`.
-
-    An illegal action ends the trial: here by abstaining, which has the published cost (it leaves
-    the last action out), and a reward that is higher by that action's cost.
-    """
-
-    momdp: MOMDP
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw any action."""
-        momdp, action = self.momdp, int(rng.integers(self.momdp.abstention))
-        illegal = action < momdp.n_behaviors and not momdp.legal[history.belief.x, action]
-        return unvalued(momdp, momdp.abstention if illegal else action)
-
-
-def _random(domain: Domain, query: Query) -> Solver:
-    # Where illegal actions move nothing, as on ROC36, they are legal ones of `EVERY_ACTION`.
-    return RandomOfAll() if domain.diagram.abstain else Random()
-
-
-def _sarsop(domain: Domain, query: Query) -> Solver:
-    return Sarsop(paper_values("plotted")["solver_seconds"])
-
-
-AGENTS = {
-    "random": Agent("random", _random, abstain=True),
-    "random_legal": Agent("random_legal", _random_legal),
-    "sarsop": Agent("sarsop", _sarsop, abstain=True),
-}
-
-
-def online_agent(name: str) -> Agent:
-    """Return an online agent as the published code has it."""
-    agent = load_agent(name)
-    if isinstance(agent.exploration, ITRSBonus):  # which pays for percepts without end
-        agent = replace(agent, exploration=replace(agent.exploration, paid=np.inf))
-    return replace(agent, solver=_random_legal) if name == "iterative_random_legal" else agent

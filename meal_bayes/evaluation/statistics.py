@@ -183,7 +183,8 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
 
     Splits share objects, so their spread alone is too small: J of them have the variance
     (1/J + ratio) s^2 [Nadeau2003], the ratio being test objects / training objects. More splits
-    reduce the first part alone.
+    reduce the first part alone. It is safe for what each split draws anew, and needed for what an
+    agent owes to the objects that taught it (`benchmarks/compare.py`).
 
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951

@@ -3,9 +3,10 @@
 from typing import Any
 
 from meal_bayes.evaluation import difference, mean_effect
+from paper_repro.agents import ASK
 from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.offline import AGAINST, MEASURES, run_agent
-from paper_repro.published import ASK, table_path
+from paper_repro.published import table_path
 from paper_repro.statements import RECORDED, THEIRS
 
 TRIALS = 400
