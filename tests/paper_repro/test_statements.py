@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.evaluation import Effect
-from paper_repro import frame, online, statements
+from paper_repro import frame, statements
 from paper_repro.statements import (
     CONSTRUCTED,
     FALLS,
@@ -39,7 +39,7 @@ def outcome(evidence, level=0.05):
     return evidence.judge(level)["outcome"]
 
 
-@pytest.mark.parametrize("module", [frame, statements, online])
+@pytest.mark.parametrize("module", [frame, statements])
 def test_examples_hold(module):
     found = doctest.testmod(module)
     assert found.attempted > 0
