@@ -118,7 +118,9 @@ def draw_curve(curve: list[dict[str, Any]], path: Path) -> None:
         axes, ("accuracy", "cost_s"), ("accuracy", "simulated s a trial"), strict=True
     ):
         series = Series("20 trials", ends, np.array([point[key] for point in curve], float))
-        lines([series], x_label="trials", y_label=label, fraction=key == "accuracy", ax=ax)
+        lines([series], x_label="trials", y_label=label, ax=ax)
+        if key == "accuracy":
+            ax.set_ylim(-0.02, 1.02)
         explored = sum(point["agent"] == "random_legal" for point in curve)
         if explored:
             ax.axvspan(0, ends[explored - 1], color="0.9", lw=0, label="exploring")
