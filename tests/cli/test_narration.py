@@ -48,11 +48,11 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
 def test_every_outcome_has_its_words(momdp):
     look, lift, reinit = range(3)
     yes = np.array([1, 0], np.int8)
-    assert outcome_text(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 -> x0"
-    assert outcome_text(momdp, step(momdp, lift, 0, 0)) == "failed, x0 -> x0; nothing perceived"
+    assert outcome_text(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 → x0"
+    assert outcome_text(momdp, step(momdp, lift, 0, 0)) == "failed, x0 → x0; nothing perceived"
     assert "no recording is left" in outcome_text(momdp, step(momdp, look, 0, 0, None, 2))
-    assert outcome_text(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 -> x0; it shows nothing"
-    assert outcome_text(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 -> x1"
+    assert outcome_text(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 → x0; it shows nothing"
+    assert outcome_text(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 → x1"
     assert percept_labels(momdp, look, yes) == ["yes", "no"]
 
 
