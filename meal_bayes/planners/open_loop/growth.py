@@ -204,29 +204,3 @@ def grow_plans(ways, growth, chance, out, ends):
             goal, k = _next_percept(ways, here, growth, chance, b)
         longest = max(longest, filled)
     return longest
-
-
-@entry_kernel
-def follow(step, ways, start, path, plan, counts, executions, reached):
-    """Sum up what every beginning of a path comes to.
-
-    From start (R,) along path (R,L), padded by -1 -> `plan` (R,L) records of `PLAN`, `counts` and
-    `executions` (R,L,E), and the x `reached` (R,L).
-    """
-    for r in range(path.shape[0]):
-        x, cost, discount = start[r], 0.0, 1.0
-        for t in range(path.shape[1]):
-            a = path[r, t]
-            if a < 0:
-                break
-            for e in range(counts.shape[2]):
-                counts[r, t, e] = counts[r, t - 1, e] if t > 0 else 0
-                executions[r, t, e] = executions[r, t - 1, e] if t > 0 else 0.0
-            counts[r, t, a] += ways.senses[x, a]
-            # cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
-            executions[r, t, a] += discount * step[x, a].bonus_scale
-            cost += discount * step[x, a].cost
-            discount *= step[x, a].discount
-            x = ways.target[x, a]
-            plan[r, t].action, plan[r, t].cost, plan[r, t].discount = path[r, 0], cost, discount
-            reached[r, t] = x

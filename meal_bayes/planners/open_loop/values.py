@@ -111,14 +111,6 @@ def _table_error(model, table, t, prob, i, scratch):
 
 
 @kernel
-def forget_errors(scratch):
-    """Mark all errors of `scratch.error` as not computed."""
-    for t in range(scratch.error.shape[0]):
-        for z in range(scratch.error.shape[1]):
-            scratch.error[t, z] = -1.0
-
-
-@kernel
 def _plan_value(model, plans, j, prob, scratch, floor, exact):
     """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that."""
     plan, percepts = plans.plan[j], model.percepts
@@ -192,9 +184,8 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     _locate(model, plans, prob, scratch)
     shared, best, out = floor > -np.inf, floor, scratch.value
     if not shared:
-        forget_errors(scratch)
-    for a in range(out.shape[0]):
-        out[a], scratch.tried[a], scratch.best[a] = -np.inf, 0, -1
+        scratch.error[:] = -1.0
+    out[:], scratch.tried[:], scratch.best[:] = -np.inf, 0, -1
     start, count = plans.first[x], plans.first[x + 1] - plans.first[x]
     for turn in range(2 * count):
         j, exact = start + turn, turn >= count

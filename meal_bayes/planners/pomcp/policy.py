@@ -35,7 +35,6 @@ from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.pomcp.search import ENUMERATE, LeafEvaluator, search
 from meal_bayes.planners.pomcp.tree import (
     KEPT,
-    Tree,
     make_sampled,
     make_tree,
     standard_errors,
@@ -105,14 +104,6 @@ class _Lent(threading.local):
 
     def __init__(self) -> None:
         self.generator = np.random.Generator(np.random.PCG64(0))
-
-    def of(self, rng: np.random.Generator) -> np.random.Generator:
-        """Return the thread's generator in the state of another; another kind as it is."""
-        state = rng.bit_generator.state
-        if state["bit_generator"] != "PCG64":
-            return rng
-        self.generator.bit_generator.state = state
-        return self.generator
 
 
 _LENT = _Lent()
@@ -218,45 +209,32 @@ class POMCPPolicy:
     ) -> Decision:
         """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
         settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
-        tree, table = self._planted(belief), self.estimate
+        width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
+        tree = make_tree(momdp, belief, settings.capacity + width + 1)
+        table = self.estimate
         reading = grid.make_scratch(table, momdp.levels)
         evaluator = LeafEvaluator(self.plans, table, scratch, reading)
         sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
         exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
         options = np.array([exploration, settings.backup == "sampled"], dtype=float)
-        lent = _LENT.of(rng)
+        usual = isinstance(rng.bit_generator, np.random.PCG64)
+        lent = _LENT.generator if usual else rng
+        lent.bit_generator.state = rng.bit_generator.state
 
         def grow(simulations: int) -> int:
             return int(search(self.problem, evaluator, tree, sampled, simulations, options, lent))
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
-        if lent is not rng:
-            rng.bit_generator.state = lent.bit_generator.state
+        rng.bit_generator.state = lent.bit_generator.state
         if not done:
             tree.edge["value"][0], tree.edge["visits"][0], tree.edge["first"][0] = lower, 0, -1
-        values = tree.edge["value"][0]
-        action, values = choose(momdp, belief, values)
+        action, values = choose(momdp, belief, tree.edge["value"][0])
         visits = tree.edge["visits"][0]
         errors = no_errors(values)
         errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
         rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
         return Decision(action, values, errors, visits, top_edges(tree), done, rows)
-
-    def _planted(self, belief: Belief) -> Tree:
-        """Create a tree of its root, with the capacity that one decision may need."""
-        settings, momdp = self.settings, self.momdp
-        branches = self.problem.dynamics.branch.shape[2]
-        nodes = settings.capacity
-        if settings.milliseconds is None:
-            width = branches * int(min(float(momdp.levels) ** len(momdp.query), ENUMERATE))
-            nodes = min(nodes, (settings.simulations + 1) * width + 1)
-        nodes += branches * ENUMERATE + 1  # that an expansion may take
-        tree = make_tree(nodes, momdp.n_behaviors, *belief.log_prob.shape)
-        stop = answer_value(momdp, belief)
-        tree.size[0], tree.prob[0], tree.level[0] = 1, np.exp(belief.log_prob), -1
-        tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
-        return tree
 
 
 def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:

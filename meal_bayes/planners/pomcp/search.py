@@ -16,7 +16,6 @@ from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.values import (
     Plans,
     evaluate_plans,
-    forget_errors,
     is_idle,
     stop_value,
     true_chance,
@@ -50,22 +49,21 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
         draw_object(model.percepts, sampled, rng)
-        _restart(scratch, sampled.counts)
-        node, depth, value = done * 0, 0, 0.0
-        while depth < DEPTH:
+        node, depth, value, new = done * 0, 0, 0.0, False
+        while depth < DEPTH and not new:
             x = tree.node[node].x
             if tree.node[node].visits == 0:
                 if not tabled:
                     evaluate_plans(model, plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
                 _open_node(model, evaluator, tree, node)
             tree.node[node].visits += 1
-            a, value = _select(model, tree, node, options[0]), tree.node[node].stop
+            a, value = _select(tree, node, options[0]), tree.node[node].stop
             if a < 0:
                 break
             new = tree.edge[node, a].first < 0
             if new:
-                _expand(model, evaluator, tree, node, a, rng)
-                forget_errors(scratch)
+                _expand(model, scratch, tree, node, a, rng)
+                scratch.error[:] = -1.0
                 for child in range(tree.edge[node, a].first, tree.size[0]):
                     leaf = tree.node[child]
                     _arrive(model, evaluator, tree, child, a)
@@ -77,27 +75,14 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0], sampled.path[depth, 1] = node, a
             sampled.reward[depth] = _step_reward(model, x, a, sampled.truth, scratch.total)
-            node = _execute(model, evaluator, tree, sampled, node, a, rng)
+            node = _execute(model, scratch, tree, sampled, node, a, rng)
             depth, value = depth + 1, tree.node[node].value
-            if new:
-                break
-        _back_up(model, tree, sampled, depth, value, options[1])
+        _back_up(model.dynamics.step, scratch, tree, sampled, node, depth, value, options[1])
     return simulations
 
 
 @kernel
-def _restart(scratch, counts):
-    """Restore the percept counts (N,E,K) of the trial."""
-    for e in range(counts.shape[1]):
-        scratch.total[e] = 0.0
-        for z in range(counts.shape[2]):
-            scratch.total[e] += counts[0, e, z]
-            for i in range(counts.shape[0]):
-                scratch.counts[i, e, z] = counts[i, e, z]
-
-
-@kernel
-def _select(model, tree, node, exploration):
+def _select(tree, node, exploration):
     """Choose by UCB1 among the behaviors; ending has no variance and so no bonus. -1 = end."""
     best, best_score = -1, tree.node[node].stop
     spread = np.log(tree.node[node].visits + 1.0)
@@ -111,13 +96,12 @@ def _select(model, tree, node, exploration):
 
 
 @kernel
-def _expand(model, evaluator, tree, node, a, rng):
+def _expand(model, scratch, tree, node, a, rng):
     """Create the children of an edge: every outcome, or a sample where there are too many.
 
     Percepts without information on an attribute are one outcome.
     """
-    scratch, x = evaluator.scratch, tree.node[node].x
-    outcomes = 1.0
+    x, outcomes = tree.node[node].x, 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
         outcomes *= scratch.counts.shape[2] if model.percepts.informative[i, a] else 1
@@ -132,12 +116,12 @@ def _expand(model, evaluator, tree, node, a, rng):
             child, prob = tree.node[tree.size[0]], tree.prob[tree.size[0]]
             level = tree.level[tree.size[0]]
             child.branch, child.p = k, branch.p if listed else branch.p / DRAWN
-            for i in range(level.shape[0]):
-                level[i] = -1
+            level[:] = -1
+            for i in range(prob.shape[0]):
                 for c in range(prob.shape[1]):
                     prob[i, c] = tree.prob[node, i, c]
             if branch.senses and perceives:
-                _perceive(model, evaluator, tree, node, a, outcome if listed else -1, rng)
+                _perceive(model.percepts, scratch, tree, node, a, outcome if listed else -1, rng)
             else:
                 child.p = branch.p if outcome == 0 else 0.0
             if child.p > 0.0:
@@ -147,10 +131,9 @@ def _expand(model, evaluator, tree, node, a, rng):
 
 
 @kernel
-def _perceive(model, evaluator, tree, node, a, outcome, rng):
+def _perceive(percepts, scratch, tree, node, a, outcome, rng):
     """Compute the belief of the next free node, by percept `outcome`, or by a drawn one (-1)."""
-    child, scratch, percepts = tree.size[0], evaluator.scratch, model.percepts
-    levels, rest = scratch.counts.shape[2], outcome
+    child, levels, rest = tree.size[0], scratch.counts.shape[2], outcome
     for i in range(tree.level.shape[1]):
         tree.level[child, i] = 0
         if not percepts.informative[i, a]:
@@ -235,7 +218,7 @@ def _count_percept(scratch, level, a, sign):
 
 
 @kernel
-def _execute(model, evaluator, tree, sampled, node, a, rng):
+def _execute(model, scratch, tree, sampled, node, a, rng):
     """Execute a behavior in the sampled MOMDP; return the child that it leads to.
 
     Where not all outcomes have a child, the percept may have none: then one of them is drawn.
@@ -263,19 +246,21 @@ def _execute(model, evaluator, tree, sampled, node, a, rng):
             break
         if rng.random() * here < 1.0:
             found = child
-    _count_percept(evaluator.scratch, tree.level[found], a, 1.0)
+    _count_percept(scratch, tree.level[found], a, 1.0)
     return found
 
 
 @kernel
-def _back_up(model, tree, sampled, depth, value, averaged):
-    """Update the edges of a simulation's path; the value of a node is that of its best action.
+def _back_up(steps, scratch, tree, sampled, node, depth, value, averaged):
+    """Update the edges on the way to a node by returns, averaged, or by exact expectations.
 
-    By the returns, averaged, or by the expectation over an edge's children.
+    The value of a node is that of its best action; the percepts on the way are forgotten.
     """
     for t in range(depth - 1, -1, -1):
-        node, a = sampled.path[t, 0], sampled.path[t, 1]
-        edge, step = tree.edge[node, a], model.dynamics.step[tree.node[node].x, a]
+        a = sampled.path[t, 1]
+        _count_percept(scratch, tree.level[node], a, -1.0)
+        node = sampled.path[t, 0]
+        edge, step = tree.edge[node, a], steps[tree.node[node].x, a]
         value = sampled.reward[t] + step.discount * value
         if averaged > 0.0:
             edge.value += (value - edge.value) / edge.visits

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.planners.compiled import Floats, Integers, Percepts
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import predictive
@@ -47,15 +48,19 @@ class Tree(NamedTuple):
     level: Integers  # (S,N) percept that led here, -1 for none
 
 
-def make_tree(capacity: int, n_behaviors: int, n_attributes: int, n_classes: int) -> Tree:
-    """Create an empty tree for so many nodes."""
-    return Tree(
-        size=np.zeros(1, np.int64),
+def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
+    """Create a tree of its root, for so many nodes."""
+    tree = Tree(
+        size=np.ones(1, np.int64),
         node=np.zeros((capacity,), NODE),
-        edge=np.zeros((capacity, n_behaviors), EDGE),
-        prob=np.empty((capacity, n_attributes, n_classes)),
-        level=np.empty((capacity, n_attributes), np.int64),
+        edge=np.zeros((capacity, momdp.n_behaviors), EDGE),
+        prob=np.empty((capacity, *belief.log_prob.shape)),
+        level=np.empty((capacity, len(belief.log_prob)), np.int64),
     )
+    stop = answer_value(momdp, belief)
+    tree.prob[0], tree.level[0] = np.exp(belief.log_prob), -1
+    tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
+    return tree
 
 
 def standard_errors(tree: Tree) -> Floats:
@@ -123,8 +128,7 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
 @kernel
 def draw_object(percepts, sampled, rng):
     """Draw a latent class and a truth for each attribute; rows wait until they are needed."""
-    for e in range(sampled.drawn.shape[0]):
-        sampled.drawn[e] = False
+    sampled.drawn[:] = False
     for i in range(sampled.prob.shape[0]):
         u, c = rng.random(), 0
         while c < sampled.prob.shape[1] - 1 and u >= sampled.prob[i, c]:
