@@ -3,10 +3,9 @@
 In: a `MOMDP`. Out: `Policy`, `Decision`.
 """
 
-from meal_bayes.planners.baselines import Predefined, Random, RandomLegal
+from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal
 from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.greedy import Greedy
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP

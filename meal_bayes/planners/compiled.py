@@ -106,8 +106,7 @@ def class_prior(momdp: MOMDP) -> Floats:
 def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     """Compile what diagram, costs and discount make, once for all MOMDPs that share them.
 
-    Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could be repeated for ever
-    before what has to be done, and no plan would be worth less for it.
+    Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could go on for ever.
     """
     cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
     parts = (momdp.transition, momdp.observation_probability, momdp.legal, cost, momdp.cost)
@@ -152,10 +151,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
 
 
 def _information(momdp: MOMDP) -> Floats:
-    """Compute the mutual information (N,E), bits, of a percept and the class at even odds of truth.
-
-    A percept that informs of the class alone may raise the value of the next one.
-    """
+    """Compute the mutual information (N,E), bits, of a percept and the class at even odds."""
     rows, p = momdp.confusion, momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))

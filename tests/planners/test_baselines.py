@@ -11,7 +11,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
 from meal_bayes.planners import Greedy, History, Predefined, Random, RandomLegal
-from meal_bayes.planners.greedy import information_gain
+from meal_bayes.planners.baselines import information_gain
 
 
 def played(momdp, steps, cost=0.0):

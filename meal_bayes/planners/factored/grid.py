@@ -35,10 +35,7 @@ class Table(NamedTuple):
         return [row[:size] for row, size in zip(self.points, self.size, strict=True)]
 
     def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
-        """Combine numbers (..,G) for the points of each axis into one a point of the grid, (..,B).
-
-        So a grid of many axes, most of one point, never takes B x N numbers.
-        """
+        """Combine numbers (..,G) of each axis's points into one a point of the grid, (..,B)."""
 
         def cross(left: Floats, part: Floats) -> Floats:
             both: Floats = combine(left[..., None], part[..., None, :])
@@ -120,11 +117,9 @@ def _uneven_axis(prior: float, reach: float, level: int) -> Floats:
 
 
 def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
-    """Build an axis even in log-odds, as far around the prior as percepts move the belief.
+    """Build an axis even in log-odds, as far around the prior as the sharpest percept moves it.
 
-    Steps stay small where percepts say little; where the sharpest behavior moves the log-odds
-    further in the mean, the axis reaches as far, or beliefs would soon lie between its last point
-    and certainty, where the estimate is a straight line and says little.
+    Beliefs between its last point and certainty are valued by a straight line, which says little.
     """
     false, true = np.clip(np.moveaxis(momdp.confusion[attribute], 1, 0), 1e-300, None)  # (E,K)
     shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=1)  # (E,)
@@ -140,10 +135,7 @@ def _prior_log_odds(momdp: MOMDP, attribute: int) -> float:
 
 
 def make_scratch(table: Table, levels: int) -> Floats:
-    """Build the scratch buffer of `value_after` for percepts of K levels.
-
-    Its rows are points of the grid and their weights; the last 2K columns are one axis alone.
-    """
+    """Build the buffer of `value_after`: points and their weights; of one axis in the last 2K."""
     along = 2 * levels
     return np.empty((2, along ** int((table.size > 1).sum()) + along))
 

@@ -311,10 +311,7 @@ class _ValueIteration:
 
 
 def _inner_points(size: Floats, points: int) -> list[int]:
-    """Return how many uncertain beliefs each axis of the estimate has, given those of the bounds.
-
-    Where many attributes share the points, axes that the bounds refined most get most.
-    """
+    """Return the uncertain beliefs of the estimate's axes; of many, those refined most get most."""
     n, least, scale = len(size), _LEAST + 2, 1.0
     if n < len(_INNER) or least**n > points:
         return [min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))] * n

@@ -64,9 +64,8 @@ class Backups(NamedTuple):
 def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Matrices:
     """Build the sparse matrices of an attribute's percepts, one a behavior.
 
-    Row g holds the points beside each belief that may follow point g, weighted by the percept's
-    probability and by interpolation: linear in the belief, which is never below a convex function
-    (J = 2K), or smooth, cubic in log-odds, no bound but much nearer (J = 4K).
+    Row g weighs the points beside each belief that may follow point g: linearly in the belief,
+    never below a convex function (J = 2K), or smooth, cubic in log-odds, but no bound (J = 4K).
     """
     false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
     joint = true * axis

@@ -130,10 +130,7 @@ def _merge(weights, i, m, scratch):
 
 @kernel
 def _enumerate(percepts, weights, counts, plan, i, scratch):
-    """Multiply column 0 of `outcomes` by all that a plan may perceive; return how many there are.
-
-    `weights` (N,2,C) is Pr(truth | latent class), or Pr(latent class | truth).
-    """
+    """Multiply column 0 of `outcomes` by all that a plan may perceive; return their number."""
     outcomes, bins = scratch.outcomes, scratch.bins
     classes, held = outcomes.shape
     m = min(1, held)

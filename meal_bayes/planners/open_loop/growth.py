@@ -107,10 +107,7 @@ def _right(log_r, rate, seconds, chance, b):
 
 @kernel
 def _next_percept(ways, here, growth, chance, b):
-    """Choose the percepts that add most log Pr(right) a second -> behavior (-1 for none), how many.
-
-    Of a behavior that may be repeated, as many as raise what a second brings: they share its way.
-    """
+    """Choose the percepts that add most log Pr(right) a second -> behavior (-1 = none), number."""
     bhattacharyya, counts = growth.bhattacharyya, growth.counts
     log_r, rate = growth.log_r, growth.rate
     best, best_e, best_k, n = 1e-12, -1, 1, counts.shape[0]

@@ -36,7 +36,7 @@ class Candidates(NamedTuple):
     """Plans with the paths that they follow."""
 
     x: Integers  # (J,) where they start
-    path: Integers  # (J,L) behaviors, padded by -1
+    path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
     plan: NDArray[np.void]  # as in `Plans`, like the following
     observation_counts: Integers
     executions: Floats
@@ -70,8 +70,7 @@ class Diagram:
                     here = int(self.ways.end[here, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
-        longest = max(map(len, rows))
-        every = np.array([(*row, *(-1,) * (longest - len(row))) for row in rows])
+        every = np.array([*itertools.zip_longest(*rows, fillvalue=-1)]).T
         return _cheapest(_summed_up(self, np.array(start), every, _last(every)))
 
 
@@ -126,7 +125,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
 def retabulate(plans: Plans, problem: Compiled) -> Plans:
     """Tabulate the errors of the same plans in another MOMDP of the query."""
     x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
-    unread = np.empty((len(x), 0), np.int64)
+    unread = np.empty((len(x), 0), np.int16)
     same = Candidates(x, unread, plans.plan, plans.observation_counts, plans.executions)
     return _tabulated(problem, same, OUTCOMES)
 
