@@ -133,9 +133,8 @@ def retabulate(plans: Plans, problem: Compiled) -> Plans:
 def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
-    Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s at most,
-    and by s where the class is the truth. Elsewhere more is added, but not for ever: of classes
-    that both truths share none may be sure enough.
+    Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s where the
+    class is the truth. Elsewhere by less, so more is added; of shared classes none may suffice.
     """
     false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
@@ -152,10 +151,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
 
 
 def _log_bhattacharyya(problem: Compiled) -> Floats:
-    """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U.
-
-    It is 0 where percepts carry no information.
-    """
+    """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U."""
     percepts = problem.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
     s, j = percepts.precision[..., None], np.arange(_COUNTED)

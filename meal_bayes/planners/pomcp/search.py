@@ -97,10 +97,7 @@ def _select(tree, node, exploration):
 
 @kernel
 def _expand(model, scratch, tree, node, a, rng):
-    """Create the children of an edge: every outcome, or a sample where there are too many.
-
-    Percepts without information on an attribute are one outcome.
-    """
+    """Create the children of an edge: every informative outcome, or a sample of too many."""
     x, outcomes = tree.node[node].x, 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
