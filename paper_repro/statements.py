@@ -186,6 +186,8 @@ def change_of_means(
         x, names = np.asarray(values, float), np.asarray(clusters)
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
+    if not shared:
+        return Effect(math.nan, math.nan, 0)
     estimate = partial(clustered, clusters=shared)
     changes = [sides[0][name] - sides[1][name] for name in shared]
     return paired_fractions(changes, estimate) if fraction else estimate(changes)

@@ -18,6 +18,7 @@ from paper_repro.statements import (
     above,
     below,
     best,
+    change_of_means,
     constructed,
     every,
     fact,
@@ -145,3 +146,9 @@ def row(text, protocol, kind, *, central=True):
 )
 def test_a_verdict_rests_on_the_central_statements(rows, begins):
     assert verdict(rows).startswith(begins)
+
+
+def test_runs_that_share_no_object_leave_a_change_undecided():
+    change = change_of_means([1, 0], [3, 4], [1], [5], fraction=True)
+    shown = judged({"theirs": {"it rises": above(change, 0, of="rise")}}, ["it rises"], "here")
+    assert "undecided" in repr(shown)
