@@ -30,9 +30,13 @@ EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1
 
 
 def packages() -> dict[str, Path]:
-    """Return all packages by name."""
+    """Return the packages with public names, by name."""
     sources = sorted((ROOT / "meal_bayes").rglob("__init__.py"))
-    return {".".join(path.parent.relative_to(ROOT).parts): path for path in sources}
+    return {
+        ".".join(path.parent.relative_to(ROOT).parts): path
+        for path in sources
+        if "__all__" in path.read_text("utf-8")
+    }
 
 
 def public_names(source: Path) -> list[str]:
