@@ -96,7 +96,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     keeps the labels that it gets of an object, in a file of the folder of logs.
     """
-    from meal_bayes.cli.narration import print_trial_table, trial_facts
+    from meal_bayes.cli.narration import print_answer, trial_json
     from meal_bayes.datasets import load_percepts
 
     config = {"command": "ask", **options, "dataset": opt.table_of(options["dataset"], root)}
@@ -106,9 +106,9 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         config["labels_before"] = len(memory)
     trial, path = _answer(table, config, logs, memory if learn else None)
     if as_json:
-        print_json({"config": config, "trial": trial_facts(trial), "log": str(path)})
+        print_json({"config": config, "trial": trial_json(trial), "log": str(path)})
     else:
-        print_trial_table(output(), trial)
+        print_answer(output(), trial)
     if learn:
         told = (entry["labels"] for entry in memory if entry["object"] == config["object"])
         labels = _ask_labels(trial, set().union(*told))

@@ -4,12 +4,17 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Column, Table
 from rich.text import Text
 
 from meal_bayes.cli.console import label_text, print_facts
-from meal_bayes.display import best_options, level_names, percent
-from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
+from meal_bayes.display import best_options, percent
+from meal_bayes.trials.text import (
+    final_facts,
+    gap_text,
+    outcome_text,
+    percept_labels,
+    trial_facts,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +28,6 @@ if TYPE_CHECKING:
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
-_SILENT = "~"  # a percept without information, in a narrow column
-_UNBOUNDED = 10_000  # characters
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -103,47 +106,12 @@ def _print_rows(console: Console, label: str, rows: "list[Text]") -> None:
         label = ""
 
 
-def print_trial_table(console: Console, trial: "Trial") -> None:
-    """Print a finished trial in a line a step: percept and belief of each attribute, in percent.
-
-    With more attributes than the console is wide for, print it as `print_trial` does.
-    """
-    names, momdp = trial.task.query.attributes, trial.momdp
-    table = Table(
-        Column(justify="right"), "behavior", Column("s", justify="right"),
-        *(f"{name} %" for name in names), box=None, padding=(0, 1, 0, 0), header_style="dim",
-    )  # fmt: skip
-    width = max(map(len, level_names(momdp.levels)))
-    first = [_cell("", p, width) for p in trial.first_belief.positive]
-    table.add_row("", Text("before any", "dim"), "", *first)
-    silent = False
-    for number, step in enumerate(trial.steps, start=1):
-        action = step.decision.action
-        if action >= momdp.n_behaviors:
-            continue
-        percepts = ["-" if momdp.observation_probability[action].max() > 0 else ""] * len(names)
-        if step.observation is not None:
-            percepts = percept_labels(momdp, action, step.observation, _SILENT)
-        silent |= _SILENT in percepts
-        pairs = zip(percepts, step.belief.positive, strict=True)
-        cells = [_cell(name, p, width) for name, p in pairs]
-        table.add_row(str(number), momdp.behavior_names[action], f"{step.cost:.1f}", *cells)
-    whole = console.measure(table, options=console.options.update(max_width=_UNBOUNDED))
-    if whole.maximum > console.width:
-        print_trial(console, trial)
-        return
-    console.print(table)
-    if silent:
-        console.print(Text(f"  {_SILENT} a percept that says nothing of this attribute", "dim"))
-    console.print()
-    for number, step in enumerate(trial.steps, start=1):
-        if step.warning:
-            print_facts(console, {"warning": f"step {number}: {step.warning}"})
+def print_answer(console: Console, trial: "Trial") -> None:
+    """Print what a finished trial did and believed in the end, and its answer."""
+    _, facts = trial_facts(trial)
+    names = ("steps", "belief", "warnings")
+    print_facts(console, {k: facts[k] for k in names if k in facts}, warnings="yellow")
     _print_end(console, trial)
-
-
-def _cell(percept: str, p: float, width: int) -> str:
-    return f"{percept:<{width}} {percent(p).removesuffix(' %'):>5}"
 
 
 def _print_end(console: Console, trial: "Trial") -> None:
@@ -152,8 +120,8 @@ def _print_end(console: Console, trial: "Trial") -> None:
     print_facts(console, final_facts(trial), answer="bold", verdict=verdict)
 
 
-def trial_facts(trial: "Trial") -> dict[str, object]:
-    """Return the facts of a trial as JSON values."""
+def trial_json(trial: "Trial") -> dict[str, object]:
+    """Return a trial as JSON values."""
     names = trial.task.query.attributes
     truth = [None if value < 0 else value == 1 for value in trial.truth.tolist()]
     return {

@@ -84,7 +84,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     logged step by step.
     """
     from meal_bayes.cache import temporary_folder
-    from meal_bayes.cli.narration import print_trial_table, trial_facts
+    from meal_bayes.cli.narration import print_answer, trial_json
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
     from meal_bayes.learner import Learner
@@ -117,9 +117,9 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     except RobotError:
         (trial,) = read_trials(log)  # as far as it went
     if as_json:
-        terminal.print_json({**trial_facts(trial), "seed": seed, "log": str(log)})
+        terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})
     else:
-        print_trial_table(terminal.output(), trial)
+        print_answer(terminal.output(), trial)
         terminal.note(f"every decision and its reasons: meal-bayes log show {log}")
     with temporary_folder() as folder:
         if watched:
@@ -147,7 +147,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     The agent explores for the questions to come; how often behaviors succeed is learned too.
     """
     from meal_bayes.agents import as_agent
-    from meal_bayes.cli.narration import trial_facts
+    from meal_bayes.cli.narration import trial_json
     from meal_bayes.domain import Query
     from meal_bayes.experiments.simulated import learn_live
     from meal_bayes.learner import Learner
@@ -166,7 +166,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     if as_json:
         rows = [
             {"number": one.number, "agent": one.agent, "asked": one.attribute, "fault": one.fault}
-            | ({} if one.trial is None else trial_facts(one.trial))
+            | ({} if one.trial is None else trial_json(one.trial))
             for one in done
         ]
         terminal.print_json({"trials": rows, "log": str(folder)})

@@ -15,28 +15,22 @@ if TYPE_CHECKING:
     from meal_bayes.trials.outcomes import TrialOutcomes
     from meal_bayes.trials.trial import Step, Trial
 
-SILENT = "says nothing"  # of a percept that carries no information
 UNKNOWN = "truth unknown"
 _SAME = 1e-9  # probabilities that differ by less are equal
 
 
-def percept_labels(
-    momdp: MOMDP, behavior: int, observation: NDArray[np.int8], silent: str = SILENT
-) -> list[str]:
+def percept_labels(momdp: MOMDP, behavior: int, observation: NDArray[np.int8]) -> list[str]:
     """Return the level of each queried attribute's percept by name, (N,).
 
-    A percept whose levels are all as likely of true objects as of false ones carries no
-    information.
-
-    Parameters
-    ----------
-    silent : str
-        Stands for percepts without information.
+    A percept "says nothing" if all its levels are as likely of true objects as of false ones.
     """
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
-    return [names[z] if known else silent for z, known in zip(observation, informed, strict=True)]
+    return [
+        names[z] if known else "says nothing"
+        for z, known in zip(observation, informed, strict=True)
+    ]
 
 
 def truth_text(

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from meal_bayes.cli.console import note, output, print_facts
-from meal_bayes.cli.narration import print_trial, print_trial_table
+from meal_bayes.cli.narration import print_answer, print_trial
 from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.api import ask
@@ -77,7 +77,7 @@ def test_a_trial_fits_in_80_columns(agent):
     trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent=agent)
     terminal = console()
     print_trial(terminal, trial)
-    print_trial_table(terminal, trial)
+    print_answer(terminal, trial)
     text = printed(terminal)
     assert text.count("answer ") == 2
     assert ("compares nothing" in text) == (agent != "greedy")
@@ -89,7 +89,7 @@ def test_certainty_is_never_claimed_and_a_trial_without_a_report_is_printed():
     trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="predefined_plus")
     assert trial.last_belief.positive[0] > 0.9995
     terminal = console()
-    print_trial_table(terminal, trial)
+    print_answer(terminal, trial)
     print_trial(terminal, replace(trial, report=None))
     assert ">99.9 %" in printed(terminal)
     assert "100.0" not in printed(terminal)
